@@ -255,7 +255,7 @@ class Clearance(Constraint):
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
-        return self.names[int(self.in_step.named[1][row])]
+        return self.names[int(self.in_step.pairs[row])]
 
     def falls_short(self, velocity: Array, dt: float) -> float:
         """How far the last step's velocity leads below its margins, m, 0 if it does not.

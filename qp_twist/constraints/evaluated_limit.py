@@ -114,8 +114,9 @@ class NamedPairs(NamedTuple):
     @classmethod
     def of(cls, clearance: Clearance, configuration: mink.Configuration) -> NamedPairs:
         """Those of the present step."""
-        least, pairs = clearance.in_step.named
-        return cls(clearance, pairs, _recovering(clearance, configuration) if least < 0.0 else ())
+        step = clearance.in_step
+        recovering = _recovering(clearance, configuration) if step.least < 0.0 else ()
+        return cls(clearance, step.pairs, recovering)
 
     @property
     def names(self) -> list[RowName]:

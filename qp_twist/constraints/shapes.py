@@ -13,7 +13,8 @@ from qp_twist.checks import Array, Indices, float_array
 from qp_twist.constraints.colliding_pairs import joints_above, relative_joints
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.clearance_kernel import (
-    CELL,
+    FIXED_TO_MOCAP,
+    NO_MOCAP,
     Cell,
     changes,
     distances,
@@ -22,7 +23,8 @@ from qp_twist.kernel.clearance_kernel import (
     least_distances,
     move_obstacles,
 )
-from qp_twist.kernel.convex import MESH, PLANE, CellSizes
+from qp_twist.kernel.compiling import bound
+from qp_twist.kernel.convex import MESH, PLANE
 
 
 class MovingShapes:
@@ -31,36 +33,28 @@ class MovingShapes:
     Distances and depths are those of :mod:`qp_twist.kernel.convex`.
 
     Attributes:
+        cell: Them, as the kernel takes them; queries work on copies.
         has_moved: Whether mocap bodies were taken from MuJoCo's data.
     """
 
     def __init__(self, model: mujoco.MjModel, pairs: Indices) -> None:
-        """Lay out the arrays for pairs that :func:`check_shapes` has accepted."""
+        """Write the cell of pairs that :func:`check_shapes` has accepted."""
         self._model, self._pairs = model, pairs
-        self._geoms = np.unique(pairs)
-        self._number = {int(geom): k for k, geom in enumerate(self._geoms)}
-        vertices = [self._vertices(int(geom)) for geom in self._geoms]
-        chains = [_chains(model, int(a), int(b)) for a, b in pairs]
-        moving = self._moving()
-        size = CellSizes(
-            model.nbody, len(moving), model.njnt, len(self._geoms), sum(map(len, vertices)),
-            len(pairs), sum(len(one) + len(other) for one, other in chains),
-        )  # fmt: skip
-        self.has_moved = False
         self._data: mujoco.MjData | None = None  # from which obstacles are taken
-        self._of_mocap: tuple[Array | Indices, ...] = ()
-        self._floats, self._integers = CELL.allocate(size)
-        self._write(moving, vertices, chains)
-
-    @property
-    def count(self) -> int:
-        """Number of pairs."""
-        return len(self._pairs)
-
-    @property
-    def arrays(self) -> tuple[Array, Array, Indices]:
-        """Floats of the cell, those with mocap bodies where they are expected, and integers."""
-        return self._floats, self._ahead, self._integers
+        self.has_moved = False
+        geoms = np.unique(pairs)
+        vertices = [_vertices(model, int(geom)) for geom in geoms]
+        chains = [_chains(model, int(a), int(b)) for a, b in pairs]
+        links = [joint for one, other in chains for joint in one + other]
+        self.cell = Cell.empty(
+            model.nbody, model.njnt, len(geoms), sum(map(len, vertices)), len(pairs), len(links)
+        )
+        self.cell.links[:] = links
+        self._write_tree(geoms)
+        self._write_shapes(geoms, vertices)
+        self._write_pairs(geoms, chains)
+        self._mocap = np.zeros((model.nmocap, 3)), np.zeros((model.nmocap, 4))
+        self._move_obstacles = bound(move_obstacles, self.cell, *self._mocap, False)
 
     # ------------------------------------------------------------------ questions
 
@@ -72,7 +66,7 @@ class MovingShapes:
         """
         q = self.configurations(q)
         found = np.zeros((len(q), len(self._pairs)))
-        distances(self._floats.copy(), self._integers, q, max(enough, 0.0), found)
+        distances(self.cell.copy(), q, max(enough, 0.0), found)
         return found
 
     def first_below(self, q: Array, distance: float) -> Indices:
@@ -82,21 +76,21 @@ class MovingShapes:
             return np.where(below.any(axis=1), below.argmax(axis=1), -1)
         q = self.configurations(q)
         found = np.zeros(len(q), dtype=np.int64)
-        first_below(self._floats.copy(), self._integers, q, distance, found)
+        first_below(self.cell.copy(), q, distance, found)
         return found
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
         q, which = self.configurations(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
-        gradients(self._floats.copy(), self._integers, q, which, found)
+        gradients(self.cell.copy(), q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
         q, travel = self.configurations(q), _rows("travel", travel, self._model.nv)
         found = np.zeros((len(q), len(self._pairs)))
-        changes(self._floats.copy(), self._integers, q, travel, found)
+        changes(self.cell.copy(), q, travel, found)
         return found
 
     def least(
@@ -109,9 +103,7 @@ class MovingShapes:
         curve = unknown if curve is None else _rows("curve", curve, self._model.nv)
         found = np.zeros((len(before), len(self._pairs)))
         sharp = max(distance, 0.0)
-        least_distances(
-            self._floats.copy(), self._integers, before, after, travel, curve, sharp, found
-        )
+        least_distances(self.cell.copy(), before, after, travel, curve, sharp, found)
         return found
 
     def take_mocap(self, data: mujoco.MjData) -> None:
@@ -120,14 +112,11 @@ class MovingShapes:
         They are expected to move on as they did since this was last called; how far they are from
         where they were expected now may be missing again.
         """
-        if not len(self._on_mocap):
+        if not self._model.nmocap:
             return
         if data is not self._data:
-            places = data.mocap_pos, data.mocap_quat
-            self._data, self._of_mocap = data, (
-                *self.arrays, *self._on_mocap, *places, *self._scratch
-            )  # fmt: skip
-        refused = move_obstacles(*self._of_mocap, self.has_moved)
+            self._data, self._mocap = data, (data.mocap_pos, data.mocap_quat)
+        refused = self._move_obstacles(self.cell, *self._mocap, self.has_moved)
         if refused >= 0:  # nothing would be clear of it, nor near
             body = int(np.flatnonzero(self._model.body_mocapid == refused)[0])
             raise InvalidInput(
@@ -152,89 +141,75 @@ class MovingShapes:
             raise InvalidInput("q: expected finite joint positions; it has NaN or infinite ones.")
         return rows
 
-    def _vertices(self, geom: int) -> Array:
-        """The vertices of a mesh's convex hull in the geom's frame, m, (V, 3); none of others."""
-        model = self._model
-        if int(model.geom_type[geom]) != MESH:
-            return np.zeros((0, 3))
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        vertices: Array = np.unique(model.mesh_vert[first : first + count].astype(float), axis=0)
-        with contextlib.suppress(QhullError):  # flat
-            vertices = vertices[ConvexHull(vertices).vertices]
-        return vertices
-
-    def _moving(self) -> list[int]:
-        """Bodies on the way to the geoms that a joint moves, parents first."""
-        found: set[int] = set()
-        for geom in self._geoms:
-            body = int(self._model.geom_bodyid[geom])
-            while body > 0:
-                if joints_above(self._model, body):
-                    found.add(body)
-                body = int(self._model.body_parentid[body])
-        return sorted(found)
-
-    def _write(
-        self,
-        moving: list[int],
-        vertices: list[Array],
-        chains: list[tuple[list[int], list[int]]],
-    ) -> None:
-        model, data = self._model, mujoco.MjData(self._model)
-        cell: Cell = CELL.arrays(self._floats, self._integers, self._integers)
+    def _write_tree(self, geoms: Indices) -> None:
+        """Write bodies and joints."""
+        model, (bodies, joints, *_) = self._model, self.cell
+        data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
-        tree, shapes, pairs, places = cell.tree, cell.shapes, cell.pairs, cell.places
-        tree.moving[:] = moving
-        tree.parent[:] = model.body_parentid
-        tree.offset[:] = model.body_pos
-        tree.joint_first[:], tree.joint_count[:] = model.body_jntadr, model.body_jntnum
-        places.pose[:], places.turn[:] = data.xpos, data.xmat
-        for body in range(model.nbody):
-            mujoco.mju_quat2Mat(tree.turned[body], model.body_quat[body])
-        tree.slides[:] = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
-        tree.axis[:], tree.anchor[:] = model.jnt_axis, model.jnt_pos
-        tree.address[:] = model.jnt_qposadr
-        tree.reference[:] = model.qpos0[model.jnt_qposadr]
-        pairs.dof[:] = model.jnt_dofadr
-        first = 0
-        for k, (geom, of_mesh) in enumerate(zip(self._geoms, vertices, strict=True)):
-            tree.body[k], tree.at[k] = model.geom_bodyid[geom], model.geom_pos[geom]
-            mujoco.mju_quat2Mat(tree.about[k], model.geom_quat[geom])
-            shapes.kind[k], shapes.size[k] = model.geom_type[geom], model.geom_size[geom]
-            shapes.center[k], shapes.half[k] = np.split(model.geom_aabb[geom], 2)
-            shapes.ball[k] = model.geom_rbound[geom]
-            if shapes.kind[k] == PLANE:
-                shapes.ball[k] = np.inf
+        bodies["parent"], bodies["offset"] = model.body_parentid, model.body_pos
+        bodies["first"], bodies["joints"] = model.body_jntadr, model.body_jntnum
+        bodies["mocap"] = np.where(model.body_mocapid >= 0, model.body_mocapid, NO_MOCAP)
+        for body in range(1, model.nbody):  # parents come before their children
+            mujoco.mju_quat2Mat(bodies["turned"][body], model.body_quat[body])
+            on = bodies["mocap"][model.body_parentid[body]]
+            if on != NO_MOCAP and model.body_jntnum[body] == 0:
+                bodies["mocap"][body] = FIXED_TO_MOCAP
+        for when in ("", "_now", "_then"):
+            bodies[f"x{when}"], bodies[f"R{when}"] = data.xpos, data.xmat
+        for geom in geoms:
+            body = int(model.geom_bodyid[geom])
+            while body > 0:
+                bodies["moves"][body] = bool(joints_above(model, body))
+                body = int(model.body_parentid[body])
+        joints["slides"] = model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+        joints["own_axis"], joints["own_anchor"] = model.jnt_axis, model.jnt_pos
+        joints["address"], joints["dof"] = model.jnt_qposadr, model.jnt_dofadr
+        joints["reference"] = model.qpos0[model.jnt_qposadr]
+
+    def _write_shapes(self, geoms: Indices, vertices: list[Array]) -> None:
+        """Write the shapes, with balls and boxes around them."""
+        model, shapes, first = self._model, self.cell.shapes, 0
+        shapes["kind"], shapes["size"] = model.geom_type[geoms], model.geom_size[geoms]
+        shapes["body"], shapes["at"] = model.geom_bodyid[geoms], model.geom_pos[geoms]
+        shapes["center"], shapes["half"] = np.split(model.geom_aabb[geoms], 2, axis=1)
+        shapes["ball"] = np.where(shapes["kind"] == PLANE, np.inf, model.geom_rbound[geoms])
+        for k, (geom, of_mesh) in enumerate(zip(geoms, vertices, strict=True)):
+            mujoco.mju_quat2Mat(shapes["about"][k], model.geom_quat[geom])
             if len(of_mesh):
-                shapes.first[k], shapes.last[k] = first, first + len(of_mesh)
-                shapes.vertices[first : first + len(of_mesh)] = of_mesh
+                shapes["first"][k], shapes["last"][k] = first, first + len(of_mesh)
+                self.cell.vertices[first : first + len(of_mesh)] = of_mesh
                 first += len(of_mesh)
-                ends = of_mesh.min(axis=0), of_mesh.max(axis=0)
-                shapes.center[k] = 0.5 * (ends[0] + ends[1])
-                shapes.half[k] = 0.5 * (ends[1] - ends[0])
-                shapes.ball[k] = np.linalg.norm(of_mesh - shapes.center[k], axis=1).max()
-        begin = 0
-        for k, ((a, b), (one, other)) in enumerate(zip(self._pairs, chains, strict=True)):
-            pairs.one[k], pairs.other[k] = self._number[int(a)], self._number[int(b)]
-            end = begin + len(one) + len(other)
-            pairs.first[k], pairs.middle[k], pairs.last[k] = begin, begin + len(one), end
-            pairs.joints[begin:end] = one + other
-            begin = end
-        on_mocap: list[int] = []
-        for body in range(1, model.nbody):
-            still = model.body_jntnum[body] == 0
-            if model.body_mocapid[body] >= 0 or (
-                still and int(model.body_parentid[body]) in on_mocap
-            ):
-                on_mocap.append(body)
-        numbers = model.body_mocapid[on_mocap].astype(np.int64)
-        self._on_mocap = (np.array(on_mocap), numbers) if on_mocap else ()
-        carried = np.array([_is_carried(model, int(body)) for body in tree.body], dtype=bool)
-        pairs.obstacle[:] = carried[pairs.one] | carried[pairs.other]
-        self._scratch = np.zeros((model.nbody, 2)), np.zeros(12)
-        #: The same with mocap bodies where they are expected at the next step.
-        self._ahead = self._floats.copy()
+                lower, upper = of_mesh.min(axis=0), of_mesh.max(axis=0)
+                shapes["center"][k], shapes["half"][k] = (
+                    0.5 * (lower + upper),
+                    0.5 * (upper - lower),
+                )
+                from_center = np.linalg.norm(of_mesh - shapes["center"][k], axis=1)
+                shapes["ball"][k] = from_center.max()
+
+    def _write_pairs(self, geoms: Indices, chains: list[tuple[list[int], list[int]]]) -> None:
+        """Write the pairs, with the joints that move A but not B, and vice versa."""
+        pairs = self.cell.pairs
+        pairs["one"], pairs["other"] = np.searchsorted(geoms, self._pairs).T
+        lengths = np.array([(len(a), len(b)) for a, b in chains], dtype=int).reshape(-1, 2)
+        pairs["last"] = np.cumsum(lengths.sum(axis=1))
+        pairs["middle"] = pairs["last"] - lengths[:, 1]
+        pairs["first"] = pairs["middle"] - lengths[:, 0]
+        bodies = self._model.geom_bodyid[geoms]
+        carried = np.array([_is_carried(self._model, int(b)) for b in bodies], dtype=bool)
+        pairs["obstacle"] = carried[pairs["one"]] | carried[pairs["other"]]
+
+
+def _vertices(model: mujoco.MjModel, geom: int) -> Array:
+    """The vertices of a mesh's convex hull in the geom's frame, m, (V, 3); none of others."""
+    if int(model.geom_type[geom]) != MESH:
+        return np.zeros((0, 3))
+    mesh = int(model.geom_dataid[geom])
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    vertices: Array = np.unique(model.mesh_vert[first : first + count].astype(float), axis=0)
+    with contextlib.suppress(QhullError):  # flat
+        vertices = vertices[ConvexHull(vertices).vertices]
+    return vertices
 
 
 def _is_carried(model: mujoco.MjModel, body: int) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from operator import attrgetter
@@ -20,7 +19,6 @@ from qp_twist.constraints import (
     EvaluatedLimit,
     MotionLimit,
     Named,
-    NamedPairs,
     PositionLimit,
     is_mink_box,
 )
@@ -38,7 +36,6 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
-from qp_twist.kernel.clear_step import NO_TABLE, clear_step
 from qp_twist.kernel.edge_rows import EDGE, FITTING, EdgeArrays
 from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
@@ -138,8 +135,6 @@ class CompiledStep:
 
     Attributes:
         twist_space: ``True`` for the twist-space cost, else ``None``: see ``step_kernel``.
-        lack: By how much the last step leads below the margins of its clearance, m; ``None`` if
-            there are several, or it is not known yet.
     """
 
     def __init__(self, composed: Composition) -> None:
@@ -174,7 +169,6 @@ class CompiledStep:
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
-        self._places: Integers | None = None  # of clear_step
         self._lay_out(composed, 0)
 
     def _lay_out(self, composed: Composition, capacity: int) -> None:
@@ -191,12 +185,10 @@ class CompiledStep:
             free=6 * len(self._tasks) if self.twist_space else 0,
             others=n if self._soft_tasks else 0, k=capacity,
         )  # fmt: skip
-        self._capacity, self.lack, self._places = capacity, None, None
-        self._tables = np.zeros((capacity + 1, STEP.head), dtype=np.int64)
+        self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
         self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
         self._edge: tuple[Array, Integers] = EDGE.allocate(self._edge_size)
-        self._edge_tables = np.zeros((capacity + 1, EDGE.head), dtype=np.int64)
         self._edge_arrays: EdgeArrays | None = None  # up to ``numbers``, for any number of rows
         self._take_rows(0)
         g = self._inputs
@@ -236,12 +228,6 @@ class CompiledStep:
             if not isinstance(limit, Clearance)
         ]
         self._only_clearances = not (self._soft_tasks or self._with_boxes)
-        # Rows of a clearance alone are written by the kernel.
-        self._clearance: Clearance | None = None
-        if self._calls_python and self._only_clearances and not self._python_tasks:
-            clearances = [v for _, v in self._evaluated_limits if isinstance(v, Clearance)]
-            if len(clearances) == 1:
-                self._clearance = clearances[0]
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -289,7 +275,6 @@ class CompiledStep:
         STEP.resize(integers, size)
         EDGE.resize(self._edge[1], self._edge_size)
         tables = integers[: STEP.head].copy(), self._edge[1][: EDGE.head].copy()
-        self._tables[size.k], self._edge_tables[size.k] = tables
         stages = STEP.arrays(self._floats, integers, integers)
         first = STEP_INPUTS.layout(size).floats
         result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
@@ -312,29 +297,15 @@ class CompiledStep:
         if not (self._is_of(composed) and self._tasks_known()):
             return None
         rows: Sequence[Named] = _NO_ROWS
-        clearance = None if self._banded or self._slacks else self._clearance
-        if clearance is None and (
-            self._calls_python or self._banded or self._size.k or self._slacks
-        ):
+        if self._calls_python or self._banded or self._size.k or self._slacks:
             updated = self._update_rows(composed, configuration, dt)
             if updated is None:
                 return None
             rows = updated
         self._update(composed, configuration, h)
         passed_over, use_secondary = composed.passed_over, h.acts
-        if clearance is None:
-            self.lack = None
-            status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-            at_edge, passed, fades = False, 0.0, False
-        else:
-            status, at_edge, passed, fades, rows = self._kept_clear(
-                clearance, configuration, dt, use_secondary, passed_over
-            )
-            if status == NO_TABLE:
-                self._make_room(composed, clearance.in_step.count)
-                return self(composed, configuration, dt, h)
-        if not at_edge:
-            status, at_edge, passed, fades = self._finished(status, dt, use_secondary, passed_over)
+        status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+        status, at_edge, passed, fades = self._finished(status, dt, use_secondary, passed_over)
         if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
             return None
         step = LazyStep.made(self._velocity, self._result, self._size, self._labels, rows)
@@ -375,39 +346,6 @@ class CompiledStep:
             return False
         # The scaled step had to be compared with the relaxed one.
         return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
-
-    def _kept_clear(
-        self,
-        clearance: Clearance,
-        configuration: mink.Configuration,
-        dt: float,
-        use_secondary: bool,
-        passed_over: float,
-    ) -> tuple[int, bool, float, bool, Sequence[Named]]:
-        """The outcome of a step whose only rows are a clearance's, and their names.
-
-        As :meth:`_finished`, if it is at the edge. With ``NO_TABLE`` there has to be room for its
-        rows first.
-        """
-        apart, last = clearance.in_step, self._size.k
-        if self._places is None:  # the arrays live as long as this object and its clearance
-            arrays = (
-                *apart.arrays, self._floats, self._integers, self._tables, *self._edge,
-                self._edge_tables,
-            )  # fmt: skip
-            self._places = np.array([*map(_address, arrays), self._capacity])
-        status, at_edge, passed, fades, count, lack = clear_step(
-            self._places, last, apart.count, dt, *apart.settings, use_secondary, self.twist_space,
-            passed_over,
-        )  # fmt: skip
-        apart.count, rows = count, _NO_ROWS
-        if status != NO_TABLE:
-            if count != last:
-                self._take_rows(count)
-            self.lack = None if math.isnan(lack) else lack
-            if count > 0:
-                rows = (NamedPairs.of(clearance, configuration),)
-        return status, at_edge, passed, fades, rows
 
     def _make_room(self, composed: Composition, k: int) -> None:
         """Lay out the step for ``k`` inequality rows."""

@@ -336,8 +336,8 @@ class Controller:
             for clearance in clearances:
                 clearance.begin(configuration, *moving)
         try:
-            step, note, lack = self._solved(configuration, dt, h)
-            if clearances and not _is_kept(lack):
+            step, note = self._solved(configuration, dt, h)
+            if clearances:
                 step, note = self._kept_clear(step, note, configuration, dt, h)
         finally:
             for clearance in clearances:
@@ -369,8 +369,8 @@ class Controller:
                 corrected |= clearance.correct(step.velocity, dt)
             if not corrected:
                 self._hold_clear(clearances, step.velocity, configuration, dt)
-            step, note, lack = self._solved(configuration, dt, h)
-            if not corrected or _is_kept(lack):
+            step, note = self._solved(configuration, dt, h)
+            if not corrected:
                 break
         return step, note
 
@@ -391,18 +391,15 @@ class Controller:
 
     def _solved(
         self, configuration: mink.Configuration, dt: float, h: Displacement
-    ) -> tuple[Step, Callable[[Array], None], float | None]:
-        """The step by the kernel, or else by the reference; and what takes note of its velocity.
-
-        Also by how much it leads below its clearance, m, if that is known.
-        """
+    ) -> tuple[Step, Callable[[Array], None]]:
+        """The step by the kernel, or else by the reference; and what takes note of its velocity."""
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
                 plain = self._prepared(self, configuration, dt, h)
                 if plain is not None:
-                    return plain, self._prepared.note, self._prepared.lack
+                    return plain, self._prepared.note
             finally:
                 self._free.release()
         self.reference_steps += 1
@@ -421,7 +418,7 @@ class Controller:
         if not posed.levels.fades:
             result = solve(posed.problem, self.solver)
         finish = finished_at_the_edge if posed.levels.edges else finished
-        return finish(posed, result, self.solver, self.on_infeasible), self._note, None
+        return finish(posed, result, self.solver, self.on_infeasible), self._note
 
     def load(self, configuration: mink.Configuration, dt: float) -> None:
         """Load, or compile, all machine code of the steps, so that none waits for it.
@@ -434,8 +431,6 @@ class Controller:
             self.step(configuration, dt)
         if self._prepared is not None:
             self._prepared.load()
-        for clearance in self._sorted_limits()[1]:
-            clearance.in_step.load()
         self.passed_over = passed_over
         for limit, velocity in zip(motions, before, strict=True):
             limit.velocity = velocity
@@ -665,11 +660,6 @@ class Controller:
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
-
-
-def _is_kept(lack: float | None) -> bool:
-    """Whether a step is known to keep its clearance."""
-    return lack is not None and lack <= _KEPT
 
 
 def _least(limits: Sequence[Array]) -> Array | None:

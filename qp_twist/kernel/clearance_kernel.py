@@ -3,133 +3,130 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from qp_twist.kernel.compiling import entry, part, plain
-from qp_twist.kernel.convex import (
-    SHAPES,
-    SIMPLEX,
-    CellSizes,
-    Shapes,
-    Simplex,
-    at_least,
-    pair_distance,
-)
-from qp_twist.kernel.record import Floats, Integers, RecordType, reader
+from qp_twist.kernel.convex import SHAPE, SIMPLEX, at_least, cross, dot, minus, pair_distance
 from qp_twist.kernel.rotations import rotation_of, turn_about
 
+_F, _I = np.float64, np.int64
+FIXED_TO_MOCAP, NO_MOCAP = -1, -2
+"""Entries of ``mocap`` that are no number of a mocap body."""
 
-class Tree(NamedTuple):
-    """Bodies, numbered as in the model, their joints and the shapes on them; lengths in m."""
+BODY = np.dtype(
+    [
+        ("parent", _I),
+        ("moves", _I),  # whether a joint moves it
+        ("mocap", _I),  # its number among the mocap bodies, or one of the two above
+        ("offset", _F, 3),  # its position in its parent's frame, m
+        ("turned", _F, 9),  # its rotation there
+        ("first", _I),  # of its joints
+        ("joints", _I),  # their number
+        ("x", _F, 3),  # its position in the world, m; given of bodies that do not move
+        ("R", _F, 9),
+        ("x_now", _F, 3),  # of an obstacle: at the beginning of the step
+        ("R_now", _F, 9),
+        ("x_then", _F, 3),  # of an obstacle: where it is expected after the step
+        ("R_then", _F, 9),
+        ("shift", _F),  # of an obstacle: how far it is from where it was expected, m
+        ("turn", _F),  # likewise its rotation, as the length 2 sin(θ/2) of a chord
+    ],
+    align=True,
+)
+"""A body, numbered as in the model; parents come before their children."""
 
-    moving: Annotated[Integers, "moving"]
-    """The bodies that move, parents first."""
-    parent: Annotated[Integers, "bodies"]
-    offset: Annotated[Floats, "bodies", 3]
-    """Position in the parent's frame."""
-    turned: Annotated[Floats, "bodies", 9]
-    """Rotation there."""
-    joint_first: Annotated[Integers, "bodies"]
-    """First joint of each body."""
-    joint_count: Annotated[Integers, "bodies"]
-    slides: Annotated[Integers, "joints"]
-    """Whether a joint is a slide."""
-    axis: Annotated[Floats, "joints", 3]
-    """Its axis in its body's frame."""
-    anchor: Annotated[Floats, "joints", 3]
-    """Its position there."""
-    address: Annotated[Integers, "joints"]
-    """Address of its coordinate in q."""
-    reference: Annotated[Floats, "joints"]
-    """Its reference coordinate, rad or m."""
-    body: Annotated[Integers, "shapes"]
-    """Body of each shape."""
-    at: Annotated[Floats, "shapes", 3]
-    """Position of each shape in its body."""
-    about: Annotated[Floats, "shapes", 9]
-    """Rotation of each shape in its body."""
+JOINT = np.dtype(
+    [
+        ("slides", _I),  # whether it is a slide; else a hinge
+        ("own_axis", _F, 3),  # in its body's frame
+        ("own_anchor", _F, 3),
+        ("address", _I),  # of its coordinate in q
+        ("reference", _F),  # its reference coordinate, rad or m
+        ("dof", _I),
+        ("axis", _F, 3),  # in the world
+        ("anchor", _F, 3),
+    ],
+    align=True,
+)
 
-
-class Pairs(NamedTuple):
-    """Pairs of shapes, and the joints that change their distance."""
-
-    one: Annotated[Integers, "pairs"]
-    """Shape A."""
-    other: Annotated[Integers, "pairs"]
-    """Shape B."""
-    first: Annotated[Integers, "pairs"]
-    """Index in ``joints`` of the first joint that moves A but not B."""
-    middle: Annotated[Integers, "pairs"]
-    """That of the first one that moves B but not A."""
-    last: Annotated[Integers, "pairs"]
-    """Behind the last of them."""
-    joints: Annotated[Integers, "links"]
-    """Joints, from the shape inwards."""
-    dof: Annotated[Integers, "joints"]
-    """Degree of freedom of each joint."""
-    obstacle: Annotated[Integers, "pairs"]
-    """Whether A or B moves with an obstacle."""
-
-
-class Places(NamedTuple):
-    """Where everything is at one configuration, in the world."""
-
-    pose: Annotated[Floats, "bodies", 3]
-    """Positions of bodies; those of fixed ones are given."""
-    turn: Annotated[Floats, "bodies", 9]
-    """Their rotations."""
-    axis: Annotated[Floats, "joints", 3]
-    anchor: Annotated[Floats, "joints", 3]
-    x: Annotated[Floats, "shapes", 3]
-    """Positions of shapes."""
-    R: Annotated[Floats, "shapes", 9]
-    """Their rotations."""
-    center: Annotated[Floats, "shapes", 3]
-    """Centres of their balls."""
-    change: Annotated[Floats, "pairs"]
-    """Scratch of :func:`least_distances`."""
-    near: Annotated[Floats, "pairs"]
-    """Likewise."""
-    bend: Annotated[Floats, "pairs"]
-    """Likewise."""
-    center_before: Annotated[Floats, "shapes", 3]
-    """Centres of the balls at the configuration before."""
-    R_before: Annotated[Floats, "shapes", 9]
-    """Rotations of the shapes there."""
-    moved: Annotated[Floats, "shapes"]
-    """By how much a point of each shape has moved at most, over all configurations, m."""
-    ahead: Annotated[Floats, "shapes"]
-    """By how much a point of each shape moves at most on the way that comes next, m."""
-    lower: Annotated[Floats, "pairs"]
-    """Lower bound of each distance, m, plus how far its shapes had moved when it was found."""
-    unforeseen: Annotated[Floats, "pairs"]
-    """By how much nearer an obstacle may be than it is expected, m; 0 of where it is now."""
+PAIR = np.dtype(
+    [
+        ("one", _I),  # shape A
+        ("other", _I),  # shape B
+        ("first", _I),  # index in ``links`` of the first joint that moves A but not B
+        ("middle", _I),  # that of the first one that moves B but not A
+        ("last", _I),  # behind the last of them
+        ("obstacle", _I),  # whether A or B moves with an obstacle
+        ("lower", _F),  # lower bound of the distance, m, plus how far its shapes had moved then
+        ("change", _F),  # scratch: largest change of the distance on a way, m
+        ("near", _F),  # scratch: distance at the beginning of the way, m
+        ("bend", _F),  # scratch: second derivative
+        ("unforeseen", _F),  # by how much nearer an obstacle may be than it is expected, m
+        # Of one step (clearance_rows):
+        ("kept", _F),  # the distance to keep, m
+        ("reach", _F),  # from this margin on it matters to no velocity of the step, m
+        ("counts", _I),  # whether a velocity of the step may bring it too near
+        ("worst", _F),  # least margin on the way, m; a bound if it is above ``reach``
+        ("sample", _I),  # number n of the step in which it is found
+        ("still", _F),  # the same if nothing else moved, of a pair with an obstacle
+        ("floor", _F),  # what may be left of the margin: 0, or less if the pair returns, m
+        ("normal", _F, 3),  # direction of the distance where the row is from; 0 without a row
+    ],
+    align=True,
+)
 
 
 class Cell(NamedTuple):
-    """All of it, and scratch."""
+    """A tree of bodies, the shapes on it, their pairs, and scratch."""
 
-    tree: Tree
-    shapes: Shapes
-    pairs: Pairs
-    places: Places
-    simplex: Simplex
+    bodies: npt.NDArray[Any]
+    joints: npt.NDArray[Any]
+    shapes: npt.NDArray[Any]
+    vertices: npt.NDArray[np.float64]
+    """Of all meshes, (V, 3), m."""
+    pairs: npt.NDArray[Any]
+    links: npt.NDArray[np.int64]
+    """The joints that change the distance of each pair, from the shape inwards."""
+    simplex: npt.NDArray[Any]
+    """One ``SIMPLEX``."""
 
+    @classmethod
+    def empty(
+        cls, bodies: int, joints: int, shapes: int, vertices: int, pairs: int, links: int
+    ) -> Cell:
+        """Zeros."""
+        return cls(
+            np.zeros(bodies, BODY), np.zeros(joints, JOINT), np.zeros(shapes, SHAPE),
+            np.zeros((vertices, 3)), np.zeros(pairs, PAIR), np.zeros(links, np.int64),
+            np.zeros(1, SIMPLEX),
+        )  # fmt: skip
 
-CELL = RecordType(
-    Cell, CellSizes, RecordType(Tree, CellSizes), SHAPES, RecordType(Pairs, CellSizes),
-    RecordType(Places, CellSizes), SIMPLEX,
-)  # fmt: skip
-read_cell = reader(CELL)
+    def copy(self) -> Cell:
+        """A copy of all that kernels write."""
+        return Cell(
+            self.bodies.copy(), self.joints.copy(), self.shapes.copy(), self.vertices,
+            self.pairs.copy(), self.links, self.simplex.copy(),
+        )  # fmt: skip
 
 
 @part
-def _times(R, v, out):
+def _in_world(frame, p, out):
+    """out = x + R p: a point of a body or shape."""
+    x, R = frame.x, frame.R
+    out[0] = x[0] + R[0] * p[0] + R[1] * p[1] + R[2] * p[2]
+    out[1] = x[1] + R[3] * p[0] + R[4] * p[1] + R[5] * p[2]
+    out[2] = x[2] + R[6] * p[0] + R[7] * p[1] + R[8] * p[2]
+
+
+@part
+def _turned(R, v, out):
     """out = R v, with R (9,)."""
-    x, y, z = v[0], v[1], v[2]
-    out[0] = R[0] * x + R[1] * y + R[2] * z
-    out[1] = R[3] * x + R[4] * y + R[5] * z
-    out[2] = R[6] * x + R[7] * y + R[8] * z
+    out[0] = R[0] * v[0] + R[1] * v[1] + R[2] * v[2]
+    out[1] = R[3] * v[0] + R[4] * v[1] + R[5] * v[2]
+    out[2] = R[6] * v[0] + R[7] * v[1] + R[8] * v[2]
 
 
 @part
@@ -143,77 +140,59 @@ def _product(A, B, out):
 @plain
 def place(cell, q):
     """Write where bodies, joints and shapes are at a configuration q (nq,)."""
-    tree, places = cell.tree, cell.places
-    for k in range(len(tree.moving)):
-        body = tree.moving[k]
-        parent = tree.parent[body]
-        x, R = places.pose[body], places.turn[body]
-        _times(places.turn[parent], tree.offset[body], x)
-        for i in range(3):
-            x[i] += places.pose[parent, i]
-        _product(places.turn[parent], tree.turned[body], R)
-        first = tree.joint_first[body]
-        for joint in range(first, first + tree.joint_count[body]):
-            travel = q[tree.address[joint]] - tree.reference[joint]
-            axis, anchor = places.axis[joint], places.anchor[joint]
-            _times(R, tree.axis[joint], axis)
-            _times(R, tree.anchor[joint], anchor)
-            for i in range(3):
-                anchor[i] += x[i]
-            if tree.slides[joint]:
+    bodies, shapes = cell.bodies, cell.shapes
+    for b in range(len(bodies)):
+        body = bodies[b]
+        if not body.moves:
+            continue
+        parent = bodies[body.parent]
+        _in_world(parent, body.offset, body.x)
+        _product(parent.R, body.turned, body.R)
+        for j in range(body.first, body.first + body.joints):
+            joint = cell.joints[j]
+            travel = q[joint.address] - joint.reference
+            _turned(body.R, joint.own_axis, joint.axis)
+            _in_world(body, joint.own_anchor, joint.anchor)
+            if joint.slides:
                 for i in range(3):
-                    x[i] += travel * axis[i]
+                    body.x[i] += travel * joint.axis[i]
                 continue
-            turn_about(axis, travel, R)
-            _times(R, tree.anchor[joint], x)
+            turn_about(joint.axis, travel, body.R)
+            _turned(body.R, joint.own_anchor, body.x)
             for i in range(3):
-                x[i] = anchor[i] - x[i]
-    for g in range(len(tree.body)):
-        R, x = places.turn[tree.body[g]], places.pose[tree.body[g]]
-        _times(R, tree.at[g], places.x[g])
-        _product(R, tree.about[g], places.R[g])
-        for i in range(3):
-            places.x[g, i] += x[i]
-    for g in range(len(places.x)):
-        _times(places.R[g], cell.shapes.center[g], places.center[g])
-        for i in range(3):
-            places.center[g, i] += places.x[g, i]
+                body.x[i] = joint.anchor[i] - body.x[i]
+    for g in range(len(shapes)):
+        shape = shapes[g]
+        body = bodies[shape.body]
+        _in_world(body, shape.at, shape.x)
+        _product(body.R, shape.about, shape.R)
+        _in_world(shape, shape.center, shape.middle)
 
 
-@part
-def _apart(places, body, x, R, off):
-    """Write to ``off`` (2,) how far a pose is from that of a body: its shift, m, and its turn.
-
-    A point at the distance r from the body's origin is off by at most the shift plus r times the
-    turn, which is the length 2 sin(θ/2) of the chord.
-    """
-    shift, turn = 0.0, 0.0
-    for i in range(3):
-        shift += (places.pose[body, i] - x[i]) ** 2
-    for i in range(9):
-        turn += (places.turn[body, i] - R[i]) ** 2
-    off[0], off[1] = math.sqrt(shift), math.sqrt(0.5 * turn)
+@plain
+def show_obstacles(cell, ahead):
+    """Place the obstacles where they are now, or where they are expected after the step."""
+    for b in range(len(cell.bodies)):
+        body = cell.bodies[b]
+        if body.mocap != NO_MOCAP:
+            x, R = (body.x_then, body.R_then) if ahead else (body.x_now, body.R_now)
+            for i in range(3):
+                body.x[i] = x[i]
+            for i in range(9):
+                body.R[i] = R[i]
 
 
 @entry
-def move_obstacles(
-    now, then, integers, bodies, numbers, positions, quaternions, off, pose, has_moved
-):  # fmt: skip
+def move_obstacles(cell, positions, quaternions, has_moved):
     """Take the poses of obstacles, and expect them to go on as they did since this was last called.
 
     What is unforeseen is by how much they are not where they were expected now: an obstacle that
     goes on changing its speed as it does is again off by as much.
 
     Args:
-        now: Floats of the cell.
-        then: The same, with obstacles where they are expected at the next call.
-        integers: Its integers.
-        bodies: The bodies that are obstacles or fixed to one, parents first, (M,).
-        numbers: Number of each among the mocap bodies; −1 of one that is fixed to another, (M,).
-        positions: Of the mocap bodies, (mocap, 3).
+        cell: The cell.
+        positions: Of the mocap bodies, (mocap, 3), m.
         quaternions: Their rotations, (mocap, 4).
-        off: Scratch, (bodies, 2), 0 for other bodies.
-        pose: Scratch, (12,).
         has_moved: Whether their last poses are known.
 
     Returns:
@@ -223,81 +202,91 @@ def move_obstacles(
         square = 0.0
         for i in range(4):
             square += quaternions[number, i] ** 2
-        place = positions[number, 0] + positions[number, 1] + positions[number, 2]
+        total = positions[number, 0] + positions[number, 1] + positions[number, 2]
         # Written so that NaN is refused.
-        if not (abs(place) < math.inf and square > 0.0 and square < math.inf):
+        if not (abs(total) < math.inf and square > 0.0 and square < math.inf):
             return number
-    cell, ahead = read_cell(now, integers, integers), read_cell(then, integers, integers)
-    tree, here, there = cell.tree, cell.places, ahead.places
-    x, R = pose[:3], pose[3:]
-    for k in range(len(bodies)):
-        body = bodies[k]
-        if numbers[k] >= 0:
-            for i in range(3):
-                x[i] = positions[numbers[k], i]
-            rotation_of(quaternions[numbers[k]], R)
+    for b in range(len(cell.bodies)):
+        body = cell.bodies[b]
+        if body.mocap == NO_MOCAP:
+            continue
+        if body.mocap == FIXED_TO_MOCAP:
+            parent = cell.bodies[body.parent]
+            _in_world(parent, body.offset, body.x)
+            _product(parent.R, body.turned, body.R)
         else:
-            parent = tree.parent[body]
-            _times(here.turn[parent], tree.offset[body], x)
             for i in range(3):
-                x[i] += here.pose[parent, i]
-            _product(here.turn[parent], tree.turned[body], R)
-        off[body, 0] = off[body, 1] = 0.0
+                body.x[i] = positions[body.mocap, i]
+            rotation_of(quaternions[body.mocap], body.R)
         if has_moved:
-            _apart(there, body, x, R, off[body])
-        _expect(here, there, body, x, R, has_moved)
-    for pair in range(len(cell.pairs.one)):
-        here_off = 0.0
-        for side in range(2):
-            g = cell.pairs.one[pair] if side == 0 else cell.pairs.other[pair]
-            h = cell.pairs.other[pair] if side == 0 else cell.pairs.one[pair]
-            body = tree.body[g]
-            if off[body, 0] > 0.0 or off[body, 1] > 0.0:
-                here_off += off[body, 0] + off[body, 1] * _lever(cell, g, h, body)
-        there.unforeseen[pair] = here_off
+            body.shift, body.turn = _apart(body.x, body.x_then), _chord(body.R, body.R_then)
+        _expect(body, has_moved)
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        pair.unforeseen = _off(cell, pair.one, pair.other) + _off(cell, pair.other, pair.one)
     return -1
 
 
+@part
+def _apart(a, b):
+    """‖a − b‖."""
+    difference = minus(a, b)
+    return math.sqrt(dot(difference, difference))
+
+
+@part
+def _chord(A, B):
+    """The chord 2 sin(θ/2) of the angle θ from one rotation (9,) to another."""
+    square = 0.0
+    for i in range(9):
+        square += (A[i] - B[i]) ** 2
+    return math.sqrt(0.5 * square)
+
+
 @plain
-def _expect(here, there, body, x, R, has_moved):
-    """Write the pose of a body now, and where it is then if it goes on."""
+def _expect(body, has_moved):
+    """Write the pose of an obstacle now, and where it is after the step if it goes on."""
+    R, before = body.R, body.R_now
     for i in range(3):
-        there.pose[body, i] = x[i] + (x[i] - here.pose[body, i] if has_moved else 0.0)
-        here.pose[body, i] = x[i]
-    for i in range(3):
+        body.x_then[i] = body.x[i] + (body.x[i] - body.x_now[i] if has_moved else 0.0)
+        body.x_now[i] = body.x[i]
         for j in range(3):
             total = 0.0
             for k in range(3):
                 for n in range(3):  # R Rᵀ_before R
-                    total += R[3 * i + k] * here.turn[body, 3 * n + k] * R[3 * n + j]
-            there.turn[body, 3 * i + j] = total if has_moved else R[3 * i + j]
+                    total += R[3 * i + k] * before[3 * n + k] * R[3 * n + j]
+            body.R_then[3 * i + j] = total if has_moved else R[3 * i + j]
     for i in range(9):
-        here.turn[body, i] = R[i]
+        before[i] = R[i]
 
 
 @plain
-def _lever(cell, g, h, body):
-    """Distance from a body's origin within which its shape g may be nearest to h, m."""
-    shapes, places, reach = cell.shapes, cell.places, 0.0
-    if math.isinf(shapes.ball[g]):  # a plane
-        for i in range(3):
-            reach += (places.center[h, i] - places.pose[body, i]) ** 2
-        return math.sqrt(reach) + shapes.ball[h]
-    middle = 0.0
-    for i in range(3):
-        reach += cell.tree.at[g, i] ** 2
-        middle += shapes.center[g, i] ** 2
-    return math.sqrt(reach) + math.sqrt(middle) + shapes.ball[g]
+def _off(cell, g, h):
+    """By how much a point of shape g that may be nearest to h is not where it was expected, m.
+
+    A point at the distance r from the body's origin is off by at most the body's shift plus r times
+    its turn.
+    """
+    shape, other = cell.shapes[g], cell.shapes[h]
+    body = cell.bodies[shape.body]
+    if body.turn == 0.0:
+        return body.shift
+    if math.isinf(shape.ball):  # a plane
+        lever = _apart(other.middle, body.x) + other.ball
+    else:
+        own = math.sqrt(dot(shape.center, shape.center)) + shape.ball
+        lever = math.sqrt(dot(shape.at, shape.at)) + own
+    return body.shift + body.turn * lever
 
 
-@plain
+@part
 def distance_of(cell, pair, enough, deep):
     """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
-    g, h, at = cell.pairs.one[pair], cell.pairs.other[pair], cell.places
-    lower = at_least(cell.shapes, g, h, at.x, at.R, at.center, enough)
+    a, b = cell.shapes[pair.one], cell.shapes[pair.other]
+    lower = at_least(a, b, enough)
     if lower > enough:
         return lower
-    return pair_distance(cell.shapes, g, h, at.x, at.R, enough, cell.simplex, deep)
+    return pair_distance(a, b, cell.vertices, enough, cell.simplex[0], deep)
 
 
 @plain
@@ -309,75 +298,71 @@ def _place_next(cell, q, is_first):
     that was far apart is known to be so at many of them.
     """
     place(cell, q)
-    shapes, places = cell.shapes, cell.places
-    for g in range(len(places.x)):
-        shift, turn = 0.0, 0.0
+    for g in range(len(cell.shapes)):
+        shape = cell.shapes[g]
+        shift = _apart(shape.middle, shape.middle_before)
+        turn = _chord(shape.R, shape.R_before)
         for i in range(3):
-            shift += (places.center[g, i] - places.center_before[g, i]) ** 2
-            places.center_before[g, i] = places.center[g, i]
+            shape.middle_before[i] = shape.middle[i]
         for i in range(9):
-            turn += (places.R[g, i] - places.R_before[g, i]) ** 2
-            places.R_before[g, i] = places.R[g, i]
+            shape.R_before[i] = shape.R[i]
         if is_first:
-            places.moved[g] = 0.0
+            shape.moved = 0.0
             continue
-        places.moved[g] += math.sqrt(shift)
+        shape.moved += shift
         if turn > 0.0:  # a plane, whose ball is infinite, mostly stands still
-            places.moved[g] += math.sqrt(0.5 * turn) * shapes.ball[g]
+            shape.moved += turn * shape.ball
     if is_first:
-        for pair in range(len(places.lower)):
-            places.lower[pair] = -math.inf
+        for k in range(len(cell.pairs)):
+            cell.pairs[k].lower = -math.inf
 
 
 @plain
 def _next_distance_of(cell, pair, enough, deep):
     """As :func:`distance_of` after :func:`_place_next`, not computed where a bound is known."""
-    places = cell.places
-    moved = places.moved[cell.pairs.one[pair]] + places.moved[cell.pairs.other[pair]]
-    lower = places.lower[pair] - moved
+    moved = cell.shapes[pair.one].moved + cell.shapes[pair.other].moved
+    lower = pair.lower - moved
     if lower > enough:
         return lower
     lower = distance_of(cell, pair, enough, deep)
-    places.lower[pair] = lower + moved
+    pair.lower = lower + moved
     return lower
 
 
 @entry
-def distances(floats, integers, q, enough, out):
+def distances(cell, q, enough, out):
     """Write the signed distances of all pairs at configurations q (N, nq) to out (N, P), m.
 
     A distance above ``enough`` is replaced by a lower bound above it.
     """
-    cell = read_cell(floats, integers, integers)
+    show_obstacles(cell, False)
     for row in range(len(q)):
         _place_next(cell, q[row], row == 0)
-        for pair in range(len(cell.pairs.one)):
-            out[row, pair] = _next_distance_of(cell, pair, enough, True)
+        for k in range(len(cell.pairs)):
+            out[row, k] = _next_distance_of(cell, cell.pairs[k], enough, True)
 
 
 @entry
-def first_below(floats, integers, q, distance, out):
+def first_below(cell, q, distance, out):
     """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
-    cell = read_cell(floats, integers, integers)
+    show_obstacles(cell, False)
     for row in range(len(q)):
         _place_next(cell, q[row], row == 0)
         out[row] = -1
-        for pair in range(len(cell.pairs.one)):
-            if _next_distance_of(cell, pair, distance, False) < distance:
-                out[row] = pair
+        for k in range(len(cell.pairs)):
+            if _next_distance_of(cell, cell.pairs[k], distance, False) < distance:
+                out[row] = k
                 break
 
 
 @part
-def _arm_of(cell, joint, g):
+def _arm_of(joint, shape):
     """Largest distance of the points of a shape's ball from the axis of a hinge, m."""
-    a, p, c = cell.places.axis[joint], cell.places.anchor[joint], cell.places.center[g]
-    x, y, z = c[0] - p[0], c[1] - p[1], c[2] - p[2]
-    u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
-    return math.sqrt(u * u + v * v + w * w) + cell.shapes.ball[g]
+    across = cross(joint.axis, minus(shape.middle, joint.anchor))
+    return math.sqrt(dot(across, across)) + shape.ball
 
 
-@part
+@plain
 def _motion_of(cell, pair, travel, curve):
     """Bounds of the first and second derivative of the vector between points of a pair, m.
 
@@ -386,19 +371,17 @@ def _motion_of(cell, pair, travel, curve):
     such a point by θ² r, and by another 2 θ c if the joints behind it move the point by c. Slides
     bend nothing. Second derivatives of the joints, at most ``curve`` (nv,), count as travel does.
     """
-    tree, pairs = cell.tree, cell.pairs
     total, change, bend = 0.0, 0.0, 0.0
-    for k in range(pairs.first[pair], pairs.last[pair]):
-        if k == pairs.middle[pair]:
+    for k in range(pair.first, pair.last):
+        if k == pair.middle:
             total, change = change, 0.0
-        joint = pairs.joints[k]
-        moved, curved = travel[pairs.dof[joint]], curve[pairs.dof[joint]]
-        if tree.slides[joint]:
+        joint = cell.joints[cell.links[k]]
+        moved, curved = travel[joint.dof], curve[joint.dof]
+        if joint.slides:
             change += moved
             bend += curved
             continue
-        g = pairs.one[pair] if k < pairs.middle[pair] else pairs.other[pair]
-        arm = _arm_of(cell, joint, g) + change
+        arm = _arm_of(joint, cell.shapes[pair.one if k < pair.middle else pair.other]) + change
         bend += moved * (moved * arm + 2.0 * change) + curved * arm
         change += moved * arm
     return total + change, bend
@@ -430,36 +413,33 @@ def _look_ahead(cell, travel):
 
     As :func:`change_of` bounds it, with all joints between the shape and the world.
     """
-    tree, pairs, places = cell.tree, cell.pairs, cell.places
-    for g in range(len(places.ahead)):
-        change, body = 0.0, tree.body[g]
-        while body > 0:
-            first = tree.joint_first[body]
-            for k in range(tree.joint_count[body]):
-                joint = first + tree.joint_count[body] - 1 - k
-                moved = travel[pairs.dof[joint]]
+    for g in range(len(cell.shapes)):
+        shape = cell.shapes[g]
+        change, b = 0.0, shape.body
+        while b > 0:
+            body = cell.bodies[b]
+            for k in range(body.joints):
+                joint = cell.joints[body.first + body.joints - 1 - k]
+                moved = travel[joint.dof]
                 if moved == 0.0:
                     continue
-                if tree.slides[joint]:
-                    change += moved
-                    continue
-                change += moved * (_arm_of(cell, joint, g) + change)
-            body = tree.parent[body]
-        places.ahead[g] = change
+                change += moved * (1.0 if joint.slides else _arm_of(joint, shape) + change)
+            b = body.parent
+        shape.ahead = change
 
 
 @entry
-def changes(floats, integers, q, travel, out):
+def changes(cell, q, travel, out):
     """Write bounds (N, P) of the distances' variation on motions from q (N, nq), m."""
-    cell = read_cell(floats, integers, integers)
+    show_obstacles(cell, False)
     for row in range(len(q)):
         place(cell, q[row])
-        for pair in range(len(cell.pairs.one)):
-            out[row, pair] = change_of(cell, pair, travel[row])
+        for k in range(len(cell.pairs)):
+            out[row, k] = change_of(cell, cell.pairs[k], travel[row])
 
 
 @entry
-def least_distances(floats, integers, before, after, travel, curve, distance, out):
+def least_distances(cell, before, after, travel, curve, distance, out):
     r"""Write lower bounds (N, P) of the distances on the way between two configurations, m.
 
     With the distances d₀ and d₁ at the ends and a variation of at most c, the least is at least
@@ -478,8 +458,7 @@ def least_distances(floats, integers, before, after, travel, curve, distance, ou
     there from the bound known at the row before.
 
     Args:
-        floats: The floats of the cell.
-        integers: Its integers.
+        cell: The cell.
         before: Configurations at the beginning, (N, nq).
         after: Those at the end, (N, nq).
         travel: Bounds of the joints' path lengths, rad or m, (N, nv); where their second
@@ -488,70 +467,65 @@ def least_distances(floats, integers, before, after, travel, curve, distance, ou
         distance: Bounds above this distance may be less sharp, m.
         out: The bounds.
     """
-    cell = read_cell(floats, integers, integers)
-    pairs, places = cell.pairs, cell.places
+    show_obstacles(cell, False)
     for row in range(len(before)):
         _place_next(cell, before[row], row == 0)
         _look_ahead(cell, travel[row])
         left = False
-        for pair in range(len(pairs.one)):
-            g, h = pairs.one[pair], pairs.other[pair]
-            lower = places.lower[pair] - places.moved[g] - places.moved[h]
-            lower -= places.ahead[g] + places.ahead[h]
+        for k in range(len(cell.pairs)):
+            pair = cell.pairs[k]
+            one, other = cell.shapes[pair.one], cell.shapes[pair.other]
+            lower = pair.lower - one.moved - other.moved - one.ahead - other.ahead
             if lower > distance:
-                out[row, pair] = lower
+                out[row, k] = lower
                 continue
-            change, bend = _motion_of(cell, pair, travel[row], curve[row])
-            near = _next_distance_of(cell, pair, distance + change, True)
-            out[row, pair] = near - change
-            places.change[pair], places.near[pair], places.bend[pair] = change, near, bend
-            left = left or near - change < distance
+            pair.change, pair.bend = _motion_of(cell, pair, travel[row], curve[row])
+            pair.near = _next_distance_of(cell, pair, distance + pair.change, True)
+            out[row, k] = pair.near - pair.change
+            left = left or out[row, k] < distance
         if not left:
             continue
         place(cell, after[row])
-        for pair in range(len(pairs.one)):
-            if out[row, pair] < distance:
-                change, near = places.change[pair], places.near[pair]
-                far = distance_of(cell, pair, distance + change, True)
-                out[row, pair] = _least_between(near, far, change, places.bend[pair])
+        for k in range(len(cell.pairs)):
+            if out[row, k] < distance:
+                pair = cell.pairs[k]
+                far = distance_of(cell, pair, distance + pair.change, True)
+                out[row, k] = _least_between(pair.near, far, pair.change, pair.bend)
 
 
 @plain
 def gradient_of(cell, pair, row):
     """Write the derivatives (nv,) of a pair's distance, from the nearest points."""
-    tree, pairs, places, found = cell.tree, cell.pairs, cell.places, cell.simplex.result
-    for k in range(len(row)):
-        row[k] = 0.0
-    for k in range(pairs.first[pair], pairs.last[pair]):
-        moves_one = k < pairs.middle[pair]
-        joint = pairs.joints[k]
-        a, p, at = places.axis[joint], places.anchor[joint], 0 if moves_one else 3
-        if tree.slides[joint]:
-            u, v, w = a[0], a[1], a[2]
+    found = cell.simplex[0]
+    for j in range(len(row)):
+        row[j] = 0.0
+    for k in range(pair.first, pair.last):
+        joint = cell.joints[cell.links[k]]
+        moves_one = k < pair.middle
+        if joint.slides:
+            along = dot(joint.axis, found.away)
         else:
-            x, y, z = found[at] - p[0], found[at + 1] - p[1], found[at + 2] - p[2]
-            u, v, w = a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x
-        along = u * found[6] + v * found[7] + w * found[8]
-        row[pairs.dof[joint]] = along if moves_one else -along
+            arm = minus(found.on_a if moves_one else found.on_b, joint.anchor)
+            along = dot(cross(joint.axis, arm), found.away)
+        row[joint.dof] = along if moves_one else -along
 
 
 @entry
-def gradients(floats, integers, q, which, out):
+def gradients(cell, q, which, out):
     """Write the derivatives of the distances of some pairs.
 
     Args:
-        floats: The floats of the cell.
-        integers: Its integers.
+        cell: The cell.
         q: Configurations, (N, nq).
         which: Index of a pair at each of them, (N, k); −1 for none.
         out: Derivatives, (N, k, nv), m/rad or 1.
     """
-    cell = read_cell(floats, integers, integers)
+    show_obstacles(cell, False)
     for row in range(len(q)):
         place(cell, q[row])
         for k in range(which.shape[1]):
-            pair = which[row, k]
-            if pair < 0:
+            if which[row, k] < 0:
                 continue
+            pair = cell.pairs[which[row, k]]
             distance_of(cell, pair, math.inf, True)
             gradient_of(cell, pair, out[row, k])

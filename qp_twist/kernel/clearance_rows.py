@@ -23,7 +23,10 @@ leads to, with D_n' in place of the chord.
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from qp_twist.kernel.bounds import stopping_speed
 from qp_twist.kernel.clearance_kernel import (
@@ -31,11 +34,11 @@ from qp_twist.kernel.clearance_kernel import (
     distance_of,
     gradient_of,
     place,
-    read_cell,
+    show_obstacles,
 )
 from qp_twist.kernel.compiling import entry, part, plain
+from qp_twist.kernel.convex import dot
 from qp_twist.kernel.dual_active_set import ROUNDING
-from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 
 _LATEST = 1 << 40
 """Number of a step at which everything is at rest."""
@@ -62,65 +65,53 @@ _ABLE = 0.99
 """Share of what the joints are able to do that a row may ask for."""
 
 
-class ApartSizes(NamedTuple):
-    """Sizes of :class:`Apart`."""
-
-    coordinates: int
-    dofs: int
-    pairs: int
-    rows: int
+_Floats = npt.NDArray[np.float64]
 
 
-class Apart(NamedTuple):
-    """What is known in a step, its rows, and scratch."""
+class Braking(NamedTuple):
+    """The joints in a step, the rows of a clearance, and scratch; pairs are in the cell."""
 
-    q: Annotated[Floats, "coordinates"]
-    """Configuration at its beginning."""
-    before: Annotated[Floats, "dofs"]
-    """v₀, rad/s or m/s."""
-    hardest: Annotated[Floats, "dofs"]
-    """Acceleration limits, rad/s² or m/s²; ∞ where there are none."""
-    fastest: Annotated[Floats, "dofs"]
-    """Velocity limits, rad/s or m/s; ∞ where there are none."""
-    lower: Annotated[Floats, "dofs"]
-    """Lower end of each joint's range, rad or m; −∞ where there is none."""
-    upper: Annotated[Floats, "dofs"]
+    q: _Floats
+    """Configuration at its beginning, (nq,)."""
+    before: _Floats
+    """v₀, rad/s or m/s, (nv,)."""
+    hardest: _Floats
+    """Acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none."""
+    fastest: _Floats
+    """Velocity limits, rad/s or m/s, (nv,); ∞ where there are none."""
+    lower: _Floats
+    """Lower end of each joint's range, rad or m, (nv,); −∞ where there is none."""
+    upper: _Floats
     """Upper end, likewise."""
-    braked: Annotated[Floats, "dofs"]
-    """w."""
-    at: Annotated[Floats, "coordinates"]
-    """Configuration on the way."""
-    travel: Annotated[Floats, "dofs"]
-    slope: Annotated[Floats, "dofs"]
-    reach: Annotated[Floats, "pairs"]
-    """A pair of at least this margin matters to no velocity of the step, m."""
-    counts: Annotated[Integers, "pairs"]
-    """Whether a velocity of the step may bring it too near."""
-    worst: Annotated[Floats, "pairs"]
-    """Least margin of each pair on the way, m; where it is above ``reach`` it may be a bound."""
-    sample: Annotated[Integers, "pairs"]
-    """Number n of the step in which it is found."""
-    still: Annotated[Floats, "pairs"]
-    """The same if nothing else moved, of pairs that move with an obstacle."""
-    least: Annotated[Floats, 1]
-    """The least of these margins of all pairs."""
-    floor: Annotated[Floats, "pairs"]
-    """What may be left of the margin: 0, or less for a pair that returns, m."""
-    gradients: Annotated[Floats, "pairs", "dofs"]
-    """Derivatives of the margins on the way of w; 0 of pairs without a row."""
-    normals: Annotated[Floats, "pairs", 3]
-    """Directions of the distances there; 0 of pairs without a row."""
-    G: Annotated[Floats, "rows", "dofs"]
-    """G Δq ≤ h."""
-    h: Annotated[Floats, "rows"]
-    room: Annotated[Floats, "rows"]
-    """What is left of the margin, or 0, m."""
-    pair: Annotated[Integers, "rows"]
-    """The pair of each row."""
+    braked: _Floats
+    """w, (nv,)."""
+    at: _Floats
+    """Configuration on the way, (nq,)."""
+    travel: _Floats
+    """Scratch, (nv,)."""
+    slope: _Floats
+    """Likewise."""
+    gradients: _Floats
+    """Derivatives of the margins on the way of w, (P, nv); 0 of pairs without a row."""
+    G: _Floats
+    """G q̇ ≤ g, (R, nv)."""
+    g: _Floats
+    """(R,)."""
+    room: _Floats
+    """The part of g that is what is left of the margin, or 0, (R,)."""
+    pair: npt.NDArray[np.int64]
+    """The pair of each row, (R,)."""
 
-
-APART = RecordType(Apart, ApartSizes)
-read_apart = reader(APART)
+    @classmethod
+    def empty(cls, coordinates: int, dofs: int, pairs: int, rows: int) -> Braking:
+        """Zeros, for so many coordinates, degrees of freedom, pairs and rows."""
+        per_joint = np.zeros((8, dofs))
+        before, hardest, fastest, lower, upper, braked, travel, slope = per_joint
+        return cls(
+            np.zeros(coordinates), before, hardest, fastest, lower, upper, braked,
+            np.zeros(coordinates), travel, slope, np.zeros((pairs, dofs)), np.zeros((rows, dofs)),
+            np.zeros(rows), np.zeros(rows), np.zeros(rows, np.int64),
+        )  # fmt: skip
 
 
 @part
@@ -148,65 +139,79 @@ def _go(cell, s, velocity, n, dt):
     """Place everything where it is n steps after a step with a velocity (nv,)."""
     for i in range(len(s.q)):
         s.at[i] = s.q[i]
-    for joint in range(len(cell.pairs.dof)):
-        dof = cell.pairs.dof[joint]
-        moved, _ = _moved(velocity[dof], s.hardest[dof] * dt, n, dt)
-        s.at[cell.tree.address[joint]] += moved
+    for k in range(len(cell.joints)):
+        joint = cell.joints[k]
+        moved, _ = _moved(velocity[joint.dof], s.hardest[joint.dof] * dt, n, dt)
+        s.at[joint.address] += moved
     place(cell, s.at)
 
 
-@part
-def _margin(cell, pair, enough, asked):
-    """Margin of a pair, less what is unforeseen of its obstacle; above ``enough`` a lower bound."""
-    kept = asked + cell.places.unforeseen[pair]
-    return distance_of(cell, pair, enough + kept, True) - kept
+@plain
+def _ask(cell, asked, ahead):
+    """Place the obstacles, and write the distance to keep from each.
+
+    Where they are expected after the step, what is unforeseen of them comes on top.
+    """
+    show_obstacles(cell, ahead)
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        pair.kept = asked + (pair.unforeseen if ahead else 0.0)
 
 
 @part
-def _take_gradient(cell, s, pair):
-    """Keep the derivatives of the distance that was computed last, and its direction."""
-    gradient_of(cell, pair, s.gradients[pair])
+def _margin(cell, pair, enough):
+    """Margin of a pair; above ``enough`` a lower bound of it."""
+    return distance_of(cell, pair, enough + pair.kept, True) - pair.kept
+
+
+@part
+def _take_gradient(cell, s, k):
+    """Keep the derivatives of the distance that was computed last, of pair k, and its direction."""
+    pair = cell.pairs[k]
+    gradient_of(cell, pair, s.gradients[k])
     for i in range(3):
-        s.normals[pair, i] = cell.simplex.result[6 + i]
+        pair.normal[i] = cell.simplex[0].away[i]
 
 
 @plain
-def _look(cell, s, pair, n, asked):
+def _look(cell, pair, n):
     """Take the margin of a pair at a place on the way if it is the least so far."""
-    found = _margin(cell, pair, min(s.worst[pair], max(s.reach[pair], _BESIDE)), asked)
-    if found < s.worst[pair]:
-        s.worst[pair], s.sample[pair] = found, n
+    found = _margin(cell, pair, min(pair.worst, max(pair.reach, _BESIDE)))
+    if found < pair.worst:
+        pair.worst, pair.sample = found, n
 
 
 @plain
-def _look_between(cell, s, velocity, dt, asked, last):
+def _look_between(cell, s, velocity, dt, last):
     """Look at places between the ends of the way, and beside the least of them by halving.
 
     A pair that passes by may be nearer between two places than at either.
     """
-    near, spacing = cell.places.near, 1 + (last - 1) // _SAMPLES
+    spacing = 1 + (last - 1) // _SAMPLES
     for n in range(spacing, last, spacing):
         _go(cell, s, velocity, n, dt)
-        for pair in range(len(s.worst)):
-            if near[pair] < s.reach[pair]:
-                _look(cell, s, pair, n, asked)
-    for pair in range(len(s.worst)):
-        half = spacing if near[pair] < s.reach[pair] and s.worst[pair] < _BESIDE else 1
+        for k in range(len(cell.pairs)):
+            if cell.pairs[k].near < cell.pairs[k].reach:
+                _look(cell, cell.pairs[k], n)
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        half = spacing if pair.near < pair.reach and pair.worst < _BESIDE else 1
         while half > 1:
             half = (half + 1) // 2
-            middle = s.sample[pair]
+            middle = pair.sample
             for n in (middle - half, middle + half):
                 if 0 < n < last:
                     _go(cell, s, velocity, n, dt)
-                    _look(cell, s, pair, n, asked)
+                    _look(cell, pair, n)
 
 
 @plain
-def _look_along(cell, s, velocity, dt, asked, slopes, among):
+def _look_along(cell, s, velocity, dt, slopes, only_obstacles):
     """Write the least margins on the way of a velocity, and where, to ``worst`` and ``sample``.
 
     Everything is placed at its beginning. With ``slopes`` also the gradients of those that are
-    below ``reach`` there. Pairs that are not ``among`` those to look at, (pairs,), have none.
+    below ``reach`` there. Pairs that do not count, or move with no obstacle if only these are
+    asked for, have none.
 
     The joints brake towards rest, so their travel between the ends of the way bounds what a margin
     can lose on it.
@@ -217,34 +222,35 @@ def _look_along(cell, s, velocity, dt, asked, slopes, among):
         near, _ = _moved(velocity[j], braking, 0, dt)
         far, _ = _moved(velocity[j], braking, last, dt)
         s.travel[j] = abs(far - near)
-    change, near = cell.places.change, cell.places.near
     left = False
-    for pair in range(len(s.worst)):
-        if not among[pair]:
-            near[pair] = s.worst[pair] = math.inf
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        if not (pair.obstacle if only_obstacles else pair.counts):
+            pair.near = pair.worst = math.inf
             continue
-        change[pair] = change_of(cell, pair, s.travel) if last > 0 else 0.0
-        enough = s.reach[pair] + change[pair]
-        near[pair] = _margin(cell, pair, enough, asked)
-        s.worst[pair], s.sample[pair] = near[pair], 0
-        if slopes and near[pair] < s.reach[pair]:
-            _take_gradient(cell, s, pair)
-        left = left or near[pair] < enough
+        pair.change = change_of(cell, pair, s.travel) if last > 0 else 0.0
+        enough = pair.reach + pair.change
+        pair.near = _margin(cell, pair, enough)
+        pair.worst, pair.sample = pair.near, 0
+        if slopes and pair.near < pair.reach:
+            _take_gradient(cell, s, k)
+        left = left or pair.near < enough
     if last == 0 or not left:
         return
     _go(cell, s, velocity, last, dt)
     left = False
-    for pair in range(len(s.worst)):
-        enough = s.reach[pair] + change[pair]
-        if near[pair] < enough:
-            far = _margin(cell, pair, enough, asked)
-            if far < s.worst[pair]:
-                s.worst[pair], s.sample[pair] = far, last
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        enough = pair.reach + pair.change
+        if pair.near < enough:
+            far = _margin(cell, pair, enough)
+            if far < pair.worst:
+                pair.worst, pair.sample = far, last
             # Between the two ends the margin is at least this.
-            near[pair] = 0.5 * (near[pair] + far - change[pair])
-            left = left or near[pair] < s.reach[pair]
+            pair.near = 0.5 * (pair.near + far - pair.change)
+            left = left or pair.near < pair.reach
     if left:
-        _look_between(cell, s, velocity, dt, asked, last)
+        _look_between(cell, s, velocity, dt, last)
 
 
 @plain
@@ -268,19 +274,20 @@ def _take_reaches(cell, s, dt, horizon, moves):
             s.travel[j] = max(abs(one - here), abs(other - here))
         longest = max(longest, s.travel[j])
     _go(cell, s, s.braked, 0, dt)
-    for pair in range(len(s.reach)):
-        s.reach[pair], s.counts[pair] = horizon, 1
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        pair.reach, pair.counts = horizon, 1
         if not math.isinf(longest):
-            s.reach[pair] = min(horizon, change_of(cell, pair, s.travel))
+            pair.reach = min(horizon, change_of(cell, pair, s.travel))
 
 
 @plain
-def _row(s, pair, until, closing, room, dt, recovery, row):
-    """Write the row of a pair from its gradient; return by how much its margin may decrease, m.
+def _row(s, k, until, closing, room, dt, recovery, row):
+    """Write the row of pair k from its gradient; return by how much its margin may decrease, m.
 
     Args:
-        s: What is known.
-        pair: The pair.
+        s: The joints and the rows.
+        k: The pair.
         until: Number n of the place of its least margin; at the end of the way ``_LATEST``, because
             a faster velocity goes on until it is at rest.
         closing: Speed of an obstacle, m/s.
@@ -289,47 +296,49 @@ def _row(s, pair, until, closing, room, dt, recovery, row):
         recovery: Speed at which a pair that is too near is moved apart, m/s.
         row: Number of the row.
     """
-    g, G, end, able, harder = s.gradients[pair], s.G[row], 0.0, 0.0, 0.0
-    for j in range(len(g)):
+    gradient, G, along, able, harder = s.gradients[k], s.G[row], 0.0, 0.0, 0.0
+    for j in range(len(gradient)):
         braking, slope = s.hardest[j] * dt, dt
         if math.isinf(braking):
-            able += math.inf if g[j] != 0.0 else 0.0
+            able += math.inf if gradient[j] != 0.0 else 0.0
         else:
             one, _ = _moved(s.before[j] + braking, braking, until, dt)
             other, _ = _moved(s.before[j] - braking, braking, until, dt)
             slope = (one - other) / (2.0 * braking)
-            able += g[j] * slope * (s.before[j] + math.copysign(braking, g[j]) - s.braked[j])
-        G[j] = -g[j] * slope / dt
-        end += G[j] * s.braked[j] * dt
-        harder += abs(g[j]) * min(s.hardest[j], _SUDDEN)
+            most = s.before[j] + math.copysign(braking, gradient[j]) - s.braked[j]
+            able += gradient[j] * slope * most
+        G[j] = -gradient[j] * slope / dt
+        along += G[j] * s.braked[j]
+        harder += abs(gradient[j]) * min(s.hardest[j], _SUDDEN)
     if room < 0.0:
         room = max(room, -recovery * dt)
     elif closing > 0.0 and harder > 0.0:
         # So far ahead that the joints become as fast as the obstacle without haste.
         room *= dt / (dt + closing / (_UNHURRIED * harder))
     room = max(room - closing * dt, -_ABLE * able)
-    s.h[row], s.room[row], s.pair[row] = room + end, max(room, 0.0), pair
+    s.g[row], s.room[row], s.pair[row] = room / dt + along, max(room, 0.0) / dt, k
     return room
 
 
 @plain
-def _rows_before_ends(cell, s, pair, dt, count):
+def _rows_before_ends(cell, s, k, dt, count):
     """Add rows of joints that brake gently before the ends of their ranges; return their number.
 
     What the hardest braking leads to is always allowed, so that a safe velocity is left.
 
     Args:
         cell: The cell.
-        s: What is known.
-        pair: The pair by which the rows are named: of those whose obstacle comes, the nearest.
+        s: The joints and the rows.
+        k: The pair by which the rows are named: of those whose obstacle comes, the nearest.
         dt: Length of the step, s.
         count: Number of rows so far.
     """
-    for joint in range(len(cell.pairs.dof)):
-        dof = cell.pairs.dof[joint]
+    for i in range(len(cell.joints)):
+        joint = cell.joints[i]
+        dof = joint.dof
         if math.isinf(s.hardest[dof]):
             continue
-        at, gentle = s.q[cell.tree.address[joint]], _BEFORE_ENDS * s.hardest[dof]
+        at, gentle = s.q[joint.address], _BEFORE_ENDS * s.hardest[dof]
         for side in (-1.0, 1.0):
             left = s.upper[dof] - at if side > 0.0 else at - s.lower[dof]
             fastest, before = stopping_speed(max(left, 0.0), gentle, dt), side * s.before[dof]
@@ -339,20 +348,19 @@ def _rows_before_ends(cell, s, pair, dt, count):
             for j in range(len(s.before)):
                 s.G[count, j] = 0.0
             s.G[count, dof] = side
-            s.h[count] = dt * max(fastest, before - braking)
-            s.room[count], s.pair[count] = 0.0, pair
+            s.g[count], s.room[count] = max(fastest, before - braking), 0.0
+            s.pair[count] = k
             count += 1
     return count
 
 
-@plain
-def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
-    """Write the rows of a step, from ``q``, ``before`` and ``hardest``.
+@entry
+def write_rows(cell, s, dt, asked, horizon, recovery, moves):
+    """Write the rows of a step, from ``q``, ``before``, ``hardest`` and ``fastest``.
 
     Args:
-        now: The :class:`~qp_twist.kernel.clearance_kernel.Cell`.
-        then: The same, with obstacles where they are expected after the step.
-        s: :class:`Apart`.
+        cell: The :class:`~qp_twist.kernel.clearance_kernel.Cell`.
+        s: :class:`Braking`.
         dt: Length of the step, s.
         asked: The distance to keep, m.
         horizon: Margin from which on a pair has no row, m.
@@ -360,48 +368,53 @@ def write_rows(now, then, s, dt, asked, horizon, recovery, moves):
         moves: Whether an obstacle moves.
 
     Returns:
-        The number of rows.
+        The number of rows, and the least margin left if the joints brake and no obstacle moves, m.
     """
-    _take_reaches(then, s, dt, horizon, moves)
+    _ask(cell, asked, True)
+    _take_reaches(cell, s, dt, horizon, moves)
     if moves:
-        _go(now, s, s.braked, 0, dt)
-        _look_along(now, s, s.braked, dt, asked, False, now.pairs.obstacle)
-        for pair in range(len(s.worst)):
-            s.still[pair] = s.worst[pair]
-    _look_along(then, s, s.braked, dt, asked, True, s.counts)
+        _ask(cell, asked, False)
+        _go(cell, s, s.braked, 0, dt)
+        _look_along(cell, s, s.braked, dt, False, True)
+        for k in range(len(cell.pairs)):
+            cell.pairs[k].still = cell.pairs[k].worst
+        _ask(cell, asked, True)
+        _go(cell, s, s.braked, 0, dt)
+    _look_along(cell, s, s.braked, dt, True, False)
     last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
-    s.least[0] = math.inf
-    nearest, least = -1, math.inf
-    for pair in range(len(s.worst)):
-        then_left, n = s.worst[pair], s.sample[pair]
-        left = s.still[pair] if moves and then.pairs.obstacle[pair] else then_left
-        s.least[0] = min(s.least[0], left)
-        s.floor[pair] = 0.0
-        if min(left, then_left) >= s.reach[pair]:
+    least = nearest_left = math.inf
+    nearest = -1
+    for k in range(len(cell.pairs)):
+        pair = cell.pairs[k]
+        then_left, n = pair.worst, pair.sample
+        left = pair.still if moves and pair.obstacle else then_left
+        least = min(least, left)
+        pair.floor = 0.0
+        if min(left, then_left) >= pair.reach:
             # The horizon is no bound of the motion, and samples are not the whole way.
-            if s.reach[pair] < horizon and then.places.near[pair] >= s.reach[pair]:
-                s.counts[pair] = 0
+            if pair.reach < horizon and pair.near >= pair.reach:
+                pair.counts = 0
             for j in range(len(s.before)):
-                s.gradients[pair, j] = 0.0
+                s.gradients[k, j] = 0.0
             for i in range(3):
-                s.normals[pair, i] = 0.0
+                pair.normal[i] = 0.0
             continue
-        if n > 0 or not then_left < s.reach[pair]:
+        if n > 0 or not then_left < pair.reach:
             if placed != n:
-                _go(then, s, s.braked, n, dt)
+                _go(cell, s, s.braked, n, dt)
                 placed = n
-            distance_of(then, pair, math.inf, True)
-            _take_gradient(then, s, pair)
+            distance_of(cell, pair, math.inf, True)
+            _take_gradient(cell, s, k)
         closing = max(left - then_left, 0.0) / dt
         until = n if n < last else _LATEST
-        room = _row(s, pair, until, closing, left - closing * n * dt, dt, recovery, count)
-        s.floor[pair] = min(then_left - room, 0.0)
+        room = _row(s, k, until, closing, left - closing * n * dt, dt, recovery, count)
+        pair.floor = min(then_left - room, 0.0)
         count += 1
-        if closing > 0.0 and left < least:
-            nearest, least = pair, left
+        if closing > 0.0 and left < nearest_left:
+            nearest, nearest_left = k, left
     if nearest >= 0:
-        count = _rows_before_ends(then, s, nearest, dt, count)
-    return count
+        count = _rows_before_ends(cell, s, nearest, dt, count)
+    return count, least
 
 
 @part
@@ -416,64 +429,48 @@ def _is_allowed(s, velocity, dt):
     return True
 
 
-@plain
-def lack_of(then, s, velocity, dt, asked):
+@entry
+def lack_of(cell, s, velocity, dt):
     """By how much a velocity (nv,) leads below the margins that its step may leave, m.
 
-    What is left of each margin is in ``worst``, where it is negative.
+    After :func:`write_rows`. What is left of each margin is in ``worst``, where it is negative.
     """
     allowed = _is_allowed(s, velocity, dt)
-    for pair in range(len(s.worst)):
-        s.reach[pair] = 0.0
+    for k in range(len(cell.pairs)):
+        cell.pairs[k].reach = 0.0
         if not allowed:
-            s.counts[pair] = 1
-    _go(then, s, velocity, 0, dt)
-    _look_along(then, s, velocity, dt, asked, False, s.counts)
+            cell.pairs[k].counts = 1
+    _go(cell, s, velocity, 0, dt)
+    _look_along(cell, s, velocity, dt, False, False)
     lack = 0.0
-    for pair in range(len(s.worst)):
-        s.worst[pair] -= s.floor[pair]
-        lack = max(lack, -s.worst[pair])
+    for k in range(len(cell.pairs)):
+        cell.pairs[k].worst -= cell.pairs[k].floor
+        lack = max(lack, -cell.pairs[k].worst)
     return lack
 
 
-@entry
-def rows_apart(now, then, integers, floats, table, dt, asked, horizon, recovery, moves):
-    """:func:`write_rows` from the floats of the cells, their integers, and those of ``Apart``."""
-    s = read_apart(floats, table, table)
-    before, after = read_cell(now, integers, integers), read_cell(then, integers, integers)
-    return write_rows(before, after, s, dt, asked, horizon, recovery, moves)
-
-
-@entry
-def lack_apart(then, integers, floats, table, velocity, dt, asked):
-    """:func:`lack_of` from the same arrays."""
-    s = read_apart(floats, table, table)
-    return lack_of(read_cell(then, integers, integers), s, velocity, dt, asked)
-
-
 @plain
-def _correction(cell, s, pair, velocity, left, dt, row):
+def _correction(cell, s, k, velocity, left, dt, row):
     """Write a row of where a velocity leads, with ``slope`` of its way; return whether it counts.
 
     On the far side of something the way out would be ahead: there the distance has turned against
     its direction at the beginning, or the pair moves apart.
     """
+    pair, G = cell.pairs[k], s.G[row]
     distance_of(cell, pair, math.inf, True)
-    G = s.G[row]
     gradient_of(cell, pair, G)
-    along, rate, known = 0.0, 0.0, False
+    along, rate, known = dot(cell.simplex[0].away, pair.normal), 0.0, False
     for i in range(3):
-        along += cell.simplex.result[6 + i] * s.normals[pair, i]
-        known = known or s.normals[pair, i] != 0.0
+        known = known or pair.normal[i] != 0.0
     for j in range(len(G)):
         rate += G[j] * velocity[j]
     if (known and along < 0.0) or (not known and rate >= 0.0):
         return False
-    end = left
+    end = left / dt
     for j in range(len(G)):
         G[j] *= -s.slope[j] / dt
-        end += G[j] * velocity[j] * dt
-    s.h[row], s.room[row], s.pair[row] = end, 0.0, pair
+        end += G[j] * velocity[j]
+    s.g[row], s.room[row], s.pair[row] = end, 0.0, k
     return True
 
 
@@ -483,13 +480,13 @@ def _correct_where_most_lacks(cell, s, velocity, dt, count):
     last = _last(velocity, s.hardest, dt)
     for _ in range(_NEAREST):
         nearest = 0
-        for pair in range(len(s.worst)):
-            if s.worst[pair] < s.worst[nearest]:
-                nearest = pair
-        left, n = s.worst[nearest], s.sample[nearest]
-        if left >= 0.0 or count == len(s.h):
+        for k in range(len(cell.pairs)):
+            if cell.pairs[k].worst < cell.pairs[nearest].worst:
+                nearest = k
+        left, n = cell.pairs[nearest].worst, cell.pairs[nearest].sample
+        if left >= 0.0 or count == len(s.g):
             break
-        s.worst[nearest] = math.inf
+        cell.pairs[nearest].worst = math.inf
         for j in range(len(velocity)):
             until = n if n < last else _LATEST
             _, s.slope[j] = _moved(velocity[j], s.hardest[j] * dt, until, dt)
@@ -499,41 +496,40 @@ def _correct_where_most_lacks(cell, s, velocity, dt, count):
 
 
 @plain
-def _correct_where_first_lacks(cell, s, velocity, dt, asked, count):
+def _correct_where_first_lacks(cell, s, velocity, dt, count):
     """Add rows of the first place in the step where a pair is too near; return their number.
 
     A pair that is too near from the beginning, because an obstacle comes, has none.
     """
-    for pair in range(len(s.worst)):
-        s.worst[pair] = math.inf
-    for k in range(_PARTS + 1):
-        share = k / _PARTS
+    for k in range(len(cell.pairs)):
+        cell.pairs[k].worst = math.inf
+    for part_ in range(_PARTS + 1):
+        share = part_ / _PARTS
         for j in range(len(velocity)):
             s.slope[j] = share * dt
         for i in range(len(s.q)):
             s.at[i] = s.q[i]
-        for joint in range(len(cell.pairs.dof)):
-            s.at[cell.tree.address[joint]] += share * dt * velocity[cell.pairs.dof[joint]]
+        for k in range(len(cell.joints)):
+            s.at[cell.joints[k].address] += share * dt * velocity[cell.joints[k].dof]
         place(cell, s.at)
-        for pair in range(len(s.worst)):
-            if not math.isinf(s.worst[pair]) or count == len(s.h):
+        for k in range(len(cell.pairs)):
+            pair = cell.pairs[k]
+            if not math.isinf(pair.worst) or count == len(s.g):
                 continue
-            left = _margin(cell, pair, 0.0, asked) - s.floor[pair]
+            left = _margin(cell, pair, 0.0) - pair.floor
             if left < 0.0:
-                s.worst[pair] = left
-                if k > 0:
-                    count += _correction(cell, s, pair, velocity, left, dt, count)
+                pair.worst = left
+                if part_ > 0:
+                    count += _correction(cell, s, k, velocity, left, dt, count)
     return count
 
 
 @entry
-def correct_apart(then, integers, floats, table, velocity, dt, asked, count):
-    """Add rows for what :func:`lack_apart` has found, behind the first ``count``; return how many.
+def correct(cell, s, velocity, dt, count):
+    """Add rows for what :func:`lack_of` has found, behind the first ``count``; return how many.
 
     They are those of the pairs that lack most, where they do; and those of the first place on the
     way through the step where a pair is too near.
     """
-    s = read_apart(floats, table, table)
-    cell = read_cell(then, integers, integers)
     count = _correct_where_most_lacks(cell, s, velocity, dt, count)
-    return _correct_where_first_lacks(cell, s, velocity, dt, asked, count)
+    return _correct_where_first_lacks(cell, s, velocity, dt, count)

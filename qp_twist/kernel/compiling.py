@@ -11,7 +11,8 @@ import gc
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+from numba import njit, typeof
+from numba.core import types
 
 from qp_twist.kernel.code_cache import KernelCache
 
@@ -28,6 +29,7 @@ def _by_numba(*, apart: bool = False, **options: Any) -> Any:
         settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
         dispatcher: Any = njit(**settings)(function)
         dispatcher._compiler.compile = _without_looking_for_garbage(dispatcher._compiler.compile)
+        dispatcher.get_call_template = _of_any_number(dispatcher.get_call_template)
         # No writable folder, or no sources to compute the key from: machine code is not cached.
         with contextlib.suppress(RuntimeError):
             # As njit(cache=True) does with its own cache.
@@ -49,6 +51,15 @@ def _without_looking_for_garbage(compile_: Callable[..., Any]) -> Callable[..., 
     return calm
 
 
+def _of_any_number(template: Callable[..., Any]) -> Callable[..., Any]:
+    """The kernel that another one calls: one for all constants, not one for 0 and one for 1."""
+
+    def called(arguments: Any, names: Any) -> Any:
+        return template(tuple(map(types.unliteral, arguments)), names)
+
+    return called
+
+
 kernel: Any = _by_numba(_nrt=True)
 """Decorator of functions that allocate arrays."""
 entry: Any = _by_numba(_nrt=False)
@@ -63,3 +74,15 @@ time. Each is compiled once, separately: see ``code_cache``."""
 part: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of small functions called in loops: they are inlined in every kernel that calls
 them."""
+
+
+def bound(kernel_: Any, *arguments: Any) -> Callable[..., Any]:
+    """The machine code of a kernel for arguments of these types.
+
+    It does not look at the types again, which takes longer than the call: of two tuples of arrays
+    0.7 instead of 8 µs. Arrays of another type would be read as if they had these.
+    """
+    signature = tuple(map(typeof, arguments))
+    kernel_.compile(signature)
+    code: Callable[..., Any] = kernel_.overloads[signature].entry_point
+    return code

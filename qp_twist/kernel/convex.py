@@ -10,10 +10,10 @@ points (Gilbert, Johnson and Keerthi 1988, IEEE J. Robotics and Automation 4(2),
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+
+import numpy as np
 
 from qp_twist.kernel.compiling import part, plain
-from qp_twist.kernel.record import Floats, Integers, RecordType
 
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Kinds, as in MuJoCo's ``mjtGeom``."""
@@ -28,86 +28,88 @@ TOUCHING = 1e-10
 """Distance at which cores count as intersecting, m."""
 _FLAT = 1e-14
 """Share of the product of its edges below which a simplex counts as flat."""
+_F, _I = np.float64, np.int64
 
+SHAPE = np.dtype(
+    [
+        ("kind", _I),
+        ("size", _F, 3),  # MuJoCo's: radius; half lengths, m
+        ("first", _I),  # of its vertices, if it is a mesh
+        ("last", _I),  # behind the last of them
+        ("center", _F, 3),  # of a ball that contains it, in its own frame, m
+        ("ball", _F),  # radius of that ball, m; ∞ of a plane
+        ("half", _F, 3),  # half lengths of a box about the centre that contains it, m
+        ("body", _I),
+        ("at", _F, 3),  # its position in its body, m
+        ("about", _F, 9),  # its rotation there
+        ("x", _F, 3),  # its position in the world, m
+        ("R", _F, 9),
+        ("middle", _F, 3),  # the centre of its ball there
+        ("middle_before", _F, 3),  # at the configuration before
+        ("R_before", _F, 9),
+        ("moved", _F),  # by how much one of its points has moved at most, over all of them, m
+        ("ahead", _F),  # by how much one moves at most on the way that comes next, m
+    ],
+    align=True,
+)
+"""A convex shape, where it is on its body and in the world."""
 
-class CellSizes(NamedTuple):
-    """Numbers of what there is in a cell."""
-
-    bodies: int
-    moving: int
-    """Bodies that move."""
-    joints: int
-    shapes: int
-    vertices: int
-    """Of all meshes."""
-    pairs: int
-    links: int
-    """Joints of all pairs together."""
-
-
-class Shapes(NamedTuple):
-    """Shapes in their own frames, and the vertices of the meshes among them; lengths in m."""
-
-    kind: Annotated[Integers, "shapes"]
-    size: Annotated[Floats, "shapes", 3]
-    """MuJoCo's sizes: radius; half lengths."""
-    first: Annotated[Integers, "shapes"]
-    """First vertex of a mesh."""
-    last: Annotated[Integers, "shapes"]
-    """Behind its last one."""
-    vertices: Annotated[Floats, "vertices", 3]
-    center: Annotated[Floats, "shapes", 3]
-    """Centre of a ball that contains the shape, in its frame."""
-    ball: Annotated[Floats, "shapes"]
-    """Its radius; ∞ for a plane."""
-    half: Annotated[Floats, "shapes", 3]
-    """Half lengths of a box about that centre that contains the shape."""
-
-
-class Simplex(NamedTuple):
-    """Up to four points of A − B and what they come from; scratch of :func:`pair_distance`."""
-
-    w: Annotated[Floats, 4, 3]
-    """Points of A − B."""
-    a: Annotated[Floats, 4, 3]
-    """Points of A."""
-    b: Annotated[Floats, 4, 3]
-    """Points of B."""
-    share: Annotated[Floats, 4]
-    """Barycentric coordinates of the point nearest to the origin."""
-    trial: Annotated[Floats, 4]
-    """Those of a part of the simplex."""
-    v: Annotated[Floats, 3]
-    """The point of the simplex nearest to the origin."""
-    result: Annotated[Floats, 9]
-    """Nearest points of A and B, and the unit vector from B to A."""
-    place: Annotated[Floats, 3]
-    """Where A is, while it is moved apart."""
-    normal: Annotated[Floats, 3]
-    """Direction in which it is moved."""
-    deepest: Annotated[Floats, 3]
-    """The best of them."""
-    tried: Annotated[Floats, 38]
-    """Gaps along directions: 26 of the world, and the axes of both shapes."""
-
-
-SHAPES, SIMPLEX = RecordType(Shapes, CellSizes), RecordType(Simplex, CellSizes)
+SIMPLEX = np.dtype(
+    [
+        ("w", _F, (4, 3)),  # points of A − B
+        ("a", _F, (4, 3)),  # the points of A that they come from
+        ("b", _F, (4, 3)),  # those of B
+        ("share", _F, 4),  # barycentric coordinates of the point nearest to the origin
+        ("trial", _F, 4),  # those of a part of the simplex
+        ("v", _F, 3),  # the point of the simplex nearest to the origin
+        ("on_a", _F, 3),  # result: nearest points of A and B
+        ("on_b", _F, 3),
+        ("away", _F, 3),  # result: the unit vector from B to A
+        ("place", _F, 3),  # where A is, while it is moved apart
+        ("climb", _F, 3),  # direction in which it is moved
+        ("deepest", _F, 3),  # the best of them
+        ("gaps", _F, 38),  # along directions: 26 of the world, and the axes of both shapes
+    ],
+    align=True,
+)
+"""Up to four points of A − B, and what :func:`pair_distance` finds."""
 
 
 @part
-def radius(shapes, g):
+def dot(a, b):
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@part
+def minus(a, b):
+    """a − b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@part
+def cross(a, b):
+    """a × b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+@part
+def radius(shape):
     """Radius around the core, m."""
-    kind = shapes.kind[g]
-    return shapes.size[g, 0] if kind in (SPHERE, CAPSULE) else 0.0
+    return shape.size[0] if shape.kind in (SPHERE, CAPSULE) else 0.0
 
 
 @plain
-def _support(shapes, g, x, R, dx, dy, dz, out):
-    """Write the point of the core of g, at position x and rotation R, furthest along d."""
+def _support(shape, vertices, dx, dy, dz, out):
+    """Write the point of the core of a shape furthest along d."""
+    R, size, kind = shape.R, shape.size, shape.kind
     u = R[0] * dx + R[3] * dy + R[6] * dz
     v = R[1] * dx + R[4] * dy + R[7] * dz
     w = R[2] * dx + R[5] * dy + R[8] * dz
-    kind, size = shapes.kind[g], shapes.size[g]
     px, py, pz = 0.0, 0.0, 0.0
     if kind == CAPSULE:
         pz = math.copysign(size[1], w)
@@ -127,56 +129,35 @@ def _support(shapes, g, x, R, dx, dy, dz, out):
             px, py, pz = size[0], 0.0, 0.0
     elif kind == MESH:
         best, most = 0, -math.inf
-        for k in range(shapes.first[g], shapes.last[g]):
-            p = shapes.vertices[k]
-            along = p[0] * u + p[1] * v + p[2] * w
+        for k in range(shape.first, shape.last):
+            along = vertices[k, 0] * u + vertices[k, 1] * v + vertices[k, 2] * w
             if along > most:
                 most, best = along, k
-        p = shapes.vertices[best]
-        px, py, pz = p[0], p[1], p[2]
-    out[0] = x[0] + R[0] * px + R[1] * py + R[2] * pz
-    out[1] = x[1] + R[3] * px + R[4] * py + R[5] * pz
-    out[2] = x[2] + R[6] * px + R[7] * py + R[8] * pz
-
-
-@part
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+        px, py, pz = vertices[best, 0], vertices[best, 1], vertices[best, 2]
+    out[0] = shape.x[0] + R[0] * px + R[1] * py + R[2] * pz
+    out[1] = shape.x[1] + R[3] * px + R[4] * py + R[5] * pz
+    out[2] = shape.x[2] + R[6] * px + R[7] * py + R[8] * pz
 
 
 @part
 def _of_edge(p, q):
     """Share of q in the point of the line p q that is nearest to the origin."""
-    x, y, z = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    square = x * x + y * y + z * z
-    return -(p[0] * x + p[1] * y + p[2] * z) / square if square > 0.0 else -1.0
-
-
-@part
-def _triple(a, b, c):
-    """a · (b × c)."""
-    return (
-        a[0] * (b[1] * c[2] - b[2] * c[1])
-        + a[1] * (b[2] * c[0] - b[0] * c[2])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])
-    )
+    edge = minus(q, p)
+    square = dot(edge, edge)
+    return -dot(p, edge) / square if square > 0.0 else -1.0
 
 
 @part
 def _of_triangle(p, q, r, shares):
     """Write the shares of q and r in the point of the plane p q r nearest to the origin."""
-    e0, e1, e2 = q[0] - p[0], q[1] - p[1], q[2] - p[2]
-    f0, f1, f2 = r[0] - p[0], r[1] - p[1], r[2] - p[2]
-    n0, n1, n2 = e1 * f2 - e2 * f1, e2 * f0 - e0 * f2, e0 * f1 - e1 * f0
-    square = n0 * n0 + n1 * n1 + n2 * n2
-    flat = _FLAT * (e0 * e0 + e1 * e1 + e2 * e2) * (f0 * f0 + f1 * f1 + f2 * f2)
-    if square <= flat:
+    e, f = minus(q, p), minus(r, p)
+    n = cross(e, f)
+    square = dot(n, n)
+    if square <= _FLAT * dot(e, e) * dot(f, f):
         return False
     # With o = −p in the plane's coordinates: q's share is (o × f)·n/n², r's is (e × o)·n/n².
-    a0, a1, a2 = p[2] * f1 - p[1] * f2, p[0] * f2 - p[2] * f0, p[1] * f0 - p[0] * f1
-    b0, b1, b2 = p[1] * e2 - p[2] * e1, p[2] * e0 - p[0] * e2, p[0] * e1 - p[1] * e0
-    shares[1] = (a0 * n0 + a1 * n1 + a2 * n2) / square
-    shares[2] = (b0 * n0 + b1 * n1 + b2 * n2) / square
+    shares[1] = dot(cross(f, p), n) / square
+    shares[2] = dot(cross(p, e), n) / square
     shares[0] = 1.0 - shares[1] - shares[2]
     return True
 
@@ -212,9 +193,8 @@ def _nearest(s, count):
     if count == 4:
         a, b, c, d = s.w[0], s.w[1], s.w[2], s.w[3]
         # Signed volumes of the tetrahedra with the origin in place of a vertex.
-        of_a, of_b, of_c, of_d = (
-            _triple(b, c, d), -_triple(a, c, d), _triple(a, b, d), -_triple(a, b, c)
-        )  # fmt: skip
+        of_a, of_b = dot(b, cross(c, d)), -dot(a, cross(c, d))
+        of_c, of_d = dot(a, cross(b, d)), -dot(a, cross(b, c))
         whole = of_a + of_b + of_c + of_d
         if whole < 0.0:
             of_a, of_b, of_c, of_d, whole = -of_a, -of_b, -of_c, -of_d, -whole
@@ -236,30 +216,29 @@ def _nearest(s, count):
     kept = 0
     for k in range(count):
         if s.share[k] > 0.0:
-            if k != kept:
-                for axis in range(3):
-                    s.w[kept, axis], s.a[kept, axis] = s.w[k, axis], s.a[k, axis]
-                    s.b[kept, axis] = s.b[k, axis]
-                s.share[kept] = s.share[k]
+            for axis in range(3):
+                s.w[kept, axis], s.a[kept, axis] = s.w[k, axis], s.a[k, axis]
+                s.b[kept, axis] = s.b[k, axis]
+            s.share[kept] = s.share[k]
             kept += 1
     return kept
 
 
 @plain
-def _of_cores(shapes, g, h, x, R, enough, s):
-    """Distance of the cores of g and h; a lower bound above ``enough``; 0 if they intersect."""
+def _of_cores(a, b, vertices, enough, s):
+    """Distance of the cores of a and b; a lower bound above ``enough``; 0 if they intersect."""
     count, lower = 0, 0.0
-    s.v[0], s.v[1], s.v[2] = x[g, 0] - x[h, 0], x[g, 1] - x[h, 1], x[g, 2] - x[h, 2]
-    square = _dot(s.v, s.v)
+    s.v[0], s.v[1], s.v[2] = minus(a.x, b.x)
+    square = dot(s.v, s.v)
     if square == 0.0:
         s.v[0] = square = 1.0
     for _ in range(MOST_ITERATIONS):
         v, k = s.v, count
-        _support(shapes, g, x[g], R[g], -v[0], -v[1], -v[2], s.a[k])
-        _support(shapes, h, x[h], R[h], v[0], v[1], v[2], s.b[k])
+        _support(a, vertices, -v[0], -v[1], -v[2], s.a[k])
+        _support(b, vertices, v[0], v[1], v[2], s.b[k])
         for axis in range(3):
             s.w[k, axis] = s.a[k, axis] - s.b[k, axis]
-        along = _dot(v, s.w[k])
+        along = dot(v, s.w[k])
         lower = max(lower, along / math.sqrt(square))
         if lower > enough:
             return lower
@@ -268,13 +247,13 @@ def _of_cores(shapes, g, h, x, R, enough, s):
                 break
             again = False
             for j in range(count):
-                x0, y0, z0 = s.w[j, 0] - s.w[k, 0], s.w[j, 1] - s.w[k, 1], s.w[j, 2] - s.w[k, 2]
-                again = again or x0 * x0 + y0 * y0 + z0 * z0 <= SETTLED * SETTLED * square
+                apart = minus(s.w[j], s.w[k])
+                again = again or dot(apart, apart) <= SETTLED * SETTLED * square
             if again:
                 break
         before = square
         kept = _nearest(s, count + 1)
-        square = _dot(s.v, s.v)
+        square = dot(s.v, s.v)
         if kept == 5 or square <= TOUCHING * TOUCHING:
             return 0.0
         if count > 0 and square >= before:  # rounding: no nearer point is found
@@ -282,201 +261,176 @@ def _of_cores(shapes, g, h, x, R, enough, s):
             break
         count = kept
     for axis in range(3):
-        s.result[axis] = s.result[3 + axis] = 0.0
+        s.on_a[axis] = s.on_b[axis] = 0.0
         for k in range(count):
-            s.result[axis] += s.share[k] * s.a[k, axis]
-            s.result[3 + axis] += s.share[k] * s.b[k, axis]
+            s.on_a[axis] += s.share[k] * s.a[k, axis]
+            s.on_b[axis] += s.share[k] * s.b[k, axis]
     return math.sqrt(square)
 
 
 @plain
-def _of_plane(shapes, g, h, x, R, s):
-    """Signed distance of h from the plane g, with the results of :func:`pair_distance`."""
-    nx, ny, nz = R[g, 2], R[g, 5], R[g, 8]
-    _support(shapes, h, x[h], R[h], -nx, -ny, -nz, s.b[0])
-    b, r = s.b[0], radius(shapes, h)
-    distance = nx * (b[0] - x[g, 0]) + ny * (b[1] - x[g, 1]) + nz * (b[2] - x[g, 2]) - r
-    normal = (nx, ny, nz)
+def _of_plane(plane, b, vertices, s):
+    """Signed distance of b from a plane, with the results of :func:`pair_distance`."""
+    n = plane.R[2], plane.R[5], plane.R[8]
+    _support(b, vertices, -n[0], -n[1], -n[2], s.b[0])
+    r = radius(b)
+    distance = dot(n, minus(s.b[0], plane.x)) - r
     for axis in range(3):
-        s.result[3 + axis] = b[axis] - r * normal[axis]
-        s.result[axis] = s.result[3 + axis] - distance * normal[axis]
-        s.result[6 + axis] = -normal[axis]
+        s.on_b[axis] = s.b[0, axis] - r * n[axis]
+        s.on_a[axis] = s.on_b[axis] - distance * n[axis]
+        s.away[axis] = -n[axis]
     return distance
 
 
 @plain
-def _gap(shapes, g, h, x, R, nx, ny, nz, s):
-    """Signed gap between the cores of g and h along n, from h to g, m."""
-    _support(shapes, g, x[g], R[g], -nx, -ny, -nz, s.a[0])
-    _support(shapes, h, x[h], R[h], nx, ny, nz, s.b[0])
-    return (
-        nx * (s.a[0, 0] - s.b[0, 0]) + ny * (s.a[0, 1] - s.b[0, 1]) + nz * (s.a[0, 2] - s.b[0, 2])
-    )
+def _gap(a, b, vertices, n, s):
+    """Signed gap between the cores of a and b along n, from b to a, m."""
+    _support(a, vertices, -n[0], -n[1], -n[2], s.a[0])
+    _support(b, vertices, n[0], n[1], n[2], s.b[0])
+    return dot(n, minus(s.a[0], s.b[0]))
 
 
 @plain
-def _moved_apart(shapes, g, h, x, R, normal, shift, s):
-    """Distance of the cores with g shifted along a normal (3,), with its nearest points there."""
+def _moved_apart(a, b, vertices, normal, shift, s):
+    """Distance of the cores with a shifted along a normal (3,), with its nearest points there."""
     for i in range(3):
-        s.place[i] = x[g, i]
-        x[g, i] += shift * normal[i]
-    apart = _of_cores(shapes, g, h, x, R, math.inf, s)
+        s.place[i] = a.x[i]
+        a.x[i] += shift * normal[i]
+    apart = _of_cores(a, b, vertices, math.inf, s)
     for i in range(3):
-        x[g, i] = s.place[i]
+        a.x[i] = s.place[i]
     return apart
 
 
 @plain
-def _climb(shapes, g, h, x, R, normal, s):
-    """Move ``normal`` (3,) to a direction of locally largest gap of two cores; return the gap.
+def _climb(a, b, vertices, s):
+    """Move ``climb`` to a direction of locally largest gap of two cores; return the gap.
 
-    With g shifted apart by t n, the direction n' of the distance is the largest of
+    With a shifted apart by t n, the direction n' of the distance is the largest of
     gap(n') + t n·n', so that its gap is at least that of n: repeated, it climbs.
     """
-    gap = _gap(shapes, g, h, x, R, normal[0], normal[1], normal[2], s)
+    n = s.climb[0], s.climb[1], s.climb[2]
+    gap = _gap(a, b, vertices, n, s)
     for _ in range(MOST_CLIMBS):
-        apart = _moved_apart(shapes, g, h, x, R, normal, APART - gap, s)
+        apart = _moved_apart(a, b, vertices, n, APART - gap, s)
         if apart <= TOUCHING:
             break
-        u = (s.result[0] - s.result[3]) / apart
-        v = (s.result[1] - s.result[4]) / apart
-        w = (s.result[2] - s.result[5]) / apart
-        after = _gap(shapes, g, h, x, R, u, v, w, s)
+        u, v, w = minus(s.on_a, s.on_b)
+        higher = u / apart, v / apart, w / apart
+        after = _gap(a, b, vertices, higher, s)
         if after <= gap + CLIMBED:
             break
-        gap, normal[0], normal[1], normal[2] = after, u, v, w
+        gap, n = after, higher
+    s.climb[0], s.climb[1], s.climb[2] = n
     return gap
 
 
 @part
-def _direction(k, R_g, R_h):
+def _direction(k, R_a, R_b):
     """The k-th of 38 directions: 26 of the world, and the axes of two shapes."""
     if k < 26:
         code = k if k < 13 else k + 1  # 27 less the middle
-        a, b, c = code // 9 - 1.0, (code // 3) % 3 - 1.0, code % 3 - 1.0
-        length = math.sqrt(a * a + b * b + c * c)
-        return a / length, b / length, c / length
-    R = R_g if k < 32 else R_h
+        x, y, z = code // 9 - 1.0, (code // 3) % 3 - 1.0, code % 3 - 1.0
+        length = math.sqrt(x * x + y * y + z * z)
+        return x / length, y / length, z / length
+    R = R_a if k < 32 else R_b
     column, sign = (k - 26) % 6 // 2, 1.0 if k % 2 else -1.0
     return sign * R[column], sign * R[3 + column], sign * R[6 + column]
 
 
 @plain
-def _penetration(shapes, g, h, x, R, s):
+def _penetration(a, b, vertices, s):
     """Signed distance of cores that intersect, at most 0, with the results of a pair.
 
     The least translation that separates them is found from the best of many directions, those of
     the shapes' axes among them.
     """
     best = -math.inf
-    for k in range(len(s.tried)):
-        a, b, c = _direction(k, R[g], R[h])
-        s.tried[k] = _gap(shapes, g, h, x, R, a, b, c, s)
+    for k in range(len(s.gaps)):
+        s.gaps[k] = _gap(a, b, vertices, _direction(k, a.R, b.R), s)
     for _ in range(STARTS):
         start = 0
-        for k in range(len(s.tried)):
-            start = k if s.tried[k] > s.tried[start] else start
-        s.tried[start] = -math.inf  # taken
-        s.normal[0], s.normal[1], s.normal[2] = _direction(start, R[g], R[h])
-        gap = _climb(shapes, g, h, x, R, s.normal, s)
+        for k in range(len(s.gaps)):
+            start = k if s.gaps[k] > s.gaps[start] else start
+        s.gaps[start] = -math.inf  # taken
+        s.climb[0], s.climb[1], s.climb[2] = _direction(start, a.R, b.R)
+        gap = _climb(a, b, vertices, s)
         if gap > best:
             best = gap
             for i in range(3):
-                s.deepest[i] = s.normal[i]
-    _moved_apart(shapes, g, h, x, R, s.deepest, APART - best, s)
+                s.deepest[i] = s.climb[i]
+    n = s.deepest[0], s.deepest[1], s.deepest[2]
+    _moved_apart(a, b, vertices, n, APART - best, s)
     for i in range(3):
-        s.result[i] -= (APART - best) * s.deepest[i]
-        s.result[6 + i] = s.deepest[i]
+        s.on_a[i] -= (APART - best) * n[i]
+        s.away[i] = n[i]
     return min(best, 0.0)
 
 
 @plain
-def pair_distance(shapes, g, h, x, R, enough, s, deep):
+def pair_distance(a, b, vertices, enough, s, deep):
     """Signed distance of two shapes, m.
 
     Args:
-        shapes: The shapes.
-        g: Index of A.
-        h: Index of B.
-        x: Positions of the shapes' frames, (G, 3), m.
-        R: Their rotations, (G, 9).
+        a: A, a ``SHAPE``.
+        b: B, likewise.
+        vertices: Those of all meshes, in their frames, (V, 3), m.
         enough: A distance above it need not be exact: a lower bound above it is returned.
-        s: Scratch. Its ``result`` receives the nearest points of A and B, (3,) each, and the
-            direction in which A moves away from B, (3,), where the distance is exact.
+        s: A ``SIMPLEX``. It receives the nearest points of A and B and the direction in which A
+            moves away from B, where the distance is exact.
         deep: Whether depths are needed; otherwise −∞ is returned where cores intersect.
 
     Returns:
         The distance; negative by the depth of penetration.
     """
-    if shapes.kind[g] == PLANE:
-        return _of_plane(shapes, g, h, x, R, s)
-    if shapes.kind[h] == PLANE:
-        distance = _of_plane(shapes, h, g, x, R, s)
+    if a.kind == PLANE:
+        return _of_plane(a, b, vertices, s)
+    if b.kind == PLANE:
+        distance = _of_plane(b, a, vertices, s)
         for axis in range(3):
-            here = s.result[axis]
-            s.result[axis], s.result[3 + axis] = s.result[3 + axis], here
-            s.result[6 + axis] = -s.result[6 + axis]
+            s.on_a[axis], s.on_b[axis] = s.on_b[axis], s.on_a[axis]
+            s.away[axis] = -s.away[axis]
         return distance
-    one, other = radius(shapes, g), radius(shapes, h)
-    apart = _of_cores(shapes, g, h, x, R, enough + one + other, s)
+    one, other = radius(a), radius(b)
+    apart = _of_cores(a, b, vertices, enough + one + other, s)
     if apart > enough + one + other:
         return apart - one - other
     if apart <= TOUCHING and not deep:
         return -math.inf
     if apart <= TOUCHING:
-        apart = _penetration(shapes, g, h, x, R, s)
+        apart = _penetration(a, b, vertices, s)
     else:
         for axis in range(3):
-            s.result[6 + axis] = (s.result[axis] - s.result[3 + axis]) / apart
+            s.away[axis] = (s.on_a[axis] - s.on_b[axis]) / apart
     for axis in range(3):
-        normal = s.result[6 + axis]
-        s.result[axis] -= one * normal
-        s.result[3 + axis] += other * normal
+        s.on_a[axis] -= one * s.away[axis]
+        s.on_b[axis] += other * s.away[axis]
     return apart - one - other
 
 
 @part
-def _from_box(shapes, g, x, R, px, py, pz):
-    """Distance of a point from the box that contains the shape g, m."""
-    dx, dy, dz = px - x[g, 0], py - x[g, 1], pz - x[g, 2]
-    u = R[g, 0] * dx + R[g, 3] * dy + R[g, 6] * dz - shapes.center[g, 0]
-    v = R[g, 1] * dx + R[g, 4] * dy + R[g, 7] * dz - shapes.center[g, 1]
-    w = R[g, 2] * dx + R[g, 5] * dy + R[g, 8] * dz - shapes.center[g, 2]
-    a = max(abs(u) - shapes.half[g, 0], 0.0)
-    b = max(abs(v) - shapes.half[g, 1], 0.0)
-    c = max(abs(w) - shapes.half[g, 2], 0.0)
-    return math.sqrt(a * a + b * b + c * c)
+def _from_box(shape, p):
+    """Distance of a point from the box that contains the shape, m."""
+    R, (x, y, z) = shape.R, minus(p, shape.x)
+    u = abs(R[0] * x + R[3] * y + R[6] * z - shape.center[0]) - shape.half[0]
+    v = abs(R[1] * x + R[4] * y + R[7] * z - shape.center[1]) - shape.half[1]
+    w = abs(R[2] * x + R[5] * y + R[8] * z - shape.center[2]) - shape.half[2]
+    u, v, w = max(u, 0.0), max(v, 0.0), max(w, 0.0)
+    return math.sqrt(u * u + v * v + w * w)
 
 
 @part
-def at_least(shapes, g, h, x, R, middle, enough):
-    """A lower bound of the distance, above ``enough`` if one is known that is.
+def at_least(a, b, enough):
+    """A lower bound of the distance of two shapes, m, above ``enough`` if one is known that is.
 
     First that of the balls around the shapes, then that of the ball around one from the box around
     the other.
-
-    Args:
-        shapes: The shapes.
-        g: Index of A.
-        h: Index of B.
-        x: Positions, (G, 3), m.
-        R: Rotations, (G, 9).
-        middle: Centres of the shapes' balls in the world, (G, 3), m.
-        enough: m.
     """
-    if shapes.kind[g] == PLANE or shapes.kind[h] == PLANE:
-        p, b = (g, h) if shapes.kind[g] == PLANE else (h, g)
-        return (
-            R[p, 2] * (middle[b, 0] - x[p, 0])
-            + R[p, 5] * (middle[b, 1] - x[p, 1])
-            + R[p, 8] * (middle[b, 2] - x[p, 2])
-            - shapes.ball[b]
-        )
-    u, v = middle[g, 0] - middle[h, 0], middle[g, 1] - middle[h, 1]
-    w, both = middle[g, 2] - middle[h, 2], shapes.ball[g] + shapes.ball[h]
-    square, apart = u * u + v * v + w * w, both + max(enough, 0.0)
+    if PLANE in (a.kind, b.kind):
+        plane, c = (a, b) if a.kind == PLANE else (b, a)
+        return dot((plane.R[2], plane.R[5], plane.R[8]), minus(c.middle, plane.x)) - c.ball
+    between, both = minus(a.middle, b.middle), a.ball + b.ball
+    square, apart = dot(between, between), both + max(enough, 0.0)
     if square > apart * apart:
         return math.sqrt(square) - both
-    of_g = _from_box(shapes, g, x, R, middle[h, 0], middle[h, 1], middle[h, 2]) - shapes.ball[h]
-    of_h = _from_box(shapes, h, x, R, middle[g, 0], middle[g, 1], middle[g, 2]) - shapes.ball[g]
-    return max(of_g, of_h)
+    return max(_from_box(a, b.middle) - b.ball, _from_box(b, a.middle) - a.ball)
