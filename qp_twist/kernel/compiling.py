@@ -1,20 +1,51 @@
-"""How the kernels are compiled.
+"""How the kernels are compiled, and kept on disk.
 
-Machine code is cached on disk, keyed by the contents of all files of this folder
-(:mod:`~qp_twist.kernel.code_cache`). If no cache folder is writable, every process compiles anew.
+**Folder.** numba discards machine code on disk only if the function's own file changes; but a
+kernel contains the code of kernels in other files. Here all code of one state of this folder lies
+in a folder below numba's (``NUMBA_CACHE_DIR``, else ``__pycache__`` beside the sources, else the
+user's), named by the hash of all sources and of the versions of numba, NumPy and llvmlite. Saving
+deletes the folders of other sources. A file that is damaged is compiled again; where nothing can be
+written, every process compiles.
+
+**Separate linking.** numba copies the code of a kernel into every kernel that calls it and
+optimises each copy, ten times over at the top of a chain of ten calls. A kernel that is compiled
+``apart`` is referred to by its symbol instead, which halves the compilation time of a step. A file
+lists the kernels that it calls so; they are loaded first.
+
+**Turns.** Of several processes that start together, as workers of a study do, one compiles and the
+others wait and load.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gc
-from collections.abc import Callable
-from typing import Any
+import hashlib
+import importlib
+import os
+import pickle
+import shutil
+import sys
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
 
+import llvmlite
+import numba
+import numpy as np
+from llvmlite.binding import parse_assembly
 from numba import njit, typeof
 from numba.core import types
+from numba.core.caching import CompileResultCacheImpl
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.serialize import dumps
 
-from qp_twist.kernel.code_cache import KernelCache
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: every process compiles for itself
+    fcntl = None  # type: ignore[assignment]
 
 _REORDERED = {"reassoc", "contract", "nsz"}
 """Sums may be reordered and vectorised. NaN and infinity keep their meaning: comparisons rely on
@@ -22,42 +53,177 @@ them. But ``math.isfinite`` of a sum is true even for NaN: it subtracts the sum 
 _RARELY = 1_000_000
 """Threshold of the garbage collector while compiling. numba allocates millions of objects that stay
 alive; with Python's default of 700, a quarter of the compilation time is garbage collection."""
+_LONGEST, _POLL = 300.0, 0.05
+"""s. A process that has waited longer compiles for itself: the other may be suspended."""
+_SOURCES = Path(__file__).resolve().parent
+
+
+def _state_of_sources() -> str:
+    """Hash of the names and contents of all sources in this folder, and of the compilers."""
+    digest = hashlib.sha256(
+        repr((numba.__version__, np.__version__, llvmlite.__version__)).encode()
+    )
+    for file in sorted(_SOURCES.glob("*.py")):
+        digest.update(file.name.encode() + b"\0" + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:16]
+
+
+_AT_START = _state_of_sources()
+_PYTHON = f"py{sys.version_info[0]}{sys.version_info[1]}{sys.abiflags}"
+
+
+class _Call(NamedTuple):
+    """A reference to a kernel that is compiled ``apart``."""
+
+    module: str
+    name: str
+    arguments: tuple[Any, ...]
+    symbol: str
+    """Symbol of its machine code; differs in each process that compiles it."""
+
+    def is_there(self) -> bool:
+        """Load or compile it; return whether its machine code has this symbol."""
+        kernel_ = getattr(importlib.import_module(self.module), self.name)
+        kernel_.compile(self.arguments)
+        return bool(kernel_.overloads[self.arguments].fndesc.mangled_name == self.symbol)
+
+
+class _Turn:
+    """The lock on a folder while a process compiles; its end releases it, too."""
+
+    depth, file = 0, -1
+
+    @classmethod
+    def take(cls, folder: Path) -> bool:
+        """Take the lock, unless it is held; return whether another process had it before."""
+        if fcntl is None or cls.file >= 0:
+            return False
+        waited = False
+        with contextlib.suppress(OSError):  # nothing can be written, or there are no locks
+            folder.mkdir(exist_ok=True)
+            cls.file = os.open(folder / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+            for _ in range(int(_LONGEST / _POLL)):
+                try:
+                    fcntl.flock(cls.file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    waited = True
+                    time.sleep(_POLL)
+        return waited
+
+    @classmethod
+    @contextlib.contextmanager
+    def compiling(cls) -> Iterator[None]:
+        """One kernel, during which those that it calls are compiled."""
+        usual = gc.get_threshold()
+        gc.set_threshold(max(usual[0], _RARELY) if usual[0] else 0, *usual[1:])
+        cls.depth += 1
+        try:
+            yield
+        finally:
+            cls.depth -= 1
+            gc.set_threshold(*usual)
+            if cls.depth == 0 and cls.file >= 0:
+                os.close(cls.file)
+                cls.file = -1
+
+
+class _Kept:
+    """The machine code of one kernel, a file for each signature; in the place of numba's cache."""
+
+    def __init__(self, function: Any, *, apart: bool) -> None:
+        self._apart, self.cache_path = apart, ""
+        self._of = f"{function.__module__}.{function.__name__}"
+        self._numba: Any = None
+        source = Path(function.__code__.co_filename).resolve()
+        own = source.parent == _SOURCES and source.exists()
+        with contextlib.suppress(RuntimeError):  # no folder can be written to
+            self._numba = CompileResultCacheImpl(function) if own else None
+            self.cache_path = self._numba.locator.get_cache_path() if own else ""
+        self._folder = Path(self.cache_path) / f"kernels-{_AT_START}.{_PYTHON}"
+
+    def _file(self, signature: Any, codegen: Any) -> Path:
+        key = hashlib.sha256(repr((signature, codegen.magic_tuple())).encode()).hexdigest()[:16]
+        return self._folder / f"{self._of.rpartition('kernel.')[2]}.{key}.nbc"
+
+    def _calls(self, result: Any, others: tuple[_Call, ...]) -> tuple[_Call, ...]:
+        """What a caller of this kernel refers to."""
+        module, _, name = self._of.rpartition(".")
+        itself = _Call(module, name, tuple(result.signature.args), result.fndesc.mangled_name)
+        return (itself,) if self._apart else others
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Load machine code, after another process that compiles; ``None`` for none."""
+        if self._numba is None:
+            return None
+        context.refresh()
+        file = self._file(signature, context.codegen())
+        found = self._read(file, context)
+        if found is None and _Turn.take(self._folder):
+            found = self._read(file, context)
+        return found
+
+    def _read(self, file: Path, context: Any) -> Any:
+        try:
+            content = file.read_bytes()
+        except OSError:
+            return None
+        if hashlib.sha256(content[32:]).digest() != content[:32]:
+            return None
+        calls, kept = pickle.loads(content[32:])
+        # Machine code with an unresolved call would end the process.
+        if not all(call.is_there() for call in calls):
+            return None
+        found = self._numba.rebuild(context, kept)
+        found.library.kernel_calls = self._calls(found, calls)
+        return found
+
+    def save_overload(self, signature: Any, result: Any) -> None:
+        """Save machine code, unless the sources were edited meanwhile or nothing can be written."""
+        library = result.library
+        linked = getattr(library, "_linking_libraries", ())
+        calls = tuple(
+            dict.fromkeys(c for made in linked for c in getattr(made, "kernel_calls", ()))
+        )
+        library.kernel_calls = self._calls(result, calls)
+        if self._apart:
+            library._shared_module = parse_assembly("")  # what is linked into its callers
+        with contextlib.suppress(OSError):
+            cachable = self._numba is not None and self._numba.check_cachable(result)
+            if not cachable or _state_of_sources() != _AT_START:
+                return
+            data = dumps((calls, self._numba.reduce(result)))
+            self._folder.mkdir(exist_ok=True)
+            unfinished = self._folder / f"{uuid.uuid4().hex}.tmp"
+            try:
+                unfinished.write_bytes(hashlib.sha256(data).digest() + data)
+                unfinished.replace(self._file(signature, result.library.codegen))
+            finally:
+                unfinished.unlink(missing_ok=True)
+            for folder in self._folder.parent.glob(f"kernels-*.{_PYTHON}"):
+                if folder != self._folder:
+                    shutil.rmtree(folder, ignore_errors=True)
 
 
 def _by_numba(*, apart: bool = False, **options: Any) -> Any:
     def compiled(function: Any) -> Any:
         settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
         dispatcher: Any = njit(**settings)(function)
-        dispatcher._compiler.compile = _without_looking_for_garbage(dispatcher._compiler.compile)
-        dispatcher.get_call_template = _of_any_number(dispatcher.get_call_template)
-        # No writable folder, or no sources to compute the key from: machine code is not cached.
-        with contextlib.suppress(RuntimeError):
-            # As njit(cache=True) does with its own cache.
-            dispatcher._cache = KernelCache(function, apart=apart)
+        dispatcher._cache = _Kept(function, apart=apart)
+        compile_, template = dispatcher.compile, dispatcher.get_call_template
+
+        def compiled_for(signature: Any) -> Any:
+            with global_compiler_lock, _Turn.compiling():
+                return compile_(signature)
+
+        def called(arguments: Any, names: Any) -> Any:
+            # One kernel for all constants, not one for 0 and one for 1.
+            return template(tuple(map(types.unliteral, arguments)), names)
+
+        dispatcher.compile, dispatcher.get_call_template = compiled_for, called
         return dispatcher
 
     return compiled
-
-
-def _without_looking_for_garbage(compile_: Callable[..., Any]) -> Callable[..., Any]:
-    def calm(*arguments: Any) -> Any:
-        usual = gc.get_threshold()
-        gc.set_threshold(max(usual[0], _RARELY) if usual[0] else 0, *usual[1:])
-        try:
-            return compile_(*arguments)
-        finally:
-            gc.set_threshold(*usual)
-
-    return calm
-
-
-def _of_any_number(template: Callable[..., Any]) -> Callable[..., Any]:
-    """The kernel that another one calls: one for all constants, not one for 0 and one for 1."""
-
-    def called(arguments: Any, names: Any) -> Any:
-        return template(tuple(map(types.unliteral, arguments)), names)
-
-    return called
 
 
 kernel: Any = _by_numba(_nrt=True)
@@ -67,10 +233,9 @@ entry: Any = _by_numba(_nrt=False)
 plain: Any = _by_numba(
     apart=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True
 )  # fmt: skip
-"""Decorator of functions that only kernels call. They allocate no arrays and return views without
-an owner (``record``), so numba does not count references: for ten small arrays that takes longer
-than a matrix product. They cannot be called from Python, which saves a third of the compilation
-time. Each is compiled once, separately: see ``code_cache``."""
+"""Decorator of functions that only kernels call, each compiled once, ``apart``. They allocate no
+arrays, so numba does not count references: for ten small arrays that takes longer than a matrix
+product. They cannot be called from Python, which saves a third of the compilation time."""
 part: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of small functions called in loops: they are inlined in every kernel that calls
 them."""

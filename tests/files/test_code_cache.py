@@ -43,7 +43,7 @@ def package(tmp_path: Path) -> Path:
     folder = tmp_path / "qp_twist" / "kernel"
     folder.mkdir(parents=True)
     (tmp_path / "qp_twist" / "__init__.py").touch()
-    for name in ("__init__", "compiling", "code_cache", "compile_lock"):
+    for name in ("__init__", "compiling"):
         shutil.copy(KERNEL / f"{name}.py", folder)
     (folder / "inner.py").write_text(INNER)
     (folder / "outer.py").write_text(OUTER)
