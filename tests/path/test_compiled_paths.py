@@ -13,10 +13,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration, random_direction
-from oracles.path_steps import corrected
+from oracles.path_steps import corrected, descended
+from oracles.rounded_arms import axis_path, vertical_arm
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges, SerialChain, frame_pose
+from qp_twist.planning import bound
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import REACHED, PathRows
 
@@ -217,29 +219,40 @@ def on_path(rng: np.random.Generator) -> qt.PathTask:
     return dataclasses.replace(path_task, projector=projector)
 
 
-@settings(max_examples=8, deadline=None)
-@given(SEEDS)
-def test_corrections_reach_what_the_reference_does_and_descents_stay_on_the_task(seed: int) -> None:
+def on_rounded_path(rng: np.random.Generator) -> qt.PathTask:
+    """Five joints of which a rounded angle leaves the task hardly reachable: errors are least."""
+    angle = ("1.5708", "1.571", "1.57")[rng.integers(3)]
+    return axis_path(vertical_arm(angle))
+
+
+@pytest.mark.parametrize("make", [on_path, on_rounded_path])
+@settings(max_examples=4, deadline=None)
+@given(seed=SEEDS)
+def test_corrections_and_descents_are_those_of_the_reference(make: Any, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    path_task = on_path(rng)
+    path_task = make(rng)
     ranges = JointRanges.of(path_task.model)
     compiled = PathRows(path_task)
-    q = np.array([random_configuration(path_task.model, rng) for _ in range(40)])
-    at = rng.integers(0, len(path_task.waypoints), 40)
+    q = np.array([random_configuration(path_task.model, rng) for _ in range(12)])
+    at = rng.integers(0, len(path_task.waypoints), 12)
     there, arrived = compiled.correct(q, at)
-    expected_arrived = corrected(compiled, q, at)[1]
-    # The reference takes undamped steps of least norm; the kernel damps those that move a joint
-    # far, and counts what comes within a check's tolerances as reached.
-    assert arrived[expected_arrived].mean() > 0.85
+    expected, expected_arrived = corrected(compiled, q, at)
+    # Newton's method from far away may go either way by rounding; rarely it does.
+    same = np.isclose(there, expected, atol=1e-8).all(axis=1)
+    assert same.mean() > 0.85
+    assert (arrived == expected_arrived).mean() > 0.9
     reached = max(REACHED.position, REACHED.axis)
     assert (compiled.errors(there[arrived], at[arrived]) <= reached).all()
-    begin, at = there[arrived], at[arrived]
+    begin, at = expected[expected_arrived & same], at[expected_arrived & same]
     low = centred_nearby(begin, at, compiled, ranges)
+    expected_low = descended(
+        compiled, begin, at, ranges, rounds=bound._ROUNDS, longest=bound._LONGEST,
+        settled=bound._SETTLED,
+    )  # fmt: skip
     finite = np.isfinite(low).all(axis=1)
-    assert finite.mean() > 0.85
-    assert (compiled.errors(low[finite], at[finite]) <= reached).all()
-    lower = ranges.centring(low[finite]) <= ranges.centring(begin[finite]) + 1e-9
-    assert lower.mean() > 0.85
+    assert (finite == np.isfinite(expected_low).all(axis=1)).all()
+    z, expected_z = ranges.centring(low[finite]), ranges.centring(expected_low[finite])
+    assert np.isclose(z, expected_z, atol=1e-8).mean() > 0.85
 
 
 # ---------------------------------------------------------------- runs

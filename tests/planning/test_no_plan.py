@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.arms import random_arm
+from oracles.rounded_arms import axis_path, vertical_arm
 
 import qp_twist as qt
 
@@ -84,30 +85,9 @@ def test_a_step_from_the_start_is_found_and_samples_prove_nothing_about_connecti
 
 def cell(tip: str, away: float) -> qt.PathTask:
     """A turret, an elbow, a wrist and a roll; a tip; and a ball beside the path's end."""
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco><compiler angle="radian" autolimits="true"/>
- <worldbody><geom name="ball" type="sphere" size=".02" pos="{0.55 + away} .2 .62"/>
- <body pos="0 0 .3"><joint name="turn" axis="0 0 1" range="-3 3"/>
-  <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-  <body><joint name="upper" axis="0 1 0" range="-1 1.2"/>
-   <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-   <body pos="0 0 .5"><joint name="fore" axis="0 1 0" range="-1.2 1.2"/>
-    <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-    <body pos=".5 0 0"><joint name="pitch" axis="0 1 0" range="-2.5 2.5"/>
-     <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-     <body><joint name="roll" axis="1 0 0" range="-3 3"/>{tip}
-      <site name="tip" pos=".1 0 0" euler="0 {math.pi / 2!r} 0"/></body></body></body></body></body>
- </worldbody></mujoco>""")
-    down = mink.SO3.from_rpy_radians(math.pi, 0.0, 0.0)
-    places = [np.array([0.45 + 0.01 * k, 0.02 * k, 0.62]) for k in range(11)]
-    none = np.full(model.nv, np.inf)
-    return dataclasses.replace(
-        qt.load_task("planar_line"), name="cell", model=model, frame_name="tip", frame_type="site",
-        projector=AXIS, operational=WHOLE,
-        waypoints=tuple(mink.SE3.from_rotation_and_translation(down, p) for p in places),
-        flipped_waypoints=None, start=np.full(model.nq, 0.1), durations=None, velocity_limits=none,
-        acceleration_limits=none, constraints=(qt.Clearance(model, 0.01),), segments=(), bands=(),
-        toolpath=None, lines=None,
-    )  # fmt: skip
+    ball = f'<geom name="ball" type="sphere" size=".02" pos="{0.55 + away} .2 .62"/>'
+    model = vertical_arm(repr(math.pi / 2), tip=tip, scene=ball)
+    return axis_path(model, name="cell", constraints=(qt.Clearance(model, 0.01),))
 
 
 TIP = '<geom name="tip" type="sphere" size=".01" pos=".1 0 0"/>'

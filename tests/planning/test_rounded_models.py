@@ -12,6 +12,7 @@ import mink
 import mujoco
 import numpy as np
 import pytest
+from oracles.rounded_arms import axis_path, scara, vertical_arm
 from scipy.optimize import least_squares
 
 import qp_twist as qt
@@ -21,58 +22,6 @@ from qp_twist.referee import Tolerances
 
 Array = np.ndarray
 ALLOWED = Tolerances()
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
-)
-
-
-def vertical_arm(angle: str) -> mujoco.MjModel:
-    """A turret, an elbow and a wrist in its vertical plane, and a roll: five joints."""
-    return mujoco.MjModel.from_xml_string(f"""<mujoco><compiler angle="radian" autolimits="true"/>
- <worldbody><body pos="0 0 .3"><joint name="turn" axis="0 0 1" range="-3 3"/>
-  <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-  <body><joint name="upper" axis="0 1 0" range="-1 1.2"/>
-   <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-   <body pos="0 0 .5"><joint name="fore" axis="0 1 0" range="-1.2 1.2"/>
-    <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-    <body pos=".5 0 0"><joint name="pitch" axis="0 1 0" range="-2.5 2.5"/>
-     <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-     <body><joint name="roll" axis="1 0 0" range="-3 3"/>
-      <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-      <site name="tip" pos=".1 0 0" euler="0 {angle} 0"/></body></body></body></body></body>
- </worldbody></mujoco>""")
-
-
-def scara(angle: str) -> mujoco.MjModel:
-    """Two links that swing in a level plane, a spindle that sinks and turns: four joints."""
-    return mujoco.MjModel.from_xml_string(f"""<mujoco><compiler angle="radian" autolimits="true"/>
- <worldbody><body pos="0 0 .8"><joint name="shoulder" axis="0 0 1" range="-2.5 2.5"/>
-  <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-  <body pos=".4 0 0"><joint name="elbow" axis="0 0 1" range="-2.4 2.4"/>
-   <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-   <body pos=".3 0 0"><joint name="sink" type="slide" axis="0 0 -1" range="0 .3"/>
-    <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-    <body><joint name="spin" axis="0 0 1" range="-6 6"/>
-     <geom type="sphere" size=".01" contype="0" conaffinity="0"/>
-     <site name="tip" pos="0 0 -.1" euler="{angle} 0 0"/></body></body></body></body>
- </worldbody></mujoco>""")
-
-
-def path(model: mujoco.MjModel) -> qt.PathTask:
-    """A straight line with the tool vertical, 11 waypoints."""
-    down = mink.SO3.from_rpy_radians(math.pi, 0.0, 0.0)
-    places = [np.array([0.45 + 0.01 * k, 0.02 * k, 0.62]) for k in range(11)]
-    none = np.full(model.nv, np.inf)
-    return dataclasses.replace(
-        qt.load_task("planar_line"), name="rounded", title="rounded", model=model,
-        frame_name="tip", frame_type="site", projector=AXIS, operational=qt.TwistProjector(
-            linear=qt.Projector.full(), angular=qt.Projector.full()
-        ),
-        waypoints=tuple(mink.SE3.from_rotation_and_translation(down, p) for p in places),
-        flipped_waypoints=None, start=np.full(model.nq, 0.1), durations=None,
-        velocity_limits=none, acceleration_limits=none, constraints=(), segments=(), bands=(),
-        toolpath=None, lines=None,
-    )  # fmt: skip
 
 
 def errors(model: mujoco.MjModel, q: Array, waypoint: mink.SE3) -> tuple[float, float]:
@@ -118,7 +67,7 @@ CASES = [
 @pytest.mark.parametrize(("make", "angle"), CASES)
 def test_what_least_squares_reach_within_the_tolerances_is_planned(make, angle: str) -> None:
     model = make(angle)
-    task = path(model)
+    task = axis_path(model)
     for waypoint in task.waypoints[::5]:
         linear, angular = least(model, waypoint)
         assert linear <= ALLOWED.position and angular <= ALLOWED.axis
@@ -134,7 +83,7 @@ def test_what_least_squares_reach_within_the_tolerances_is_planned(make, angle: 
 
 @pytest.mark.parametrize(("make", "angle"), [(vertical_arm, "1.5708"), (scara, "3.14159")])
 def test_a_run_starts_and_ends_on_such_a_path(make, angle: str) -> None:
-    task = path(make(angle))
+    task = axis_path(make(angle))
     [start, *_] = find_starts(task)
     run = qt.follow(dataclasses.replace(task, start=start.q), "qp_gradient")
     assert run.position_error.max() <= ALLOWED.position
@@ -145,7 +94,7 @@ def test_a_run_starts_and_ends_on_such_a_path(make, angle: str) -> None:
 def test_an_axis_that_is_missed_is_missed_by_what_least_squares_say(angle: str) -> None:
     """A spindle that leans by more than the tolerance cannot be righted by any joint."""
     model = scara(angle)
-    task = path(model)
+    task = axis_path(model)
     plan = qt.plan(task)
     assert plan.q is None and plan.certificate.kind == "unreachable"
     said = re.search(r"misses waypoint (\d+) by (\S+) mm and (\S+)°", str(plan.certificate))
@@ -167,7 +116,7 @@ def test_an_arm_that_is_stretched_reaches_what_a_check_lets_pass(
         mink.SO3.from_rpy_radians(math.pi, 0.0, 0.0), np.array([0.7 + beyond, 0.0, 0.6])
     )
     near = mink.SE3.from_translation(np.array([-0.05, 0.0, 0.0])) @ far
-    task = dataclasses.replace(path(model), waypoints=(near, far))
+    task = dataclasses.replace(axis_path(model), waypoints=(near, far))
     assert least(model, far)[0] == pytest.approx(beyond, rel=0.02)
     plan = qt.plan(task, max_step_deg=60.0)
     assert (plan.q is not None) == reached
