@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, number, one_of, unit_vector
+from qp_twist.checks import Array, number, unit_vector
 from qp_twist.geometry import ProjectorKind, TwistProjector, cross, geodesic, perpendicular
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.stretch import Stretch, angle_of_chord
@@ -42,9 +42,21 @@ class ConeBand(ToleranceBand):
     t at the rim overshoots by t²/(2 upper), at most by the excess of the polygon's corners. The
     lower end is one row along e: a sideways motion only moves u away from n. Beyond 90° the two
     exchange their roles.
+
+    Args:
+        axis: The axis in the body, shape (3,).
+        reference: Axis of the cone, shape (3,).
+        upper: Largest angle, rad, up to π.
+        lower: Smallest angle, rad.
+        frame: The frame that the reference is fixed to.
+        weight: ``None`` for a hard band, else the weight of the soft one.
+        recovery_speed: Outside the band, the largest required speed of return, rad/s.
+
+    Raises:
+        InvalidInput: If an argument has the wrong type or range.
     """
 
-    kind, unit = "cone", "rad"
+    kind, unit, frames = "cone", "rad", ("target", "world")
 
     def __init__(
         self,
@@ -57,36 +69,12 @@ class ConeBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.5,
     ) -> None:
-        """Define a band.
-
-        Args:
-            axis: The axis in the body, shape (3,).
-            reference: Axis of the cone, shape (3,).
-            upper: Largest angle, rad, up to π.
-            lower: Smallest angle, rad.
-            frame: The frame that the reference is fixed to.
-            weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Outside the band, the largest required speed of return, rad/s.
-
-        Raises:
-            InvalidInput: If an argument has the wrong type or range.
-        """
-        super().__init__(weight, recovery_speed)
+        super().__init__(weight, recovery_speed, frame)
         self.axis = unit_vector("ConeBand(axis=…)", axis)
         self.reference = unit_vector("ConeBand(reference=…)", reference)
         upper = number("ConeBand(upper=…)", upper, above=0.0, at_most=math.pi)
         lower = number("ConeBand(lower=…)", lower, at_least=0.0)
-        self.range = Range.checked("ConeBand", lower, upper, "rad")
-        self.frame = one_of("ConeBand(frame=…)", frame, ("target", "world"))
-
-    @property
-    def ranges(self) -> tuple[Range, ...]:
-        """The range of the angle, rad."""
-        return (self.range,)
-
-    def angle(self, pair: FramePair) -> float:
-        """θ, rad."""
-        return float(self.values(pair)[0])
+        self.ranges = (Range.checked("ConeBand", lower, upper, "rad"),)
 
     def values(self, pair: FramePair) -> Array:
         """θ, rad, (1,)."""
@@ -102,15 +90,13 @@ class ConeBand(ToleranceBand):
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """The polygon's sides and the lower end; see :meth:`ToleranceBand.rows`."""
-        u, n = self._directions(pair)
-        blocks = []
+        (u, n), [(lower, upper)] = self._directions(pair), self.ranges
+        blocks = [(np.zeros((*u.shape[:-1], 0, 3)), np.zeros((*u.shape[:-1], 0)))]
         # θ lies between 0 and π: a bound there has no effect.
-        if self.range.upper < math.pi:
-            blocks.append(disc_rows(u, n, self.range.upper, reach))
-        if self.range.lower > 0.0:
-            blocks.append(disc_rows(u, -n, math.pi - self.range.lower, reach))
-        if not blocks:
-            return np.zeros((*u.shape[:-1], 1, 0, 6)), np.zeros((*u.shape[:-1], 1, 0))
+        if upper < math.pi:
+            blocks.append(_disc_rows(u, n, upper, reach))
+        if lower > 0.0:
+            blocks.append(_disc_rows(u, -n, math.pi - lower, reach))
         angular = np.concatenate([rows for rows, _ in blocks], axis=-2)
         rooms = np.concatenate([rooms for _, rooms in blocks], axis=-1)
         rows = np.concatenate([np.zeros_like(angular), angular], axis=-1)
@@ -127,13 +113,12 @@ class ConeBand(ToleranceBand):
         """‖u − n‖ = 2 sin(θ/2) bounds θ from above, ‖u + n‖ = 2 cos(θ/2) from below."""
         ends = [self._directions(pair) for pair in (before, after)]
         off = stretch.off_chord_of_angle(target=self.frame == "target")
-        less, more = (
-            angle_of_chord(
-                np.max([np.linalg.norm(u + s * n, axis=1) for u, n in ends], axis=0) + off
-            )
-            for s in (-1.0, 1.0)
-        )
-        return (math.pi - more)[:, None], less[:, None]
+
+        def largest(side: float) -> Array:
+            chords = np.max([np.linalg.norm(u + side * n, axis=1) for u, n in ends], axis=0)
+            return angle_of_chord(chords + off)[:, None]
+
+        return math.pi - largest(1.0), largest(-1.0)
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T fixes the angle: the whole rotation, or one of the two directions in both."""
@@ -148,27 +133,20 @@ class ConeBand(ToleranceBand):
             and (keeps(angular.complement, self.axis) or keeps(angular.complement, self.reference)),
         )
 
-    def contradiction(self, projector: TwistProjector) -> str | None:
-        """A sentence if the task fixes the angle at a value outside the range."""
-        held = float(np.linalg.norm(geodesic(self.reference, self.axis)))
-        if self.fixed(projector)[0] and self.range.excess(held) > 1e-9:
-            return f"it holds the angle at {math.degrees(held):.6g}°, outside the band"
-        return None
-
     def _directions(self, pair: FramePair) -> tuple[Array, Array]:
         """u and n, (3,) each, one of each for every frame."""
         u: Array = pair.rotation @ self.axis
         return u, np.broadcast_to(pair.axes(self.frame) @ self.reference, u.shape)
 
     def __repr__(self) -> str:
-        lower, upper = np.degrees(self.range)
+        lower, upper = np.degrees(self.ranges[0])
         return (
             f"ConeBand({self.axis.round(6).tolist()} about {self.reference.round(6).tolist()}, "
             f"{lower:.6g}°…{upper:.6g}°, frame={self.frame!r})"
         )
 
 
-def disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:
+def _disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:
     """Rows on ω (16, 3) that keep the angle between u and n below a radius, and rooms (16,).
 
     Args:
@@ -192,8 +170,9 @@ def _swing(u: Array, n: Array) -> tuple[Array, Array, Array]:
     swing = geodesic(n, u)
     angle = np.linalg.norm(swing, axis=-1)
     k = swing / np.where(angle > _NO_SWING, angle, 1.0)[..., None]
-    for where in np.argwhere(angle <= _NO_SWING):
-        k[tuple(where)] = perpendicular(n[tuple(where)])
+    undefined = angle <= _NO_SWING
+    if undefined.any():
+        k[undefined] = perpendicular(n[undefined])
     return k, cross(k, n), angle
 
 

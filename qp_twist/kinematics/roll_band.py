@@ -7,9 +7,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Mask, one_of, unit_vector
+from qp_twist.checks import Array, Mask, unit_vector
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector
+from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, rotate
 from qp_twist.kinematics.frame_pair import FramePair
 from qp_twist.kinematics.stretch import Stretch, TurnAbout
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
@@ -38,6 +38,17 @@ class RollBand(ToleranceBand):
     target have the same roll. If the axis has swung by a half turn, the roll is undefined, and the
     band has no rows.
 
+    Args:
+        axis: a, shape (3,).
+        lower: Smallest roll, rad. The range may lie across π, e.g. from 150° to 210°.
+        upper: Largest roll, rad.
+        frame: The frame that the axis is fixed to.
+        weight: ``None`` for a hard band, else the weight of the soft one.
+        recovery_speed: Outside the band, the largest required speed of return, rad/s.
+
+    Raises:
+        InvalidInput: If an argument has the wrong type or range, or the range is a whole turn.
+
     Example:
         >>> import math, qp_twist as qt
         >>> qt.RollBand([0, 0, 1], -math.pi / 6, math.pi / 6)
@@ -56,38 +67,17 @@ class RollBand(ToleranceBand):
         weight: float | None = None,
         recovery_speed: float = 0.5,
     ) -> None:
-        """Define a band.
-
-        Args:
-            axis: a, shape (3,).
-            lower: Smallest roll, rad. The range may lie across π, e.g. from 150° to 210°.
-            upper: Largest roll, rad.
-            frame: The frame that the axis is fixed to.
-            weight: ``None`` for a hard band, else the weight of the soft one.
-            recovery_speed: Outside the band, the largest required speed of return, rad/s.
-
-        Raises:
-            InvalidInput: If an argument has the wrong type or range, or the range is a whole turn.
-        """
-        super().__init__(weight, recovery_speed)
+        super().__init__(weight, recovery_speed, frame)
         self.axis = unit_vector("RollBand(axis=…)", axis)
-        self.range = Range.checked("RollBand", lower, upper, "rad")
-        if max(-self.range.lower, self.range.upper) > _TURN:
+        lower, upper = Range.checked("RollBand", lower, upper, "rad")
+        if max(-lower, upper) > _TURN:
             raise InvalidInput("RollBand: give ends between −2π and 2π (they are in rad).")
-        if self.range.upper - self.range.lower >= _TURN:
+        if upper - lower >= _TURN:
             raise InvalidInput(
                 "RollBand: a range of a whole turn or more holds every roll; leave the band out."
             )
-        self.frame = one_of("RollBand(frame=…)", frame, ("body", "target", "world"))
-
-    @property
-    def ranges(self) -> tuple[Range, ...]:
-        """The range of the roll, rad."""
-        return (self.range,)
-
-    def roll(self, pair: FramePair) -> float:
-        """φ, within half a turn of the middle of the range, rad."""
-        return float(self.values(pair)[0])
+        self.ranges = (Range(lower, upper),)
+        self._middle = 0.5 * (lower + upper)
 
     def values(self, pair: FramePair) -> Array:
         """φ, within half a turn of the middle of the range, rad, (1,)."""
@@ -95,16 +85,14 @@ class RollBand(ToleranceBand):
         skew = E - E.swapaxes(-1, -2)
         w = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
         trace = E[..., 0, 0] + E[..., 1, 1] + E[..., 2, 2]
-        along = (a * w).sum(axis=-1)
-        roll = np.arctan2(along, trace - (a * _turned(E, a)).sum(axis=-1))
-        middle = 0.5 * (self.range.lower + self.range.upper)
-        wrapped: Array = roll - _TURN * np.round((roll - middle) / _TURN)
+        roll = np.arctan2((a * w).sum(axis=-1), trace - (a * rotate(E, a)).sum(axis=-1))
+        wrapped: Array = roll - self._turns(roll)
         return wrapped[..., None]
 
     def gradients(self, pair: FramePair) -> Array:
         """(1, 6); see :meth:`ToleranceBand.gradients`."""
         a = self._axis(pair)
-        turned = _turned(pair.error, a)
+        turned = rotate(pair.error, a)
         cosine = (a * turned).sum(axis=-1)  # cosine of half the swing
         defined = 0.5 * (1.0 + cosine) > SWUNG_OVER**2
         share = np.where(defined, 1.0 / np.where(defined, 1.0 + cosine, 1.0), 0.0)
@@ -116,39 +104,37 @@ class RollBand(ToleranceBand):
         """E rotates with ω − E ω_d; for an axis fixed to the target with ω − ω_d."""
         carried = np.zeros_like(pair.target_twist)
         omega = pair.target_twist[..., 3:]
-        carried[..., 3:] = _turned(pair.error, omega) if self.frame == "world" else omega
+        carried[..., 3:] = rotate(pair.error, omega) if self.frame == "world" else omega
         return carried
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """The rolls at both ends plus the deviation from the chord, or the full range."""
         lowest, highest = self._span(before, after, stretch)
-        middle = 0.5 * (self.range.lower + self.range.upper)
         # Beyond half a turn from the middle the roll is nearer to the other end.
-        every = (lowest < middle - math.pi) | (highest > middle + math.pi)
-        lowest = np.where(every, middle - math.pi, lowest)
-        highest = np.where(every, middle + math.pi, highest)
-        return lowest, highest
+        least, most = self._middle - math.pi, self._middle + math.pi
+        every = (lowest < least) | (highest > most)
+        return np.where(every, least, lowest), np.where(every, most, highest)
 
     def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
         """Whether the roll, modulo whole turns, may be in its range between the poses, (K, 1)."""
         lowest, highest = self._span(before, after, stretch)
-        meets: Mask = np.any(
-            [
-                (highest + turn >= self.range.lower) & (lowest + turn <= self.range.upper)
-                for turn in (-_TURN, 0.0, _TURN)
-            ],
-            axis=0,
-        )
-        return meets
+        [(lower, upper)] = self.ranges
+        turns = _TURN * np.array([-1.0, 0.0, 1.0])
+        meets: Mask = (highest + turns >= lower) & (lowest + turns <= upper)
+        return meets.any(axis=1, keepdims=True)
 
     def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """Continuous bounds, from a roll within half a turn of the middle, rad, (K, 1) each."""
         begin, end, away = TurnAbout(self.axis, self.frame).between(before, after, stretch)
-        middle = 0.5 * (self.range.lower + self.range.upper)
-        turns = _TURN * np.round((begin - middle) / _TURN)
+        turns = self._turns(begin)
         lowest = np.minimum(begin, end) - turns - away
         highest = np.maximum(begin, end) - turns + away
         return lowest[:, None], highest[:, None]
+
+    def _turns(self, roll: Array) -> Array:
+        """The whole turns that bring a roll to within half a turn of the middle, rad."""
+        turns: Array = _TURN * np.round((roll - self._middle) / _TURN)
+        return turns
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T fixes the roll at 0: its axis is in the range of the angular block."""
@@ -157,14 +143,6 @@ class RollBand(ToleranceBand):
         same = (self.frame == "world") == (projector.frame == "world")
         return (same and keeps(projector.angular, self.axis),)
 
-    def contradiction(self, projector: TwistProjector) -> str | None:
-        """A sentence if the task fixes the roll at 0, and 0 is outside the range."""
-        middle = 0.5 * (self.range.lower + self.range.upper)
-        nearest = middle + math.remainder(-middle, _TURN)
-        if self.fixed(projector)[0] and self.range.excess(nearest) > 1e-9:
-            return "it holds the roll about this axis at 0, outside the band"
-        return None
-
     def _axis(self, pair: FramePair) -> Array:
         # R a and R_d a have the same roll: Rᵀ E R = R_dᵀ E R_d. The target's does not depend on R.
         axes = pair.axes("target" if self.frame == "body" else self.frame)
@@ -172,14 +150,8 @@ class RollBand(ToleranceBand):
         return axis
 
     def __repr__(self) -> str:
-        lower, upper = np.degrees(self.range)
+        lower, upper = np.degrees(self.ranges[0])
         return (
             f"RollBand({self.axis.round(6).tolist()}, {lower:.6g}°…{upper:.6g}°, "
             f"frame={self.frame!r})"
         )
-
-
-def _turned(rotations: Array, vectors: Array) -> Array:
-    """R v for each of some rotations (…, 3, 3) and vectors (…, 3)."""
-    turned: Array = (rotations @ vectors[..., None])[..., 0]
-    return turned

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask, number
+from qp_twist.checks import Array, Mask, number, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics.frame_pair import FramePair
@@ -17,6 +17,8 @@ from qp_twist.kinematics.stretch import Stretch
 
 HEAVIEST = 1e12
 """Largest weight of a soft band: beyond it the other costs are lost in rounding."""
+_ROUNDING = 1e-9
+"""A direction, or a value, that is fixed differs by less from what T fixes."""
 
 
 class BandRows(NamedTuple):
@@ -36,6 +38,28 @@ class BandRows(NamedTuple):
     def names(self) -> list[tuple[str, str]]:
         """Name and kind of each row."""
         return [(self.label, "band")] * len(self.bounds)
+
+
+class Range(NamedTuple):
+    """The range [lower, upper] of one value."""
+
+    lower: float
+    upper: float
+
+    @classmethod
+    def checked(cls, name: str, lower: float, upper: float, unit: str) -> Range:
+        """The range of a band called ``name``.
+
+        Raises:
+            InvalidInput: If an end is not finite, or they are in the wrong order.
+        """
+        lower, upper = number(f"{name}(lower=…)", lower), number(f"{name}(upper=…)", upper)
+        if lower > upper:
+            ends = [f"{end:g} {unit}" for end in (lower, upper)]
+            if unit == "rad":  # task files give degrees
+                ends = [f"{end:g} rad ({math.degrees(end):g}°)" for end in (lower, upper)]
+            raise InvalidInput(f"{name}: lower = {ends[0]} is above upper = {ends[1]}.")
+        return cls(lower, upper)
 
 
 class ToleranceBand(abc.ABC):
@@ -60,24 +84,25 @@ class ToleranceBand(abc.ABC):
     Attributes:
         kind: ``"roll"``, ``"cone"``, ``"slab"`` or ``"box"``.
         unit: Unit of the values, ``"rad"`` or ``"m"``.
+        ranges: The range of each of the k values, rad or m.
+        frame: The frame that the band's axis, reference or normal is fixed to: ``"target"``,
+            ``"world"`` or ``"body"``.
         weight: ``None`` for a hard band, else the weight of the soft one.
         recovery_speed: Outside the band, the largest required speed of return, rad/s or m/s.
     """
 
     kind: str
     unit: str
+    frames: tuple[str, ...] = ("target", "world", "body")
+    ranges: tuple[Range, ...]
 
-    def __init__(self, weight: float | None, recovery_speed: float) -> None:
+    def __init__(self, weight: float | None, recovery_speed: float, frame: str = "target") -> None:
         name = type(self).__name__
         if weight is not None:
             weight = number(f"{name}(weight=…)", weight, above=0.0, at_most=HEAVIEST)
         self.weight = weight
         self.recovery_speed = number(f"{name}(recovery_speed=…)", recovery_speed, above=0.0)
-
-    @property
-    @abc.abstractmethod
-    def ranges(self) -> tuple[Range, ...]:
-        """The range of each of the k values, rad or m."""
+        self.frame = one_of(f"{name}(frame=…)", frame, self.frames)
 
     @abc.abstractmethod
     def values(self, pair: FramePair) -> Array:
@@ -105,9 +130,16 @@ class ToleranceBand(abc.ABC):
             stretch: Bounds of their motion.
         """
 
-    @abc.abstractmethod
     def contradiction(self, projector: TwistProjector) -> str | None:
         """A sentence if a task with this T can never be inside the band; else ``None``."""
+        held = self.values(FramePair(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3)))
+        for k, (value, fixed) in enumerate(zip(held, self.fixed(projector), strict=True)):
+            lower, upper = self.ranges[k]
+            if fixed and not lower - _ROUNDING <= value <= upper + _ROUNDING:
+                along = f" along {'xyz'[k]}" if len(self.ranges) > 1 else ""
+                shown = f"{math.degrees(value):.6g}°" if self.unit == "rad" else f"{value:.6g} m"
+                return f"it holds the value{along} at {shown}, outside the range"
+        return None
 
     def margins(self, pair: FramePair) -> Array:
         """Distance of each value from the nearer end of its range, rad or m, (k,); ≥ 0 inside."""
@@ -150,15 +182,9 @@ class ToleranceBand(abc.ABC):
     def half_spaces(
         self, pair: FramePair, dt: float, projector: TwistProjector
     ) -> tuple[Array, Array]:
-        """Rows on the frame's twist (linear, angular), world axes, and their bounds.
+        """Rows (k, 6) on the frame's twist, world axes, and their bounds (k,), rad/s or m/s.
 
-        Args:
-            pair: One frame and its target.
-            dt: Length of the step, s.
-            projector: T of the task; values that it fixes need no row.
-
-        Returns:
-            Rows (k, 6) and bounds (k,), rad/s or m/s; k may be 0.
+        For one frame in a step of dt s. Values that T fixes need no row, so k may be 0.
         """
         free = ~np.array(self.fixed(projector))
         rows, rooms = self.rows(pair, self.recovery_speed * dt)
@@ -172,35 +198,9 @@ class ToleranceBand(abc.ABC):
         return max(0.0, -float(self.margins(pair).min()))
 
 
-class Range(NamedTuple):
-    """The range [lower, upper] of one value."""
-
-    lower: float
-    upper: float
-
-    @classmethod
-    def checked(cls, name: str, lower: float, upper: float, unit: str) -> Range:
-        """The range of a band called ``name``.
-
-        Raises:
-            InvalidInput: If an end is not finite, or they are in the wrong order.
-        """
-        lower, upper = number(f"{name}(lower=…)", lower), number(f"{name}(upper=…)", upper)
-        if lower > upper:
-            ends = [f"{end:g} {unit}" for end in (lower, upper)]
-            if unit == "rad":  # task files give degrees
-                ends = [f"{end:g} rad ({math.degrees(end):g}°)" for end in (lower, upper)]
-            raise InvalidInput(f"{name}: lower = {ends[0]} is above upper = {ends[1]}.")
-        return cls(lower, upper)
-
-    def excess(self, value: float) -> float:
-        """Distance of a value from the range; 0 inside."""
-        return max(self.lower - value, value - self.upper, 0.0)
-
-
 def keeps(projector: Projector, axis: Array) -> bool:
     """Whether ``axis``, in the projector's frame, lies in its range."""
-    return bool(np.abs(projector.matrix @ axis - axis).max() < 1e-9)
+    return bool(np.abs(projector.matrix @ axis - axis).max() < _ROUNDING)
 
 
 def check_bands(

@@ -318,13 +318,13 @@ def random_band(rng: np.random.Generator, pair: FramePair) -> qt.ToleranceBand:
     frame = rng.choice(["target", "world"])
     match rng.integers(4):
         case 0:
-            roll = qt.RollBand(a, -1.0, 1.0, frame=frame).roll(pair)
+            roll = qt.RollBand(a, -1.0, 1.0, frame=frame).values(pair)[0]
             return qt.RollBand(a, roll - 0.02, roll + 0.1, frame=frame)
         case 1:
-            angle = qt.ConeBand(a, n, 3.0, frame=frame).angle(pair)
+            angle = qt.ConeBand(a, n, 3.0, frame=frame).values(pair)[0]
             return qt.ConeBand(a, n, min(angle + 0.03, 3.1), max(angle - 0.04, 0.0), frame=frame)
         case 2:
-            away = qt.SlabBand(a, -9.0, 9.0, frame=frame).distance(pair)
+            away = qt.SlabBand(a, -9.0, 9.0, frame=frame).values(pair)[0]
             return qt.SlabBand(a, away - 0.01, away + 0.015, frame=frame)
         case _:
             box = qt.BoxBand([-9.0] * 3, [9.0] * 3, frame=frame).values(pair)
