@@ -14,7 +14,6 @@ from .gaze_task import GazeTask as GazeTask
 from .joint_centering import JointCentering as JointCentering
 from .joint_ranges import JointRanges as JointRanges
 from .manipulability import Manipulability as Manipulability
-from .ortho_parallel import OrthoParallelArm as OrthoParallelArm
 from .parametrised_arm import ParametrisedArm as ParametrisedArm
 from .posture_reference import PostureReference as PostureReference
 from .reach import largest_reach as largest_reach

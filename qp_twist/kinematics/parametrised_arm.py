@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.kinematics.serial_chain import SerialChain, turns
+from qp_twist.geometry import rotate
+from qp_twist.kinematics.serial_chain import SerialChain
 
 BRANCHES = 8
 """Four places of the spherical joint's centre on the other three axes × two of its middle axis."""
@@ -117,18 +118,18 @@ class ParametrisedArm:
     def _of(cls, chain: SerialChain, solved: tuple[int, ...]) -> ParametrisedArm | None:
         own = {chain.screws[k].dof for k in solved}
         parameters = tuple(dof for dof in range(chain.nv) if dof not in own)
-        probes = _random(chain, _PROBES)
+        probes = _random(chain, _PROBES)[:, list(parameters)]
+        near = None
         for inverted in (False, True):
             arm = cls(chain, solved, parameters, False, inverted, "")
-            axes, _, _ = arm._moved(probes[:, list(parameters)])
-            kind = _kind_of(axes)
-            if kind is None:
-                continue
-            arm = replace(arm, _kind=kind)
-            exact = arm._agrees()
-            if exact is not None:
-                return replace(arm, exact=exact)
-        return None
+            for kind in _kinds_of(arm._moved(probes)[0]):
+                found = replace(arm, _kind=kind)
+                exact = found._agrees()
+                if exact:
+                    return replace(found, exact=True)
+                if exact is not None and near is None:
+                    near = found
+        return near
 
     def branches(
         self, rotations: Array, positions: Array, parameters: Array | None = None
@@ -147,15 +148,15 @@ class ParametrisedArm:
             parameters = np.zeros((len(rotations), 0))
         axes, rotation, position = self._moved(parameters)
         # e1 … e6 = X (E M)⁻¹
-        turn = rotations @ rotation.transpose(0, 2, 1)
-        move = positions - _turned(turn, position)
+        turn = rotations @ rotation.swapaxes(1, 2)
+        move = positions - rotate(turn, position)
         if self._inverted:
-            turn = turn.transpose(0, 2, 1)
-            move = -_turned(turn, move)
+            turn = turn.swapaxes(1, 2)
+            move = -rotate(turn, move)
         angles = _solved(axes, self._kind, turn, move)
         if self._inverted:
             angles = angles[::-1]
-        q = np.full((len(parameters), BRANCHES, self.chain.nv), np.nan)
+        q = np.full((len(rotations), BRANCHES, self.chain.nv), np.nan)
         q[:, :, list(self.parameters)] = parameters[:, None]
         for k, angle in zip(self.solved, angles, strict=True):
             screw = self.chain.screws[k]
@@ -166,29 +167,19 @@ class ParametrisedArm:
     def _moved(self, parameters: Array) -> tuple[_Axes, Array, Array]:
         """The six screws moved by the given joints before them, and the frame moved by all.
 
-        In the order in which the meeting axes are the last ones.
+        In the order in which the meeting axes are the last ones; one of each for any number of
+        poses if no joint is given.
         """
-        count, column = len(parameters), {dof: k for k, dof in enumerate(self.parameters)}
-        rotation, position = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-        directions, anchors = np.zeros((2, 6, 3, count))
-        six = 0
+        q = np.zeros((len(parameters) if self.parameters else 1, self.chain.nv))
         for screw in self.chain.screws:
-            axis = _turned(rotation, screw.axis)
-            anchor = _turned(rotation, screw.anchor) + position
-            if screw.dof not in column:
-                directions[six], anchors[six] = axis.T, anchor.T
-                six += 1
-                continue
-            travel = parameters[:, column[screw.dof]] - screw.reference
-            if screw.slides:
-                position = position + travel[:, None] * axis
-            else:
-                rotation = rotation @ turns(screw.axis, travel)
-                position = anchor - _turned(rotation, screw.anchor)
-        frame = rotation @ self.chain.rotation, _turned(rotation, self.chain.position) + position
+            q[:, screw.dof] = screw.reference
+        if self.parameters:
+            q[:, list(self.parameters)] = parameters
+        rotation, position, moved = self.chain.frames(q)
+        directions, anchors = np.array([moved[k] for k in self.solved]).transpose(1, 0, 3, 2)
         if self._inverted:
             directions, anchors = -directions[::-1], anchors[::-1]
-        return _Axes(directions, anchors), *frame
+        return _Axes(directions, anchors), rotation, position
 
     def _agrees(self) -> bool | None:
         """Whether the solutions are exact; ``None`` if they are not even near.
@@ -240,46 +231,41 @@ def _random(chain: SerialChain, count: int) -> Array:
 # Arrays of vectors are (3, K) or (3, K, B), of angles (K, B): B branches.
 
 
-def _kind_of(axes: _Axes) -> str | None:
-    """How the first three axes are solved, if the last three meet in a point.
+def _kinds_of(axes: _Axes) -> list[str]:
+    """How the first three axes may be solved, if the last three meet in a point.
 
     ``"12"`` or ``"23"`` if these two meet, ``"1∥2"`` or ``"2∥3"`` if they are parallel.
     """
     centre = _meeting_point(axes, (3, 4, 5))
     oblique = all(_sine(axes, a, a + 1).min() > _OBLIQUE for a in (3, 4))
     if not oblique or max(_miss(axes, k, centre).max() for k in (3, 4, 5)) > NEARLY:
-        return None
+        return []
+    kinds = []
     for a in (0, 1):
         sine = _sine(axes, a, a + 1)
         if sine.max() < NEARLY:
             if _sine(axes, 1 - a, 2 - a).min() > _OBLIQUE:
-                return f"{a + 1}∥{a + 2}"
+                kinds.append(f"{a + 1}∥{a + 2}")
         elif sine.min() > _OBLIQUE:
             centre = _meeting_point(axes, (a, a + 1))
             if max(_miss(axes, k, centre).max() for k in (a, a + 1)) < NEARLY:
-                return f"{a + 1}{a + 2}"
-    return None
+                kinds.append(f"{a + 1}{a + 2}")
+    return kinds
 
 
 def _solved(axes: _Axes, kind: str, turn: Array, move: Array) -> Array:
     """Angles of the six hinges, (6, K, 8), for e1 … e6 = (turn (K, 3, 3), move (K, 3))."""
     z, centre = axes.directions[..., None], _meeting_point(axes, (3, 4, 5))
-    target = (_turned(turn, centre.T) + move).T[..., None]
+    target = (rotate(turn, centre.T) + move).T[..., None]
     one, two, three = _REGIONAL[kind](axes, centre[..., None], target)  # (K, 4) each
-    one, two, three = (np.repeat(angle, 2, axis=1) for angle in (one, two, three))
     # What the last three have to add: R = (e1 e2 e3)⁻¹ turn, applied to two vectors.
-    back = []
-    for k in (5, 4):
-        vector = np.einsum("kij,jk->ik", turn, axes.directions[k])[..., None]
-        vector = np.repeat(vector, BRANCHES, axis=2)
-        for j, angle in ((0, one), (1, two), (2, three)):
-            vector = _rotated(z[j], -angle, vector)
-        back.append(vector)
-    six, five = back
-    bends = _projected(z[4], z[5], z[3], _dot(z[3], six[..., ::2]))
-    bend = np.concatenate([b[..., None] for b in bends], axis=-1).reshape(one.shape)
-    bent = _rotated(z[4], bend, z[5])
-    four = _about(z[3], bent, six)
+    five, six = (rotate(turn, axes.directions[k].T).T[..., None] for k in (4, 5))
+    for j, angle in ((0, one), (1, two), (2, three)):
+        five, six = (_rotated(z[j], -angle, vector) for vector in (five, six))
+    bend = _each(_projected(z[4], z[5], z[3], _dot(z[3], six)))
+    one, two, three = (np.repeat(angle, 2, axis=1) for angle in (one, two, three))
+    five, six = (np.repeat(vector, 2, axis=2) for vector in (five, six))
+    four = _about(z[3], _rotated(z[4], bend, z[5]), six)
     rest = _rotated(z[4], -bend, _rotated(z[3], -four, five))
     last = _about(z[5], z[4], rest)
     return np.stack([one, two, three, four, bend, last])
@@ -289,7 +275,7 @@ def _first_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Arra
     """The centre's distance from where axes 1 and 2 meet depends on q₃ only."""
     z, a = axes.directions[..., None], axes.anchors[..., None]
     m = _meeting_point(axes, (0, 1))[..., None]
-    three = _both(*_distant(z[2], a[2], p, m, _norm(t - m)))
+    three = _each(_distant(z[2], a[2], p, m, _norm(t - m)))
     v = _rotated(z[2], three, p - a[2]) + a[2] - m
     one, two = _two_turns(z[0], z[1], v, t - m)
     return one, two, np.repeat(three, 2, axis=1)
@@ -299,7 +285,7 @@ def _last_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array
     """The target's distance from where axes 2 and 3 meet depends on q₁ only."""
     z, a = axes.directions[..., None], axes.anchors[..., None]
     m = _meeting_point(axes, (1, 2))[..., None]
-    one = _both(*_distant(-z[0], a[0], t, m, _norm(p - m)))
+    one = _each(_distant(-z[0], a[0], t, m, _norm(p - m)))
     u = _rotated(z[0], -one, t - a[0]) + a[0] - m
     two, three = _two_turns(z[1], z[2], p - m, u)
     return np.repeat(one, 2, axis=1), two, three
@@ -308,7 +294,7 @@ def _last_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array
 def _last_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array]:
     """The target's height along axes 2 and 3 depends on q₁ only."""
     z, a = axes.directions[..., None], axes.anchors[..., None]
-    one = _both(*_projected(-z[0], t - a[0], z[1], _dot(z[1], p - a[0])))
+    one = _each(_projected(-z[0], t - a[0], z[1], _dot(z[1], p - a[0])))
     y = np.repeat(_rotated(z[0], -one, t - a[0]) + a[0] - a[1], 2, axis=2)
     three = _each(_distant(z[2], a[2], p, a[1], _norm(y[..., ::2])))
     x = _rotated(z[2], three, p - a[2]) + a[2] - a[1]
@@ -318,7 +304,7 @@ def _last_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, A
 def _first_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array]:
     """The centre's height along axes 1 and 2 depends on q₃ only."""
     z, a = axes.directions[..., None], axes.anchors[..., None]
-    three = _both(*_projected(z[2], p - a[2], z[0], _dot(z[0], t - a[2])))
+    three = _each(_projected(z[2], p - a[2], z[0], _dot(z[0], t - a[2])))
     x = np.repeat(_rotated(z[2], three, p - a[2]) + a[2] - a[1], 2, axis=2)
     one = _each(_distant(-z[0], a[0], t, a[1], _norm(x[..., ::2])))
     y = _rotated(z[0], -one, t - a[0]) + a[0] - a[1]
@@ -376,11 +362,6 @@ def _rotated(z: Array, angle: Array, x: Array) -> Array:
     return x * cosine + _cross(z, x) * sine + z * (_dot(z, x) * (1.0 - cosine))
 
 
-def _both(first: Array, second: Array) -> Array:
-    """Two solutions (K, 1) each as (K, 2)."""
-    return np.concatenate([first, second], axis=1)
-
-
 def _each(found: tuple[Array, Array]) -> Array:
     """Two solutions (K, B) for each branch as (K, 2B), those of a branch next to each other."""
     return np.stack(found, axis=-1).reshape(len(found[0]), 2 * found[0].shape[1])
@@ -399,12 +380,6 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _norm(a: Array) -> Array:
     return np.sqrt(_dot(a, a))
-
-
-def _turned(rotations: Array, vectors: Array) -> Array:
-    """R v for each R (K, 3, 3), of vectors (K, 3) or of one (3,)."""
-    turned: Array = (rotations @ vectors[..., None])[..., 0]
-    return turned
 
 
 def _sine(axes: _Axes, a: int, b: int) -> Array:

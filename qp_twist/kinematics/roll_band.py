@@ -120,8 +120,8 @@ class RollBand(ToleranceBand):
         lowest, highest = self._span(before, after, stretch)
         [(lower, upper)] = self.ranges
         turns = _TURN * np.array([-1.0, 0.0, 1.0])
-        meets: Mask = (highest + turns >= lower) & (lowest + turns <= upper)
-        return meets.any(axis=1, keepdims=True)
+        meets = (highest + turns >= lower) & (lowest + turns <= upper)
+        return np.asarray(meets.any(axis=1, keepdims=True))
 
     def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """Continuous bounds, from a roll within half a turn of the middle, rad, (K, 1) each."""

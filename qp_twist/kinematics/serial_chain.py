@@ -93,13 +93,11 @@ class SerialChain:
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Rotations (K, 3, 3) and origins (K, 3) of the frame at configurations q (K, nq)."""
-        rotation, position, _ = self._walk(q)
-        return rotation @ self.rotation, position + _turned(rotation, self.position)
+        return self.frames(q)[:2]
 
     def poses_and_jacobians(self, q: Array) -> tuple[Array, Array, Array]:
         """:meth:`poses`, and world-aligned Jacobians (linear, angular) of the frame, (K, 6, nv)."""
-        rotation, position, axes = self._walk(q)
-        origin = position + _turned(rotation, self.position)
+        rotation, origin, axes = self.frames(q)
         jacobians = np.zeros((len(q), 6, self.nv))
         for screw, (axis, anchor) in zip(self.screws, axes, strict=True):
             if screw.slides:
@@ -107,7 +105,7 @@ class SerialChain:
             else:
                 jacobians[:, :3, screw.dof] = cross(axis, origin - anchor)
                 jacobians[:, 3:, screw.dof] = axis
-        return rotation @ self.rotation, origin, jacobians
+        return rotation, origin, jacobians
 
     def levers(self, extent: Array) -> Array:
         """Largest distance of the frame's origin from each joint's axis, m; 1 for slides, (…, n).
@@ -143,11 +141,15 @@ class SerialChain:
         way: Array = (self.levers(extent) * moved).sum(axis=1)
         return way
 
-    def _walk(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
-        """The product of the exponentials, and each joint's axis and anchor."""
+    def frames(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
+        """:meth:`poses`, and each joint's axis and a point on it, m, (K, 3) each."""
         references, hinges, parts = self._constants
         travels = q[:, self.qpos] - references
-        rotations = iter(_rotations(parts, travels[:, hinges].T))
+        # Rodrigues' formula, as one product: numpy's is five times as fast as three broadcasts.
+        angles = travels[:, hinges].T
+        shares = np.ones((*angles.shape, 3))
+        shares[..., 1], shares[..., 2] = np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2
+        rotations = iter((shares @ parts).reshape(*angles.shape, 3, 3))
         rotation = np.tile(np.eye(3), (len(q), 1, 1))
         position = np.zeros((len(q), 3))
         axes = []
@@ -159,35 +161,15 @@ class SerialChain:
             else:
                 rotation = rotation @ next(rotations)
                 position = anchor - _turned(rotation, screw.anchor)
-        return rotation, position, axes
+        return rotation @ self.rotation, position + _turned(rotation, self.position), axes
 
     @cached_property
     def _constants(self) -> tuple[Array, Indices, Array]:
-        """The references (n,), which screws are hinges, and the hinges' :func:`_parts`."""
+        """The references (n,), which are hinges, and 1, [a] and [a]² of their axes, (h, 3, 9)."""
         hinges = np.flatnonzero([not screw.slides for screw in self.screws])
-        parts = np.array([_parts(self.screws[j].axis) for j in hinges]).reshape(-1, 3, 9)
+        skews = [np.cross(np.eye(3), self.screws[j].axis) for j in hinges]
+        parts = np.array([[np.eye(3), skew, skew @ skew] for skew in skews]).reshape(-1, 3, 9)
         return np.array([screw.reference for screw in self.screws]), hinges, parts
-
-
-def turns(axis: Array, angles: Array) -> Array:
-    """Rotations (K, 3, 3) about one unit ``axis`` (3,) by ``angles`` (K,), rad."""
-    rotations: Array = _rotations(_parts(axis)[None], angles[None])[0]
-    return rotations
-
-
-def _parts(axis: Array) -> Array:
-    """The matrices of Rodrigues' formula: 1, [a] and [a]² of a unit axis, as rows, (3, 9)."""
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.stack([np.eye(3), skew, skew @ skew]).reshape(3, 9)
-
-
-def _rotations(parts: Array, angles: Array) -> Array:
-    """Rotations (n, K, 3, 3) about n axes by angles (n, K), from the axes' parts (n, 3, 9)."""
-    # Rodrigues' formula, as one product: numpy's is five times as fast as three broadcasts.
-    shares = np.ones((*angles.shape, 3))
-    shares[..., 1], shares[..., 2] = np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2
-    return (shares @ parts).reshape(*angles.shape, 3, 3)
 
 
 def _turned(rotations: Array, vector: Array) -> Array:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import ProjectorKind
-from qp_twist.kinematics import JointRanges, OrthoParallelArm, ParametrisedArm, SerialChain
-from qp_twist.kinematics.serial_chain import turns
+from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
@@ -26,18 +25,7 @@ _MOST_STRETCHES = 20_000
 """Beyond this number of intervals, no interval is halved."""
 
 
-class ClosedFormArm(Protocol):
-    """Six hinges and all branches of their inverse kinematics."""
-
-    @property
-    def chain(self) -> SerialChain:
-        """The arm up to the controlled frame."""
-
-    def branches(self, rotations: Array, positions: Array) -> Array:
-        """All solutions, (K, 8, 6), for the frame's rotations (K, 3, 3) and origins (K, 3)."""
-
-
-def closed_form_arm(path_task: PathTask) -> ClosedFormArm | None:
+def closed_form_arm(path_task: PathTask) -> ParametrisedArm | None:
     """The task's arm, if it has closed-form inverse kinematics and is the whole robot.
 
     With further joints (fingers, a track) the task leaves more free than a roll; and almost no
@@ -46,9 +34,6 @@ def closed_form_arm(path_task: PathTask) -> ClosedFormArm | None:
     model = path_task.model
     if any(isinstance(c, JointCouplings) for c in path_task.constraints):
         return None
-    arm = OrthoParallelArm.recognise(model, path_task.frame_name, path_task.frame_type)
-    if arm is not None:
-        return arm if len(arm.chain.screws) == model.nv else None
     chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
     if len(chain.screws) != model.nv or model.nv != _HINGES:
         return None
@@ -67,7 +52,7 @@ class RollGrid:
     """
 
     def __init__(
-        self, path_task: PathTask, arm: ClosedFormArm, spacing: float, joints: Array
+        self, path_task: PathTask, arm: ParametrisedArm, spacing: float, joints: Array
     ) -> None:
         """Prepare.
 
@@ -215,5 +200,6 @@ class RollGrid:
         rotation = self.path_task.waypoints[index].rotation().as_matrix()
         if self.path_task.in_force[index].angular.axis is None:
             return rotation[None]
-        turned: Array = rotation @ turns(self.axis(self.path_task, index), rolls)
+        turns = Rotation.from_rotvec(rolls[:, None] * self.axis(self.path_task, index))
+        turned: Array = rotation @ turns.as_matrix()
         return turned

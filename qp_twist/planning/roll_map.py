@@ -11,12 +11,12 @@ import numpy as np
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics import JointRanges, ParametrisedArm
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import motion_limits
-from qp_twist.planning.roll_grid import ClosedFormArm, RollGrid, closed_form_arm
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 _REACH = np.radians(45.0)
 """Range to either side in which a roll is searched that connects to the next waypoint, rad."""
@@ -42,7 +42,7 @@ class RollMap:
     """
 
     path_task: PathTask
-    arm: ClosedFormArm
+    arm: ParametrisedArm
     waypoints: Indices
     rolls: Array
     margins: Array
@@ -125,7 +125,7 @@ class RollMap:
         return _wrapped(rolls), distance.argmin(axis=1)
 
 
-def roll_arm(path_task: PathTask) -> ClosedFormArm | None:
+def roll_arm(path_task: PathTask) -> ParametrisedArm | None:
     """The arm of a task whose roll is free everywhere, if it has closed-form kinematics."""
     count = len(path_task.waypoints)
     if not all(

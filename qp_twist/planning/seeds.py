@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, ParametrisedArm
-from qp_twist.kinematics.serial_chain import turns
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, boxed, centred
 from qp_twist.planning.path_rows import PathRows
@@ -119,7 +119,8 @@ class Seeds:
         waypoint, rolls = self.path_task.waypoints[index], int(self.free_roll(index))
         rotations = np.tile(waypoint.rotation().as_matrix(), (len(points), 1, 1))
         if rolls:
-            rotations = rotations @ turns(RollGrid.axis(self.path_task, index), points[:, 0])
+            rolled = points[:, :1] * RollGrid.axis(self.path_task, index)
+            rotations = rotations @ Rotation.from_rotvec(rolled).as_matrix()
         positions = np.tile(waypoint.translation(), (len(points), 1))
         return arm.branches(rotations, positions, points[:, rolls:])
 

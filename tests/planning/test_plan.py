@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 import qp_twist as qt
-from qp_twist.kinematics import OrthoParallelArm, SerialChain, frame_jacobian, frame_pose
+from qp_twist.kinematics import ParametrisedArm, SerialChain, frame_jacobian, frame_pose
 from qp_twist.planning import RollMap, motion_limits
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
@@ -30,7 +30,7 @@ from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.refine import refine
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.planning.search import PlanSearch
 from qp_twist.planning.shortest_path import (
     Candidates,
@@ -109,8 +109,8 @@ def industrial_arm(rng: np.random.Generator, *, aside: bool, wrist_offset: float
 def test_industrial_arms_are_recognised_and_every_branch_holds_the_pose(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = industrial_arm(rng, aside=bool(seed % 2))
-    arm = OrthoParallelArm.recognise(model, "tool", "site")
-    assert arm is not None
+    (arm,) = ParametrisedArm.recognise(SerialChain.of(model, "tool", "site"))
+    assert arm.exact
     q = rng.uniform(-3.0, 3.0, 6)
     rotation, position = frame_pose(mink.Configuration(model, q), "tool", "site")
     branches = arm.branches(rotation[None], position[None])[0]
@@ -122,12 +122,9 @@ def test_industrial_arms_are_recognised_and_every_branch_holds_the_pose(seed: in
         np.testing.assert_allclose(there[1], position, atol=1e-6)
 
 
-def test_other_arms_are_not_taken_for_one() -> None:
-    rng = np.random.default_rng(0)
-    offset = industrial_arm(rng, aside=False, wrist_offset=0.05)
-    assert OrthoParallelArm.recognise(offset, "tool", "site") is None
-    assert OrthoParallelArm.recognise(random_arm(rng, 6), "tool", "site") is None
-    assert OrthoParallelArm.recognise(random_arm(rng, 7), "tool", "site") is None
+def test_an_arm_with_an_offset_wrist_is_not_taken_for_one() -> None:
+    offset = industrial_arm(np.random.default_rng(0), aside=False, wrist_offset=0.05)
+    assert not ParametrisedArm.recognise(SerialChain.of(offset, "tool", "site"))
 
 
 # ---------------------------------------------------------------- ways through layers
@@ -319,7 +316,7 @@ def test_the_net_of_the_planar_arm_is_complete(spacing: tuple[float, ...]) -> No
 def test_two_ways_to_the_layers_of_the_industrial_arm_agree(deburring: qt.Comparison) -> None:
     """The branches of the closed form on a grid of rolls, and the nets grown from random seeds."""
     task = deburring.path_task
-    arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
+    arm = closed_form_arm(task)
     assert arm is not None
     grid = RollGrid(task, arm, np.radians(2.0), np.full(6, 0.1))
     net = ManifoldNet(task, PathRows(task), 0.15)
@@ -676,7 +673,7 @@ def test_a_method_is_where_the_map_says_and_has_the_margin_that_it_says(
     for column, k in enumerate(fine.waypoints):
         cell = int(np.argmin(np.abs(fine.rolls - rolls[k])))
         assert fine.sigma_min[column, cell, branches[k]] == pytest.approx(sigma[k], abs=0.01)
-    arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
+    arm = closed_form_arm(task)
     assert arm is not None
     grid = RollGrid(task, arm, np.radians(4.0), np.full(6, np.inf))
     step = task.velocity_limits * task.durations[1]

@@ -18,13 +18,13 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.following import NoStart, find_starts
-from qp_twist.kinematics import FramePair, OrthoParallelArm, SerialChain, Stretch, frame_pose
+from qp_twist.kinematics import FramePair, SerialChain, Stretch, frame_pose
 from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.referee import Tolerances
 
 Array = np.ndarray
@@ -433,7 +433,7 @@ def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivative
 def test_a_band_between_two_rolls_of_the_grid_is_found(middle_deg: float) -> None:
     middle, half = math.radians(middle_deg), math.radians(0.02)
     task = every(BANDS, 20, bands=(qt.RollBand(Z, middle - half, middle + half),))
-    arm = OrthoParallelArm.recognise(task.model, task.frame_name, task.frame_type)
+    arm = closed_form_arm(task)
     assert arm is not None
     grid = RollGrid(task, arm, math.radians(4.0), np.full(6, np.inf))
     layer = grid.layer(0)
@@ -506,7 +506,7 @@ def test_a_band_that_a_later_segment_contradicts_is_refused() -> None:
     whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
     task = every(BANDS, 20, bands=(qt.RollBand(Z, 0.2, 0.4),),
                  segments=(qt.Segment(3, whole),))  # fmt: skip
-    with pytest.raises(qt.InvalidInput, match="holds the roll about this axis at 0"):
+    with pytest.raises(qt.InvalidInput, match="holds the value at 0°"):
         qt.plan(task)
 
 
