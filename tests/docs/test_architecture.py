@@ -26,12 +26,15 @@ def test_imports_go_one_way() -> None:
 def test_importing_the_package_loads_nothing_heavy_and_every_name_is_there() -> None:
     source = """
 import sys
+import types
 import qp_twist
 loaded = {"mujoco", "mink", "scipy", "numpy", "matplotlib"} & set(sys.modules)
 assert not loaded, loaded
 missing = [name for name in dir(qp_twist) if not hasattr(qp_twist, name)]
 assert not missing, missing
 assert qp_twist.planning.Plan is qp_twist.Plan
+modules = [name for name in dir(qp_twist) if isinstance(getattr(qp_twist, name), types.ModuleType)]
+assert not modules, modules
 print(len(qp_twist.__all__), "matplotlib" in sys.modules)
 """
     done = subprocess.run(
