@@ -15,7 +15,46 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array
-from qp_twist.closed_form.rows import ProjectorLike, projector_matrix
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import TwistProjector
+
+ProjectorLike = TwistProjector | npt.ArrayLike
+
+RANK_TOLERANCE = 1e-10
+"""Singular values below this share of the largest count as zero."""
+
+
+def projector_matrix(name: str, projector: ProjectorLike | None) -> Array:
+    """T as a 6 × 6 matrix in world axes; the identity if ``None``."""
+    if projector is None:
+        return np.eye(6)
+    if isinstance(projector, TwistProjector):
+        if projector.frame != "world":
+            raise InvalidInput(
+                f"{name}: this projector is fixed to the {projector.frame} frame; pass "
+                "projector.resolved(body=R, target=R_d), which is in world axes."
+            )
+        return projector.matrix
+    return finite_array(name, projector, (6, 6))
+
+
+def task_rows(
+    jacobian: npt.ArrayLike, projector: ProjectorLike | None, twist: npt.ArrayLike
+) -> tuple[Array, Array]:
+    """A and b of the task A Δθ = b.
+
+    With a projector A = T J (6, n) and b = TΔt (6,); without one any rows A = J (m, n), b = Δt
+    (m,).
+
+    Raises:
+        InvalidInput: If a shape is wrong, an entry is not finite, or T is not in world axes.
+    """
+    j = finite_array("jacobian", jacobian, (None if projector is None else 6, None))
+    dt = finite_array("twist", twist, (j.shape[0],))
+    if projector is None:
+        return j, dt
+    t = projector_matrix("projector", projector)
+    return t @ j, t @ dt
 
 
 def resolved_motion_rate(
@@ -33,9 +72,7 @@ def resolved_motion_rate(
     Returns:
         Δθ, shape (n,). For n > n_o it is the minimum-norm solution, for n < n_o least squares.
     """
-    j, dt = _step(jacobian, twist)
-    t_o = projector_matrix("operational", operational)
-    return np.linalg.pinv(t_o @ j) @ (t_o @ dt)
+    return minimum_norm(jacobian, projector_matrix("operational", operational), twist)
 
 
 def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.ArrayLike) -> Array:
@@ -50,9 +87,8 @@ def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.A
         projector: T of the task.
         twist: Δt, shape (6,).
     """
-    j, dt = _step(jacobian, twist)
-    t = projector_matrix("projector", projector)
-    return np.linalg.pinv(t @ j) @ (t @ dt)
+    A, b = task_rows(jacobian, projector, twist)
+    return np.linalg.pinv(A) @ b
 
 
 def gradient_projection(
@@ -74,11 +110,10 @@ def gradient_projection(
         twist: Δt, shape (6,).
         h: Desired joint displacement, shape (n,).
     """
-    j, dt = _step(jacobian, twist)
-    t = projector_matrix("projector", projector)
-    desired = finite_array("h", h, (j.shape[1],))
-    inverse = np.linalg.pinv(t @ j)
-    return inverse @ (t @ dt) + desired - inverse @ (t @ j @ desired)
+    A, b = task_rows(jacobian, projector, twist)
+    desired = finite_array("h", h, (A.shape[1],))
+    inverse = np.linalg.pinv(A)
+    return inverse @ b + desired - inverse @ (A @ desired)
 
 
 def twa(
@@ -118,7 +153,8 @@ def twa(
         operational: T_O; full if ``None``. J† is the inverse of T_O J, and 1 − T is T_O − T.
         manipulator_redundancy: Add (1 − J†J) h.
     """
-    j, dt = _step(jacobian, twist)
+    j = finite_array("jacobian", jacobian, (6, None))
+    dt = finite_array("twist", twist, (6,))
     t = projector_matrix("projector", projector)
     t_o = projector_matrix("operational", operational)
     desired = finite_array("h", h, (j.shape[1],))
@@ -127,7 +163,3 @@ def twa(
     if manipulator_redundancy:
         step = step + desired - inverse @ (t_o @ j @ desired)
     return step
-
-
-def _step(jacobian: npt.ArrayLike, twist: npt.ArrayLike) -> tuple[Array, Array]:
-    return finite_array("jacobian", jacobian, (6, None)), finite_array("twist", twist, (6,))

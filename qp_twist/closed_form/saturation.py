@@ -8,10 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, float_array
-from qp_twist.closed_form.rows import RANK_TOLERANCE, ProjectorLike, task_rows
-from qp_twist.closed_form.saturation_path import saturation_path
+from qp_twist.closed_form.resolutions import RANK_TOLERANCE, ProjectorLike, task_rows
 from qp_twist.errors import InvalidInput
 from qp_twist.qp.verification import row_tolerance
+
+INDEPENDENT = 1e-9
+"""Orthonormal rows have full rank on a subset of joints if their singular values are above this."""
+NEGLIGIBLE = 1e-13
+"""Rates below this share of ‖c‖ are rounding."""
+WHOLE = 1.0 - 1e-12
+"""A larger scale is rounded to 1."""
+CORNERS = 1000
+"""Largest number of corners of the path; usual is about the number of joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +30,8 @@ class Saturation:
         displacement: Δθ, exactly inside the bounds, shape (n,).
         scale: s in [0, 1], the scale of the task.
         saturated: Joints that are held at a bound, shape (n,).
-        proven: Whether s is known to be the largest feasible scale: always at s = 1; in the basic
-            form also if releasing a joint would not help; in the optimal form unless the iterations
-            ran out. In any case Δθ is feasible and does s times the task.
+        proven: Whether s is known to be the largest feasible scale: at s = 1, in the basic form if
+            releasing a joint would not help, in the optimal form unless the iterations ran out.
     """
 
     displacement: Array
@@ -63,13 +70,11 @@ def saturation_in_null_space(
     wrong sign are released, so that Δθ is the shortest at the largest s.
 
     Both are computed by increasing s from 0
-    (:func:`~qp_twist.closed_form.saturation_path.saturation_path`). For the basic form this is
-    equivalent: when the joint that allows the least s is held, Δθ at this s does not change, so
-    each trial continues where the previous one ended. For the optimal form it proves the largest s.
+    (:func:`~qp_twist.closed_form.saturation.saturation_path`): when the joint that allows the least
+    s is held, Δθ at this s does not change, so each trial continues where the previous one ended.
 
-    For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse: no
-    displacement meets the rest. A task whose residual due to bounds is at most 1e-8 (longest row of
-    A + max |b|) counts as met, with scale 1.
+    For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse. A
+    task whose residual due to bounds is at most 1e-8 (longest row of A + max |b|) counts as met.
 
     Args:
         jacobian: J, shape (6, n); (m, n) without a projector.
@@ -111,3 +116,93 @@ def _bounds(lower: npt.ArrayLike, upper: npt.ArrayLike, n: int) -> tuple[Array, 
                 f"{bound.tolist()}. A joint outside its limits may be given the bound 0 there."
             )
     return low, high
+
+
+def saturation_path(
+    Q: Array, c: Array, lower: Array, upper: Array, *, release: bool
+) -> tuple[Array, float, npt.NDArray[np.bool_], bool]:
+    r"""Follow x(s) with Q x = s c inside the bounds, from x(0) = 0 to the largest s ≤ 1.
+
+    Between two corners the joints that are held at a bound do not move, and the free ones move by
+    the pseudo-inverse of their columns. At a corner a free joint reaches a bound and is held.
+    Without ``release`` the path ends where the remaining free joints can no longer do the task.
+
+    With ``release`` x(s) is the shortest step all along,
+
+    .. math::
+
+        x(s) = \arg\min \tfrac12\lVert x\rVert^2 \;\text{ s.t. }\; \mathbf Q x = s\,\mathbf c,\;
+        lower \le x \le upper, \qquad x + \mathbf Q^T\lambda + \mu = 0
+
+    with μ ≥ 0 at upper bounds, ≤ 0 at lower ones and 0 for free joints: a held joint is released
+    where its μ reaches zero. If the free joints cannot do the task without the joint to be held,
+    some ηᵀQ is zero on all of them; μ may be shifted along it until that of a held joint is zero,
+    which is released in exchange. If there is none, ηᵀQ x is at its largest inside the bounds,
+    which proves that no larger s fits.
+
+    This is the active-set homotopy of parametric quadratic programs (Ferreau, Bock and Diehl, Int.
+    J. Robust and Nonlinear Control 18(8), 2008). With several corners at one s it might cycle in
+    theory; it stops after ``CORNERS`` corners.
+
+    Args:
+        Q: Orthonormal rows, (r, n).
+        c: Right-hand side, (r,).
+        lower: At most 0, (n,).
+        upper: At least 0, (n,).
+        release: Whether held joints are released.
+
+    Returns:
+        x (n,), s, the joints held at a bound, and whether s is proven to be the largest.
+    """
+    n = Q.shape[1]
+    negligible = NEGLIGIBLE * float(np.linalg.norm(c))
+    side = np.zeros(n, dtype=np.int_)  # +1 held at upper, −1 at lower, 0 free
+    s = 0.0
+    x = np.zeros(n)
+    for _ in range(CORNERS):
+        free = side == 0
+        inverse = np.linalg.pinv(Q[:, free])
+        # While the same joints are held: x = x_0 + s x_1 and μ = μ_0 + s μ_1.
+        x_0 = np.where(side > 0, upper, np.where(side < 0, lower, 0.0))
+        x_1 = np.zeros(n)
+        x_0[free], x_1[free] = -inverse @ (Q[:, ~free] @ x_0[~free]), inverse @ c
+        mu_0, mu_1 = ((inverse @ Q).T @ part[free] - part for part in (x_0, x_1))
+        corner = np.full(n, np.inf)
+        moving = free & (np.abs(x_1) > negligible)
+        bound = np.where(x_1 > 0.0, upper, lower)
+        corner[moving] = (bound - x_0)[moving] / x_1[moving]
+        losing = release & (side * mu_1 < -negligible)
+        corner[losing] = -mu_0[losing] / mu_1[losing]
+        if corner.min(initial=np.inf) >= WHOLE:
+            return x_0 + x_1, 1.0, ~free, True
+        # Corners at the same s are processed one after the other, by index.
+        corner = np.maximum(corner, s)
+        joint = int(np.argmin(corner))
+        s = float(corner[joint])
+        x = x_0 + s * x_1
+        if side[joint]:
+            side[joint] = 0
+            continue
+        toward = 1 if x_1[joint] > 0.0 else -1
+        free[joint] = False
+        eta = _unseen_by(Q[:, free])
+        if eta is not None:
+            shift = -eta @ Q
+            shift *= toward * np.sign(shift[joint])
+            giving = side * shift < -INDEPENDENT
+            if not (release and giving.any()):
+                return x, s, ~free, not giving.any()
+            room = np.full(n, np.inf)
+            room[giving] = np.maximum(-(mu_0 + s * mu_1)[giving] / shift[giving], 0.0)
+            side[int(np.argmin(room))] = 0
+        side[joint] = toward
+    return x, s, side != 0, False
+
+
+def _unseen_by(columns: Array) -> Array | None:
+    """A unit η with ηᵀ columns = 0, or ``None`` if the columns have full row rank."""
+    u, sigma, _ = np.linalg.svd(columns)
+    if len(sigma) == len(columns) and sigma.min(initial=1.0) > INDEPENDENT:
+        return None
+    direction: Array = u[:, -1]
+    return direction

@@ -1,13 +1,16 @@
-"""The least-norm step in a weighted metric."""
+"""The least-norm step in a weighted metric, and weights that avoid the joint limits."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array
-from qp_twist.closed_form.rows import RANK_TOLERANCE, ProjectorLike, task_rows
+from qp_twist.checks import Array, finite_array, float_array
+from qp_twist.closed_form.resolutions import RANK_TOLERANCE, ProjectorLike, task_rows
 from qp_twist.errors import InvalidInput
+
+NEAREST = 1e-4
+"""Distance from a limit, as a share of the range, at which a joint counts as at the limit."""
 
 
 def weighted_least_norm(
@@ -57,3 +60,83 @@ def weighted_least_norm(
     scale = np.sqrt(w.min(initial=np.inf) / w)
     step: Array = scale * (np.linalg.pinv(A * scale, rcond=RANK_TOLERANCE) @ b)
     return step
+
+
+def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -> Array:
+    r"""Gradient of Chan and Dubey's distance from the joint limits.
+
+    .. math::
+
+        H(\theta) = \sum_i \frac14 \frac{(\theta_{max,i} - \theta_{min,i})^2}
+            {(\theta_{max,i} - \theta_i)(\theta_i - \theta_{min,i})}
+
+    H is infinite at a limit and undefined outside. From a distance of 10⁻⁴ of the range on, the
+    gradient is therefore its value there, 2.5 · 10⁷ over the range, times one plus the share of the
+    range beyond: large, finite, and decreasing on the way back.
+
+    Args:
+        q: Joint positions θ, rad or m, shape (n,).
+        lower: θ_min, shape (n,); −∞ where there is none.
+        upper: θ_max, shape (n,); +∞ where there is none.
+
+    Returns:
+        ∂H/∂θ, 1/rad or 1/m, shape (n,); 0 for a joint without two finite limits or without range.
+
+    Raises:
+        InvalidInput: If a shape is wrong, an entry is NaN, or a limit is below the other.
+    """
+    theta = finite_array("q", q, (None,))
+    low, high = (float_array(n, v) for n, v in (("lower", lower), ("upper", upper)))
+    if low.shape != theta.shape or high.shape != theta.shape or not (low <= high).all():
+        raise InvalidInput(
+            f"lower, upper: expected {len(theta)} numbers each, none of lower above upper; got "
+            f"{low.tolist()} and {high.tolist()}."
+        )
+    limited = np.isfinite(low) & np.isfinite(high) & (low < high)
+    width = np.where(limited, high - np.where(limited, low, 0.0), 1.0)
+    share = np.where(limited, (theta - np.where(limited, low, 0.0)) / width, 0.5)
+    inside = np.clip(share, NEAREST, 1.0 - NEAREST)
+    gradient: Array = (2.0 * inside - 1.0) / (4.0 * (inside * (1.0 - inside)) ** 2 * width)
+    gradient *= 1.0 + np.abs(share - inside)
+    return gradient
+
+
+def joint_limit_weights(
+    q: npt.ArrayLike,
+    lower: npt.ArrayLike,
+    upper: npt.ArrayLike,
+    previous_gradient: npt.ArrayLike | None = None,
+) -> Array:
+    r"""Weights for :func:`weighted_least_norm` that slow down joints approaching a limit.
+
+    .. math::
+
+        w_i = \begin{cases}
+            1 + |g_i| & \text{if } |g_i| \ge |g_i|_{previous}\\
+            1 & \text{otherwise}
+        \end{cases}, \qquad
+        \mathbf g = \partial H/\partial\theta
+
+    A joint that moves away from a limit has weight 1; when it reverses, its weight jumps.
+    Unlimited joints have weight 1. That of a joint at a limit or beyond it is finite, above 10⁷
+    over its range in rad or m (:func:`joint_limit_gradient`).
+
+    Args:
+        q: Joint positions θ, rad or m, shape (n,).
+        lower: θ_min, shape (n,); −∞ where there is none.
+        upper: θ_max, shape (n,); +∞ where there is none.
+        previous_gradient: ∂H/∂θ at the last step, shape (n,); ``None`` at the first step, where
+            every joint counts as approaching the nearer limit.
+
+    Returns:
+        Diagonal of W, at least 1, shape (n,).
+
+    Raises:
+        InvalidInput: As :func:`joint_limit_gradient`.
+    """
+    slope = np.abs(joint_limit_gradient(q, lower, upper))
+    if previous_gradient is None:
+        return 1.0 + slope
+    before = np.abs(finite_array("previous_gradient", previous_gradient, slope.shape))
+    weights: Array = np.where(slope >= before, 1.0 + slope, 1.0)
+    return weights
