@@ -16,12 +16,12 @@ from .joint_ranges import JointRanges as JointRanges
 from .manipulability import Manipulability as Manipulability
 from .parametrised_arm import ParametrisedArm as ParametrisedArm
 from .posture_reference import PostureReference as PostureReference
-from .reach import largest_reach as largest_reach
 from .roll_band import RollBand as RollBand
 from .secondary import SecondaryObjective as SecondaryObjective
 from .secondary import checked_displacement as checked_displacement
 from .secondary import total_displacement as total_displacement
 from .serial_chain import SerialChain as SerialChain
+from .serial_chain import largest_reach as largest_reach
 from .slab_band import BoxBand as BoxBand
 from .slab_band import SlabBand as SlabBand
 from .stretch import Stretch as Stretch

@@ -34,9 +34,7 @@ def check_configuration(configuration: mink.Configuration) -> None:
     Both are plain attributes that may be replaced, and MuJoCo does not check the data's sizes.
     """
     instance("configuration", configuration, mink.Configuration)
-    # It may be any object.
-    model: Any = getattr(configuration, "model", None)
-    data: Any = getattr(configuration, "data", None)
+    model, data = configuration.model, configuration.data
     instance("configuration.model", model, mujoco.MjModel)
     instance("configuration.data", data, mujoco.MjData)
     if not same_structure(data.model, model):
@@ -138,7 +136,11 @@ def together(
 
 def welded_to(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
     """Id of the body that carries a frame, without joints between them; 0 if it stands still."""
+    return int(model.body_weldid[body_of(model, name, frame_type)])
+
+
+def body_of(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
+    """Id of the body that a frame is fixed to."""
     index = frame_id(model, name, frame_type)
     owners = {"geom": model.geom_bodyid, "site": model.site_bodyid}
-    body = int(owners[frame_type][index]) if frame_type in owners else index
-    return int(model.body_weldid[body])
+    return int(owners[frame_type][index]) if frame_type in owners else index

@@ -47,25 +47,20 @@ class JointRanges:
     def of(cls, model: mujoco.MjModel) -> JointRanges:
         """Read the ranges of a model."""
         instance("model", model, mujoco.MjModel)
-        lower = np.full(model.nv, -np.inf)
-        upper = np.full(model.nv, np.inf)
-        qpos = np.full(model.nv, -1, dtype=np.intp)
-        names = [""] * model.nv
-        for dof in range(model.nv):
-            joint = int(model.dof_jntid[dof])
-            names[dof] = model.joint(joint).name or f"joint {joint}"
-            if model.jnt_type[joint] not in _SCALAR:
-                continue
-            qpos[dof] = model.jnt_qposadr[joint]
-            # MuJoCo treats a range with NaN as no range.
-            if np.isnan(model.jnt_range[joint]).any():
-                raise InvalidInput(
-                    f"model: the range of {names[dof]} is not a number; check the scene."
-                )
-            if model.jnt_limited[joint]:
-                lower[dof], upper[dof] = model.jnt_range[joint]
-        hinge = model.jnt_type[model.dof_jntid] == mujoco.mjtJoint.mjJNT_HINGE
-        return cls(lower, upper, qpos, hinge, tuple(names), int(model.nq))
+        joints = model.dof_jntid
+        names = tuple(model.joint(int(j)).name or f"joint {j}" for j in joints)
+        scalar = np.isin(model.jnt_type[joints], _SCALAR)
+        ranges = model.jnt_range[joints]
+        # MuJoCo treats a range with NaN as no range.
+        for dof in np.flatnonzero(scalar & np.isnan(ranges).any(axis=1)):
+            raise InvalidInput(
+                f"model: the range of {names[dof]} is not a number; check the scene."
+            )
+        limited = scalar & (model.jnt_limited[joints] != 0)
+        lower, upper = np.where(limited, ranges.T, [[-np.inf], [np.inf]])
+        qpos = np.where(scalar, model.jnt_qposadr[joints], -1).astype(np.intp)
+        hinge = model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE
+        return cls(lower, upper, qpos, hinge, names, int(model.nq))
 
     def __repr__(self) -> str:
         limited = int(self.limited.sum())

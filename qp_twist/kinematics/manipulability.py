@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import mink
 import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, instance, number
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics.frame import frame_id, frame_pose
+from qp_twist.kinematics.frame import body_of, frame_id, frame_pose
 from qp_twist.kinematics.secondary import SecondaryObjective
 from qp_twist.kinematics.twist_task import TwistTask
 
@@ -52,7 +54,8 @@ class Manipulability(SecondaryObjective):
         """
         super().__init__(model, gain, cost=cost)
         instance("task", task, TwistTask)
-        frame_id(model, task.frame_name, task.frame_type)
+        self._frame = task.frame_name, task.frame_type
+        frame_id(model, *self._frame)
         if not 0 < task.projector.rank <= model.nv:
             raise InvalidInput(
                 f"Manipulability: the task has {task.projector.rank} rows and the robot {model.nv} "
@@ -71,21 +74,16 @@ class Manipulability(SecondaryObjective):
 
     def gradient(self, configuration: mink.Configuration) -> Array:
         """∇ log det(J_T J_Tᵀ), 1/rad, shape (nv,)."""
-        state = self.task.state(configuration)
+        state, nv = self.task.state(configuration), configuration.model.nv
         inverse = np.linalg.pinv(state.basis.T @ state.jacobian)
-        gradient = np.empty(configuration.model.nv)
-        for i, derivative in enumerate(self._jacobian_derivatives(configuration)):
-            moved = derivative
+        blocks = state.jacobian.reshape(2, 3, nv)
+        gradient = np.empty(nv)
+        for i, moved in enumerate(self._jacobian_derivatives(configuration)):
+            turned = np.zeros((6, nv))
             if self.task.projector.frame == "body":
                 # UᵀJ with U = R U_b: its derivative is Uᵀ(J̇ − [ω]× J) for both blocks.
-                omega = state.jacobian[3:, i]
-                moved = derivative - np.vstack(
-                    [
-                        np.cross(omega, state.jacobian[:3], axisb=0, axisc=0),
-                        np.cross(omega, state.jacobian[3:], axisb=0, axisc=0),
-                    ]
-                )
-            gradient[i] = 2.0 * np.trace(inverse @ (state.basis.T @ moved))
+                turned = np.cross(blocks[1, :, i], blocks, axisb=1, axisc=1).reshape(6, nv)
+            gradient[i] = 2.0 * np.trace(inverse @ (state.basis.T @ (moved - turned)))
         return gradient
 
     def direction(self, configuration: mink.Configuration) -> Array:
@@ -94,30 +92,16 @@ class Manipulability(SecondaryObjective):
         length = float(np.linalg.norm(gradient))
         return gradient if length <= self.longest else gradient * (self.longest / length)
 
-    def _jacobian_derivatives(self, configuration: mink.Configuration) -> list[Array]:
+    def _jacobian_derivatives(self, configuration: mink.Configuration) -> Iterator[Array]:
         """∂J/∂q_i of the task's frame, world axes, (6, nv) for each degree of freedom i."""
-        model, data, task = configuration.model, self._scratch, self.task
-        _, position = frame_pose(configuration, task.frame_name, task.frame_type)
-        body = _body_of(model, task)
+        model, data, frame = configuration.model, self._scratch, self._frame
+        _, position = frame_pose(configuration, *frame)
         data.qpos[:] = configuration.q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
-        derivatives = []
-        for i in range(model.nv):
-            data.qvel[:] = 0.0
-            data.qvel[i] = 1.0
+        for direction in np.eye(model.nv):
+            data.qvel[:] = direction
             mujoco.mj_comVel(model, data)
-            derivative = np.empty((6, model.nv))
-            mujoco.mj_jacDot(model, data, derivative[:3], derivative[3:], position, body)
-            derivatives.append(derivative)
-        return derivatives
-
-
-def _body_of(model: mujoco.MjModel, task: TwistTask) -> int:
-    """The body that carries the task's frame."""
-    index = frame_id(model, task.frame_name, task.frame_type)
-    if task.frame_type == "site":
-        return int(model.site_bodyid[index])
-    if task.frame_type == "geom":
-        return int(model.geom_bodyid[index])
-    return index
+            J = np.empty((6, model.nv))
+            mujoco.mj_jacDot(model, data, J[:3], J[3:], position, body_of(model, *frame))
+            yield J

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import cross
-from qp_twist.kinematics.frame import frame_pose
+from qp_twist.kinematics.frame import frame_pose, welded_to
 from qp_twist.kinematics.joint_ranges import JointRanges
 
 
@@ -178,16 +179,33 @@ def _turned(rotations: Array, vector: Array) -> Array:
     return turned
 
 
-def dofs_above(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> list[int]:
+def largest_reach(chain: SerialChain, ranges: JointRanges) -> float:
+    r"""An upper bound on the distance of a chain's frame from its first joint, m.
+
+    .. math:: \sum_k \lVert \mathbf a_{k+1} - \mathbf a_k \rVert + \sum_{\text{slides}} \max_q
+        \lvert q - q^0 \rvert
+
+    Two neighbouring anchors :math:`\mathbf a` (the last one is the frame's origin) are fixed to the
+    link between them, so their distance is that of the reference configuration, except for a
+    slide's travel. Infinite for a slide without a range, 0 if no joint moves the frame.
+    """
+    if not chain.screws:
+        return 0.0
+    points = [*(screw.anchor for screw in chain.screws), chain.position]
+    reach = sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(points))
+    for screw in chain.screws:
+        if screw.slides:
+            ends = ranges.lower[screw.dof], ranges.upper[screw.dof]
+            reach += float(np.abs(np.array(ends) - screw.reference).max())
+    return reach
+
+
+def dofs_above(model: mujoco.MjModel, name: str | int, frame_type: str) -> list[int]:
     """Degrees of freedom between the world and a frame, from the world on."""
-    body = {
-        "body": lambda: model.body(frame_name).id,
-        "site": lambda: model.site(frame_name).bodyid[0],
-        "geom": lambda: model.geom(frame_name).bodyid[0],
-    }[frame_type]()
-    dofs: list[int] = []
-    while body > 0:
-        first, count = int(model.body_dofadr[body]), int(model.body_dofnum[body])
-        dofs = [*range(first, first + count), *dofs]
-        body = int(model.body_parentid[body])
-    return dofs
+    body = welded_to(model, name, frame_type)
+    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1 if body else -1
+    dofs = []
+    while dof >= 0:
+        dofs.append(dof)
+        dof = int(model.dof_parentid[dof])
+    return dofs[::-1]
