@@ -149,8 +149,16 @@ def number(
     at_most: float | None = None,
 ) -> float:
     """``value`` as a finite float in the stated range."""
-    plain = type(value) is float and math.isfinite(value)  # nearly always, and every step
-    result = value if plain else _finite_number(name, value)
+    result = value
+    if type(value) is not float or not math.isfinite(value):  # seldom, and not at every step
+        array = float_array(name, value)
+        if array.shape != ():
+            raise InvalidInput(
+                f"{name}: expected a single number, got an array of shape {array.shape}."
+            )
+        if not np.isfinite(array):
+            raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")
+        result = float(array)
     if above is not None and not result > above:
         raise InvalidInput(f"{name}: expected a number above {above:g}, got {result:g}.")
     if at_least is not None and not result >= at_least:
@@ -160,25 +168,11 @@ def number(
     return result
 
 
-def _finite_number(name: str, value: float) -> float:
-    array = float_array(name, value)
-    if array.shape != ():
-        raise InvalidInput(
-            f"{name}: expected a single number, got an array of shape {array.shape}."
-        )
-    if not np.isfinite(array):
-        raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")
-    return float(array)
-
-
 def whole_number(name: str, value: int, *, at_least: int, at_most: int | None = None) -> int:
     """``value`` as an int in the stated range; bools and floats are refused."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InvalidInput(f"{name}: expected a whole number, got {value!r}.")
-    if value < at_least:
-        raise InvalidInput(f"{name}: expected a number of at least {at_least}, got {value}.")
-    if at_most is not None and value > at_most:
-        raise InvalidInput(f"{name}: expected a number of at most {at_most}, got {value}.")
+    number(name, int(value), at_least=at_least, at_most=at_most)
     return int(value)
 
 

@@ -103,9 +103,8 @@ class Projector:
         """M⊥ = 1 − M (paper, eq. *decomposition*)."""
         if self.axis is None:
             return Projector.none() if self.kind is ProjectorKind.FULL else Projector.full()
-        if self.kind is ProjectorKind.PLANE:
-            return _unchecked(ProjectorKind.LINE, self.axis[:, None].copy(), self.axis)
-        return _unchecked(ProjectorKind.PLANE, _perpendicular_pair(self.axis), self.axis)
+        build = Projector.line if self.kind is ProjectorKind.PLANE else Projector.plane
+        return build(self.axis)
 
     def intersection(self, other: Projector) -> Projector:
         r"""The projector onto the intersection of both ranges.

@@ -152,15 +152,9 @@ def distinct_projectors(
 
     The index is −1 for ``None``. Projectors are distinct if they are distinct objects.
     """
-    distinct: list[TwistProjector] = []
-    which = np.full(len(projectors), -1, dtype=np.intp)
-    for place, projector in enumerate(projectors):
-        if projector is None:
-            continue
-        if projector not in distinct:
-            distinct.append(projector)
-        which[place] = distinct.index(projector)
-    return distinct, which
+    distinct = list({id(t): t for t in projectors if t is not None}.values())
+    place = {id(t): k for k, t in enumerate(distinct)}
+    return distinct, np.array([place.get(id(t), -1) for t in projectors], dtype=np.intp)
 
 
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:

@@ -257,7 +257,12 @@ def _solved(axes: _Axes, kind: str, turn: Array, move: Array) -> Array:
     """Angles of the six hinges, (6, K, 8), for e1 … e6 = (turn (K, 3, 3), move (K, 3))."""
     z, centre = axes.directions[..., None], _meeting_point(axes, (3, 4, 5))
     target = (rotate(turn, centre.T) + move).T[..., None]
-    one, two, three = _REGIONAL[kind](axes, centre[..., None], target)  # (K, 4) each
+    regional = _last_two_parallel if "∥" in kind else _last_two_meet
+    if kind.startswith("2"):
+        one, two, three = regional(axes, centre[..., None], target)  # (K, 4) each
+    else:  # the first two: e3⁻¹ e2⁻¹ e1⁻¹ t = p is of the same form, with axes −ξ3, −ξ2, −ξ1
+        mirrored = _Axes(-axes.directions[2::-1], axes.anchors[2::-1])
+        three, two, one = regional(mirrored, target, centre[..., None])
     # What the last three have to add: R = (e1 e2 e3)⁻¹ turn, applied to two vectors.
     five, six = (rotate(turn, axes.directions[k].T).T[..., None] for k in (4, 5))
     for j, angle in ((0, one), (1, two), (2, three)):
@@ -269,16 +274,6 @@ def _solved(axes: _Axes, kind: str, turn: Array, move: Array) -> Array:
     rest = _rotated(z[4], -bend, _rotated(z[3], -four, five))
     last = _about(z[5], z[4], rest)
     return np.stack([one, two, three, four, bend, last])
-
-
-def _first_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array]:
-    """The centre's distance from where axes 1 and 2 meet depends on q₃ only."""
-    z, a = axes.directions[..., None], axes.anchors[..., None]
-    m = _meeting_point(axes, (0, 1))[..., None]
-    three = _each(_distant(z[2], a[2], p, m, _norm(t - m)))
-    v = _rotated(z[2], three, p - a[2]) + a[2] - m
-    one, two = _two_turns(z[0], z[1], v, t - m)
-    return one, two, np.repeat(three, 2, axis=1)
 
 
 def _last_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -299,24 +294,6 @@ def _last_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, A
     three = _each(_distant(z[2], a[2], p, a[1], _norm(y[..., ::2])))
     x = _rotated(z[2], three, p - a[2]) + a[2] - a[1]
     return np.repeat(one, 2, axis=1), _about(z[1], x, y), three
-
-
-def _first_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array]:
-    """The centre's height along axes 1 and 2 depends on q₃ only."""
-    z, a = axes.directions[..., None], axes.anchors[..., None]
-    three = _each(_projected(z[2], p - a[2], z[0], _dot(z[0], t - a[2])))
-    x = np.repeat(_rotated(z[2], three, p - a[2]) + a[2] - a[1], 2, axis=2)
-    one = _each(_distant(-z[0], a[0], t, a[1], _norm(x[..., ::2])))
-    y = _rotated(z[0], -one, t - a[0]) + a[0] - a[1]
-    return one, _about(z[1], x, y), np.repeat(three, 2, axis=1)
-
-
-_REGIONAL = {
-    "12": _first_two_meet,
-    "23": _last_two_meet,
-    "2∥3": _last_two_parallel,
-    "1∥2": _first_two_parallel,
-}
 
 
 # ---------------------------------------------------------------- subproblems
