@@ -25,8 +25,8 @@ from .serial_chain import largest_reach as largest_reach
 from .slab_band import BoxBand as BoxBand
 from .slab_band import SlabBand as SlabBand
 from .stretch import Stretch as Stretch
-from .stretch import TurnAbout as TurnAbout
 from .stretch import angle_of_chord as angle_of_chord
+from .stretch import turn_about as turn_about
 from .target_twist import target_twist as target_twist
 from .tolerance_band import BandRows as BandRows
 from .tolerance_band import ToleranceBand as ToleranceBand

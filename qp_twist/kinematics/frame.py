@@ -34,7 +34,9 @@ def check_configuration(configuration: mink.Configuration) -> None:
     Both are plain attributes that may be replaced, and MuJoCo does not check the data's sizes.
     """
     instance("configuration", configuration, mink.Configuration)
-    model, data = configuration.model, configuration.data
+    # It may be any object, or none.
+    model: Any = getattr(configuration, "model", None)
+    data: Any = getattr(configuration, "data", None)
     instance("configuration.model", model, mujoco.MjModel)
     instance("configuration.data", data, mujoco.MjData)
     if not same_structure(data.model, model):

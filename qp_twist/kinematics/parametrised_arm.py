@@ -176,7 +176,8 @@ class ParametrisedArm:
         if self.parameters:
             q[:, list(self.parameters)] = parameters
         rotation, position, moved = self.chain.frames(q)
-        directions, anchors = np.array([moved[k] for k in self.solved]).transpose(1, 0, 3, 2)
+        screws = np.array([moved[k] for k in self.solved]).transpose(1, 0, 3, 2)
+        directions, anchors = np.ascontiguousarray(screws)
         if self._inverted:
             directions, anchors = -directions[::-1], anchors[::-1]
         return _Axes(directions, anchors), rotation, position
@@ -256,7 +257,7 @@ def _kinds_of(axes: _Axes) -> list[str]:
 def _solved(axes: _Axes, kind: str, turn: Array, move: Array) -> Array:
     """Angles of the six hinges, (6, K, 8), for e1 … e6 = (turn (K, 3, 3), move (K, 3))."""
     z, centre = axes.directions[..., None], _meeting_point(axes, (3, 4, 5))
-    target = (rotate(turn, centre.T) + move).T[..., None]
+    target = (_turned(turn, centre) + move.T)[..., None]
     regional = _last_two_parallel if "∥" in kind else _last_two_meet
     if kind.startswith("2"):
         one, two, three = regional(axes, centre[..., None], target)  # (K, 4) each
@@ -264,7 +265,7 @@ def _solved(axes: _Axes, kind: str, turn: Array, move: Array) -> Array:
         mirrored = _Axes(-axes.directions[2::-1], axes.anchors[2::-1])
         three, two, one = regional(mirrored, target, centre[..., None])
     # What the last three have to add: R = (e1 e2 e3)⁻¹ turn, applied to two vectors.
-    five, six = (rotate(turn, axes.directions[k].T).T[..., None] for k in (4, 5))
+    five, six = (_turned(turn, axes.directions[k])[..., None] for k in (4, 5))
     for j, angle in ((0, one), (1, two), (2, three)):
         five, six = (_rotated(z[j], -angle, vector) for vector in (five, six))
     bend = _each(_projected(z[4], z[5], z[3], _dot(z[3], six)))
@@ -357,6 +358,12 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _norm(a: Array) -> Array:
     return np.sqrt(_dot(a, a))
+
+
+def _turned(rotations: Array, vectors: Array) -> Array:
+    """R v for each R (K, 3, 3), of vectors (3, K) or of one (3, 1), as (3, K) in memory, too."""
+    turned: Array = np.einsum("kij,jk->ik", rotations, vectors)
+    return turned
 
 
 def _sine(axes: _Axes, a: int, b: int) -> Array:

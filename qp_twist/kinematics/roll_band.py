@@ -11,7 +11,7 @@ from qp_twist.checks import Array, Mask, unit_vector
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, rotate
 from qp_twist.kinematics.frame_pair import FramePair
-from qp_twist.kinematics.stretch import Stretch, TurnAbout
+from qp_twist.kinematics.stretch import Stretch, turn_about
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 SWUNG_OVER = 1e-3
@@ -125,7 +125,7 @@ class RollBand(ToleranceBand):
 
     def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """Continuous bounds, from a roll within half a turn of the middle, rad, (K, 1) each."""
-        begin, end, away = TurnAbout(self.axis, self.frame).between(before, after, stretch)
+        begin, end, away = turn_about(self.axis, self.frame, before, after, stretch)
         turns = self._turns(begin)
         lowest = np.minimum(begin, end) - turns - away
         highest = np.maximum(begin, end) - turns + away

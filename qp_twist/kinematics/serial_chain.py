@@ -11,7 +11,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices, instance
+from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import cross
 from qp_twist.kinematics.frame import frame_pose, welded_to
@@ -144,33 +144,33 @@ class SerialChain:
 
     def frames(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """:meth:`poses`, and each joint's axis and a point on it, m, (K, 3) each."""
-        references, hinges, parts = self._constants
+        references, parts = self._constants
         travels = q[:, self.qpos] - references
         # Rodrigues' formula, as one product: numpy's is five times as fast as three broadcasts.
-        angles = travels[:, hinges].T
-        shares = np.ones((*angles.shape, 3))
-        shares[..., 1], shares[..., 2] = np.sin(angles), 2.0 * np.sin(0.5 * angles) ** 2
-        rotations = iter((shares @ parts).reshape(*angles.shape, 3, 3))
+        shares = np.ones((*travels.T.shape, 3))
+        shares[..., 1], shares[..., 2] = np.sin(travels.T), 2.0 * np.sin(0.5 * travels.T) ** 2
+        turns = (shares @ parts).reshape(-1, len(q), 3, 3)
         rotation = np.tile(np.eye(3), (len(q), 1, 1))
         position = np.zeros((len(q), 3))
         axes = []
-        for screw, travel in zip(self.screws, travels.T, strict=True):
+        for screw, travel, turn in zip(self.screws, travels.T, turns, strict=True):
             axis, anchor = _turned(rotation, screw.axis), _turned(rotation, screw.anchor) + position
             axes.append((axis, anchor))
+            if not travel.any():  # at the reference
+                continue
             if screw.slides:
                 position = position + travel[:, None] * axis
             else:
-                rotation = rotation @ next(rotations)
+                rotation = rotation @ turn
                 position = anchor - _turned(rotation, screw.anchor)
         return rotation @ self.rotation, position + _turned(rotation, self.position), axes
 
     @cached_property
-    def _constants(self) -> tuple[Array, Indices, Array]:
-        """The references (n,), which are hinges, and 1, [a] and [a]² of their axes, (h, 3, 9)."""
-        hinges = np.flatnonzero([not screw.slides for screw in self.screws])
-        skews = [np.cross(np.eye(3), self.screws[j].axis) for j in hinges]
+    def _constants(self) -> tuple[Array, Array]:
+        """The references (n,), and 1, [a] and [a]² of the axes, (n, 3, 9)."""
+        skews = [np.cross(np.eye(3), screw.axis) for screw in self.screws]
         parts = np.array([[np.eye(3), skew, skew @ skew] for skew in skews]).reshape(-1, 3, 9)
-        return np.array([screw.reference for screw in self.screws]), hinges, parts
+        return np.array([screw.reference for screw in self.screws]), parts
 
 
 def _turned(rotations: Array, vector: Array) -> Array:

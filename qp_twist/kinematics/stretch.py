@@ -71,42 +71,35 @@ class Stretch(NamedTuple):
         return off
 
 
-class TurnAbout:
-    """The angle φ of a frame's rotation about an axis a relative to its target.
+def turn_about(
+    axis: Array, frame: str, before: FramePair, after: FramePair, stretch: Stretch
+) -> tuple[Array, Array, Array]:
+    """The angle φ of a frame's rotation about an axis relative to its target, on K motions.
 
     With the quaternion (η, ε) of the relative rotation φ/2 is the direction of (η, a·ε) in the
     plane. That vector stays near its chord; φ is bounded while the chord keeps away from 0.
+
+    Returns:
+        φ at both ends, continuous between them, and the bound of its deviation, rad, (K,) each.
     """
-
-    def __init__(self, axis: Array, frame: str) -> None:
-        self.axis, self.frame = axis, frame
-
-    def between(
-        self, before: FramePair, after: FramePair, stretch: Stretch
-    ) -> tuple[Array, Array, Array]:
-        """φ at both ends, continuous between them, and the bound of its deviation, rad."""
-        one, two = self._quaternion(before), self._quaternion(after)
-        two = np.where(np.einsum("ki,ki->k", one, two) < 0.0, -1.0, 1.0)[:, None] * two
-        a, b = self._vector(one), self._vector(two)
-        turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ki,ki->k", a, b))
-        begin = 2.0 * np.arctan2(a[:, 1], a[:, 0])
-        total = stretch.turn + stretch.target_turn
-        away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
-        near = _nearest_to_zero(a, b)
-        # Up to half a turn in total, the quaternion at the end is the one that the motion reaches.
-        held = (total < np.pi) & (away < near)
-        sine = np.divide(away, near, out=np.ones_like(away), where=held)
-        begin = begin - 2.0 * np.pi * np.round(begin / (2.0 * np.pi))
-        return begin, begin + 2.0 * turn, np.where(held, 2.0 * np.arcsin(sine), np.inf)
-
-    def _quaternion(self, pair: FramePair) -> Array:
-        inverse = pair.target_rotation.transpose(0, 2, 1)
-        relative = pair.error if self.frame == "world" else inverse @ pair.rotation
-        quaternion: Array = Rotation.from_matrix(relative).as_quat()
-        return quaternion
-
-    def _vector(self, quaternion: Array) -> Array:
-        return np.column_stack([quaternion[:, 3], quaternion[:, :3] @ self.axis])
+    one, two = (
+        Rotation.from_matrix(
+            pair.error if frame == "world" else pair.target_rotation.swapaxes(1, 2) @ pair.rotation
+        ).as_quat()
+        for pair in (before, after)
+    )
+    two[(one * two).sum(axis=1) < 0.0] *= -1.0
+    a, b = (np.column_stack([q[:, 3], q[:, :3] @ axis]) for q in (one, two))
+    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    begin = 2.0 * np.arctan2(a[:, 1], a[:, 0])
+    total = stretch.turn + stretch.target_turn
+    away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
+    near = _nearest_to_zero(a, b)
+    # Up to half a turn in total, the quaternion at the end is the one that the motion reaches.
+    held = (total < np.pi) & (away < near)
+    sine = np.divide(away, near, out=np.ones_like(away), where=held)
+    begin = begin - 2.0 * np.pi * np.round(begin / (2.0 * np.pi))
+    return begin, begin + 2.0 * turn, np.where(held, 2.0 * np.arcsin(sine), np.inf)
 
 
 def angle_of_chord(chord: Array) -> Array:

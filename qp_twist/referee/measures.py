@@ -14,7 +14,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.constraints import Constraint
 from qp_twist.geometry import ProjectorKind, TwistProjector, resolved_twist_error
-from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, TurnAbout, angle_of_chord
+from qp_twist.kinematics import FramePair, Stretch, ToleranceBand, angle_of_chord, turn_about
 
 
 class Poses(NamedTuple):
@@ -99,10 +99,6 @@ class AxisError(Measure):
 
     def __init__(self, projector: TwistProjector) -> None:
         self.projector = projector
-        self._turn = None
-        if projector.angular.kind is ProjectorKind.LINE:
-            assert projector.angular.axis is not None
-            self._turn = TurnAbout(projector.angular.axis, projector.frame)
 
     def at(self, poses: Poses) -> Array:
         """The length, rad, (K, 1)."""
@@ -116,8 +112,10 @@ class AxisError(Measure):
         """The larger end plus the error's deviation from its chord."""
         if not self.projector.angular.rank:
             return np.zeros((len(before.q), 1))
-        if self._turn is not None:
-            begin, end, away = self._turn.between(before.pair, after.pair, passage.stretch)
+        if self.projector.angular.kind is ProjectorKind.LINE:
+            axis, frame, poses = self.projector.angular.axis, self.projector.frame, before.pair
+            assert axis is not None
+            begin, end, away = turn_about(axis, frame, poses, after.pair, passage.stretch)
             return np.minimum(np.maximum(np.abs(begin), np.abs(end)) + away, np.pi)[:, None]
         ends = np.maximum(self.at(before), self.at(after))
         off = passage.stretch.off_chord_of_angle(target=True)
