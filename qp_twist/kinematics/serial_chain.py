@@ -149,7 +149,7 @@ class SerialChain:
         # Rodrigues' formula, as one product: numpy's is five times as fast as three broadcasts.
         shares = np.ones((*travels.T.shape, 3))
         shares[..., 1], shares[..., 2] = np.sin(travels.T), 2.0 * np.sin(0.5 * travels.T) ** 2
-        turns = (shares @ parts).reshape(-1, len(q), 3, 3)
+        turns = (shares @ parts).reshape(len(self.screws), len(q), 3, 3)
         rotation = np.tile(np.eye(3), (len(q), 1, 1))
         position = np.zeros((len(q), 3))
         axes = []

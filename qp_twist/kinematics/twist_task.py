@@ -192,11 +192,8 @@ class TwistTask(mink.Task):
     ) -> TwistTask:
         """Position, and the direction of a tool axis: deburring, welding, spraying; rank 5.
 
-        Args:
-            frame_name: As in :class:`TwistTask`.
-            frame_type: Likewise.
-            axis: Of the tool, in the axes of the frame: the roll about it is free, (3,).
-            options: Other arguments of :class:`TwistTask`.
+        ``axis`` is that of the tool, in the axes of the frame, (3,): the roll about it is free. The
+        others are those of :class:`TwistTask`.
         """
         axis = unit_vector("axis_free(axis=…)", axis)
         T = TwistProjector(linear=Projector.full(), angular=Projector.plane(axis), frame="body")
@@ -204,7 +201,7 @@ class TwistTask(mink.Task):
 
     @staticmethod
     def point(frame_name: str | int, frame_type: str, **options: Any) -> TwistTask:
-        """Position alone, any orientation; rank 3. Arguments as in :meth:`axis_free`."""
+        """Position alone, any orientation; rank 3."""
         T = TwistProjector(linear=Projector.full(), angular=Projector.none())
         return TwistTask(frame_name, frame_type, T, **options)
 
@@ -214,8 +211,7 @@ class TwistTask(mink.Task):
     ) -> TwistTask:
         """The frame's origin on a line through the target, any orientation; rank 2.
 
-        ``direction`` is that of the line, in the axes of the target, (3,); the others are as in
-        :meth:`axis_free`.
+        ``direction`` is that of the line, in the axes of the target, (3,).
         """
         plane = Projector.plane(unit_vector("on_line(direction=…)", direction))
         T = TwistProjector(linear=plane, angular=Projector.none(), frame="target")
@@ -233,7 +229,7 @@ class TwistTask(mink.Task):
         """The frame's origin on a plane through the target: wiping, drawing; rank 1, flat 3.
 
         ``normal`` is that of the plane, in the axes of the target, (3,); with ``flat`` the same
-        axis of the frame is aligned with it. The others are as in :meth:`axis_free`.
+        axis of the frame is aligned with it.
         """
         normal = unit_vector("on_plane(normal=…)", normal)
         angular = Projector.plane(normal) if flat else Projector.none()
@@ -247,7 +243,7 @@ class TwistTask(mink.Task):
         """An axis of the frame on the same axis of the target, as a peg in its hole; rank 4.
 
         It may slide along the axis and rotate about it. ``direction`` is that of the axis, in the
-        axes of the frame and of the target, (3,); the others are as in :meth:`axis_free`.
+        axes of the frame and of the target, (3,).
         """
         plane = Projector.plane(unit_vector("line_on_line(direction=…)", direction))
         T = TwistProjector(linear=plane, angular=plane, frame="target")
@@ -297,11 +293,7 @@ class TwistTask(mink.Task):
         self._pose, self._feedforward = pose, feedforward
 
     def checked_pose(self, target: mink.SE3) -> Array:
-        """Unit quaternion and position of a target, a copy, (7,).
-
-        Raises:
-            InvalidTarget: If it is not finite, or not a pose at all.
-        """
+        """Unit quaternion and position of a target, a copy, (7,)."""
         if not isinstance(target, mink.SE3):
             raise InvalidTarget(
                 f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
@@ -331,11 +323,7 @@ class TwistTask(mink.Task):
         return carrier.inverse() @ pose
 
     def set_dt(self, dt: float) -> None:
-        """Set the time step, s. Required only for feed-forward with ``mink.solve_ik``.
-
-        mink's tasks return a displacement and do not know the time step;
-        :class:`~qp_twist.Controller` passes it.
-        """
+        """Set the time step, s: only needed for feed-forward with ``mink.solve_ik``."""
         self._dt = number("dt", dt, above=0.0)
 
     def state(self, configuration: mink.Configuration) -> TaskState:
@@ -400,10 +388,6 @@ class TwistTask(mink.Task):
         """The rows G q̇ ≤ g that the bands impose on a step of length ``dt``.
 
         One entry for each band with rows; a band on a value that T fixes has none.
-
-        Raises:
-            InvalidInput: If dt ≤ 0.
-            mink.TargetNotSet: If :meth:`set_target` has not been called.
         """
         dt = number("dt", dt, above=0.0)
         if not self.bands:
@@ -419,11 +403,7 @@ class TwistTask(mink.Task):
         return found
 
     def band_excess(self, configuration: mink.Configuration) -> Array:
-        """Violation of each band, rad or m, shape (bands,); 0 inside.
-
-        Raises:
-            mink.TargetNotSet: If :meth:`set_target` has not been called.
-        """
+        """Violation of each band, rad or m, shape (bands,); 0 inside."""
         if not self.bands:
             return np.zeros(0)
         pair = self._pair(configuration)

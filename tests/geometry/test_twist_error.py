@@ -226,7 +226,9 @@ def test_errors_of_many_poses_are_those_of_each(
     half = 2.0 * np.outer(Z, Z) - np.eye(3) if side < 0.0 else np.eye(3)
     R = np.array([R_d @ half, *(case.R for case in found)])
     p = np.array([p_d, *(case.p for case in found)])
-    if not one_target:
+    if one_target:
+        assert resolved_twist_error(R[:0], p[:0], R_d, p_d, T)[1].shape == (0, 6)
+    else:
         R_d = np.array([R_d, *(case.R_d for case in found)])
         p_d = np.array([p_d, *(case.p_d for case in found)])
     world, errors = resolved_twist_error(R, p, R_d, p_d, T)

@@ -65,6 +65,8 @@ def test_the_chain_has_mujocos_poses_and_jacobians(
     name = {"site": "tool", "body": "link_2", "geom": "geom_1"}[frame_type]
     chain = SerialChain.of(model, name, frame_type)
     q = rng.uniform(-3.0, 3.0, (5, model.nq))
+    q[:, rng.integers(model.nq)] = model.qpos0[0]  # one may be at its reference all the time
+    assert chain.poses(q[:0])[0].shape == (0, 3, 3)
     rotations, positions, jacobians = chain.poses_and_jacobians(q)
     for row, rotation, position, jacobian in zip(q, rotations, positions, jacobians, strict=True):
         configuration = mink.Configuration(model, row)
