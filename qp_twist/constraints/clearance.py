@@ -349,16 +349,17 @@ class Clearance(Constraint):
         own = set(map(tuple, self.pairs.tolist()))
         kept = (every.margins(np.asarray(q, dtype=np.float64)) >= 0.0).all(axis=0)
         kept &= np.array([tuple(pair) not in own for pair in every.pairs.tolist()], dtype=bool)
-        return Clearance(
-            self.model, self.distance, recovery_speed=self.recovery_speed, pairs=every.pairs[kept]
-        )
+        return every._of(every.pairs[kept])
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""
+        return self._of(self.pairs[:0])
+
+    def _of(self, pairs: Indices) -> Clearance:
+        """The same for other pairs (P, 2)."""
         return Clearance(
-            self.model, self.distance, self.ignored, recovery_speed=self.recovery_speed,
-            pairs=self.pairs[:0],
-        )  # fmt: skip
+            self.model, self.distance, self.ignored, recovery_speed=self.recovery_speed, pairs=pairs
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the arrays of the kernel, whose views would no longer share memory."""

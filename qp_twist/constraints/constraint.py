@@ -5,6 +5,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import mink
 import mujoco
@@ -239,3 +240,25 @@ def check_constraints(
             )
         check_constraint(label, constraint, model)
     return tuple(constraints)
+
+
+def check_model(name: str, item: Any, nv: int) -> None:
+    """Refuse a limit or task made for a model with another number of degrees of freedom.
+
+    Raises:
+        InvalidInput: If it was.
+    """
+    given: int | None = None
+    if isinstance(getattr(item, "ranges", None), JointRanges):
+        given = len(item.ranges.names)
+    elif isinstance(item, mink.PostureTask):  # a DampingTask, too
+        given = len(item.cost)
+    elif isinstance(item, mink.VelocityLimit) and item.projection_matrix is not None:
+        given = int(np.shape(item.projection_matrix)[1])
+    elif isinstance(getattr(item, "model", None), mujoco.MjModel):
+        given = int(item.model.nv)
+    if given is not None and given != nv:
+        raise InvalidInput(
+            f"{name}: {type(item).__name__} is for a model of {given} degrees of freedom, this one "
+            f"has {nv}; make it from the same model."
+        )

@@ -191,21 +191,17 @@ def couplings_of(
         model: The robot.
         templates: Tolerances and recovery speeds by unit; they may be of another model.
     """
-    templates_by_unit = {unit: c for c in templates for unit in c.units}
-    found: list[JointCouplings] = []
-    if not (model.eq_type == mujoco.mjtEq.mjEQ_JOINT).any():
-        return ()
-    for unit in ("rad", "m"):
-        like = templates_by_unit.get(unit)
-        made = JointCouplings(
+    like = {unit: couplings for couplings in templates for unit in couplings.units}
+    made = (
+        JointCouplings(
             model,
-            COUPLED_WITHIN if like is None else like.tolerance,
+            like[unit].tolerance if unit in like else COUPLED_WITHIN,
             unit=unit,
-            recovery_speed=JointCouplings.recovery_speed if like is None else like.recovery_speed,
+            recovery_speed=like.get(unit, JointCouplings).recovery_speed,
         )
-        if made.names:
-            found.append(made)
-    return tuple(found)
+        for unit in ("rad", "m")
+    )
+    return tuple(couplings for couplings in made if couplings.names)
 
 
 def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:

@@ -8,13 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, float_array, number
-from qp_twist.constraints.box_limit import BoxLimit, one_by_one
-from qp_twist.constraints.constraint import Constraint
+from qp_twist.constraints.position_limit import JointRangeLimit
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
 
 
-class DisplacementWindow(BoxLimit, Constraint):
+class DisplacementWindow(JointRangeLimit):
     r"""Keep :math:`|\theta - \theta_{ref}| \le w` for each joint.
 
     With w = v_max · Δt it is the velocity limit for a whole waypoint: all iterations of a waypoint
@@ -36,8 +34,7 @@ class DisplacementWindow(BoxLimit, Constraint):
         Raises:
             InvalidInput: If a shape is wrong or a width is negative or NaN.
         """
-        self.ranges = JointRanges.of(model)
-        self.names, self.units = self.ranges.names, self.ranges.units
+        super().__init__(model)
         self._nq = model.nq
         self.move(q_ref, half_width)
 
@@ -50,25 +47,11 @@ class DisplacementWindow(BoxLimit, Constraint):
                 f"DisplacementWindow: half_width needs {len(self.reference)} numbers of at least "
                 f"0, got {half_width!r}."
             )
+        self.lower = self.reference - self.half_width
+        self.upper = self.reference + self.half_width
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_ref ∓ w − θ)/dt, rad/s or m/s, each (nv,)."""
-        dt = number("dt", dt, above=0.0)
-        moved = self.reference - self.ranges.positions(configuration.q)
+        below, above = self._room(configuration.q) / number("dt", dt, above=0.0)
         # Rounding may leave the joint an ulp outside its window: standing still is always allowed.
-        lower = np.minimum((moved - self.half_width) / dt, 0.0)
-        upper = np.maximum((moved + self.half_width) / dt, 0.0)
-        return lower, upper
-
-    def margins(self, q: Array) -> Array:
-        """Distance of each joint from the window's nearer end, rad or m, (N, nv)."""
-        margins: Array = self.half_width - np.abs(self.ranges.positions(q) - self.reference)
-        return margins
-
-    def gradients(self, q: Array) -> Array:
-        """1 below the reference, −1 above it, (N, nv, nv)."""
-        return one_by_one(np.where(self.ranges.positions(q) < self.reference, 1.0, -1.0))
-
-    def change(self, q: Array, travel: Array) -> Array:
-        """The travel of each joint, (N, nv)."""
-        return travel
+        return np.minimum(-below, 0.0), np.maximum(above, 0.0)

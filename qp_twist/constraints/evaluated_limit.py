@@ -10,7 +10,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, are_rows, float_array, within
 from qp_twist.constraints.band_limit import BandLimit
-from qp_twist.constraints.box_limit import Box, no_box
+from qp_twist.constraints.box import Box, no_box
 from qp_twist.constraints.clearance import Clearance
 from qp_twist.constraints.constraint import Constraint, margins_of
 from qp_twist.constraints.position_limit import NOTICEABLE
@@ -52,7 +52,7 @@ class EvaluatedLimit:
     rows: Array
     bounds: Array
     rooms: Array
-    which: np.ndarray[tuple[int], np.dtype[np.intp]]
+    which: Indices
     recovering: tuple[str, ...] = ()
 
     @classmethod
@@ -70,59 +70,41 @@ class EvaluatedLimit:
         """
         nv = configuration.model.nv
         if known is None and isinstance(limit, Clearance):
-            return cls._of_clearance(limit, configuration, dt)
-        if known is None:
-            known = LimitRows.of(limit, configuration, dt)
-        G, g = _checked(type(limit).__name__, known.G, known.h, dt)
-        if not len(g):
+            # Its rows stay rows, so that they have the names of their pairs; they are numbers.
+            rows = limit.step_rows(configuration, dt)
+            if not len(rows.bounds):
+                return None
+            too_near = limit.in_step.least < 0.0
+            recovering = _recovering(limit, configuration) if too_near else ()
+            return cls(limit, no_box(limit.kind, nv), *rows, recovering)
+        kind = kind_of(limit)
+        known = known or LimitRows.of(limit, configuration, dt)
+        G, h = known.G, known.h
+        if not len(h):
             return None
+        name = type(limit).__name__
+        within(f"{name}: G", G, UNLIMITED)
+        if not h.min() > -np.inf:  # false for NaN
+            raise InvalidInput(
+                f"{name}: its rows G Δq ≤ h need h without NaN or −∞, it is {h!r}."[:300]
+            )
+        g: Array = np.where(h > UNLIMITED * dt, np.inf, h / dt)
         entries = (G != 0.0).sum(axis=1)
         single = entries == 1
-        box = no_box(kind_of(limit), nv)
-        if single.any():
-            box = _box(kind_of(limit), G[single], g[single])
+        box = _box(kind, G[single], g[single]) if single.any() else no_box(kind, nv)
         which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        none = np.zeros(len(which))
-        return cls(limit, box, G[which], g[which], none, which, known.recovering(configuration))
-
-    @classmethod
-    def _of_clearance(
-        cls, clearance: Clearance, configuration: mink.Configuration, dt: float
-    ) -> EvaluatedLimit | None:
-        """Its rows stay rows, so that they have the names of their pairs; they are numbers."""
-        rows = clearance.step_rows(configuration, dt)
-        if not len(rows.bounds):
-            return None
-        box = no_box(clearance.kind, configuration.model.nv)
-        return cls(clearance, box, *rows, NamedPairs.of(clearance, configuration).recovering)
+        names = limit.in_step.pairs[which] if isinstance(limit, Clearance) else which
+        return cls(
+            limit, box, G[which], g[which], np.zeros(len(which)), names,
+            known.recovering(configuration),
+        )  # fmt: skip
 
     @property
     def names(self) -> list[RowName]:
         """Of the rows."""
         if isinstance(self.limit, Clearance):
-            return NamedPairs(self.limit, self.which).names
+            return [(self.limit.names[pair], self.limit.kind) for pair in self.which.tolist()]
         return RowsOf(self.limit, self.which).names
-
-
-class NamedPairs(NamedTuple):
-    """The pairs of a clearance that have rows in a step; fields as of :class:`EvaluatedLimit`."""
-
-    limit: Clearance
-    which: Indices
-    recovering: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, clearance: Clearance, configuration: mink.Configuration) -> NamedPairs:
-        """Those of the present step."""
-        step = clearance.in_step
-        recovering = _recovering(clearance, configuration) if step.least < 0.0 else ()
-        return cls(clearance, step.pairs, recovering)
-
-    @property
-    def names(self) -> list[RowName]:
-        """Of the rows."""
-        names = self.limit.names
-        return [(names[pair], self.limit.kind) for pair in self.which.tolist()]
 
 
 class RowsOf(NamedTuple):
@@ -201,18 +183,6 @@ def _recovering(limit: Constraint, configuration: mink.Configuration) -> tuple[s
         f"{limit.names[k]} is {-margins[k]:.3g} {limit.units[k]} outside its {limit.kind} limit"
         for k in np.flatnonzero(margins < -NOTICEABLE)
     )
-
-
-def _checked(name: str, G: Array, h: Array, dt: float) -> tuple[Array, Array]:
-    """Check and return G and h/dt; bounds beyond ``UNLIMITED`` are dropped."""
-    within(f"{name}: G", G, UNLIMITED)
-    if not h.min(initial=0.0) > -np.inf:  # false for NaN
-        raise InvalidInput(
-            f"{name}: its rows G Δq ≤ h need h without NaN or −∞, it is {h!r}."[:300]
-        )
-    g: Array = h / dt
-    g[g > UNLIMITED] = np.inf
-    return G, g
 
 
 def _row_name(limit: mink.Limit, row: int) -> RowName:

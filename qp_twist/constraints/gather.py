@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.constraints.box_limit import Box, BoxLimit
+from qp_twist.constraints.box import Box, BoxLimit, Intersection, intersect
 from qp_twist.constraints.evaluated_limit import (
     UNLIMITED,
     EvaluatedLimit,
@@ -20,7 +20,6 @@ from qp_twist.constraints.evaluated_limit import (
     Named,
     RowName,
 )
-from qp_twist.constraints.intersection import Intersection, intersect
 from qp_twist.constraints.mink_box import mink_box
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.joint_ranges import joint_names

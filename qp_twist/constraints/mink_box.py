@@ -11,9 +11,9 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.constraints.box_limit import Box, no_box
+from qp_twist.constraints.box import Box, no_box
 
-_addresses: WeakKeyDictionary[mink.Limit, _Addresses] = WeakKeyDictionary()
+_joints: WeakKeyDictionary[mink.Limit, tuple[tuple[object, ...], MinkRange]] = WeakKeyDictionary()
 _speeds: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Box]] = WeakKeyDictionary()
 _of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange]] = WeakKeyDictionary()
 
@@ -52,7 +52,7 @@ def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | 
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
     """Index in q of each joint of the limit."""
-    return _addresses_of(limit).addresses
+    return _joints_of(limit).addresses
 
 
 class MinkRange(NamedTuple):
@@ -86,55 +86,34 @@ def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange
     The bounds are read in each call. The indices of its joints are cached until the arrays that
     contain them are replaced.
     """
-    known = _addresses_of(limit)
-    if (known.nq, known.nv) != (model.nq, model.nv):
+    known, own = _joints_of(limit), limit.model
+    if (own.nq, own.nv) != (model.nq, model.nv):
         return None
     if (limit.projection_matrix is None) != (len(known.dofs) == 0):
         return None
-    lower: object = limit.lower
-    upper: object = limit.upper
-    angles: object = limit._ball_max_angle
-    for numbers, shape in ((lower, known.nq), (upper, known.nq), (angles, len(known.ball_dofs))):
+    numbers: tuple[Any, ...] = limit.lower, limit.upper, limit._ball_max_angle
+    for array, length in zip(numbers, (model.nq, model.nq, len(known.ball_dofs)), strict=True):
         if (
-            not isinstance(numbers, np.ndarray)
-            or numbers.dtype != np.float64
-            or numbers.shape != (shape,)
+            not isinstance(array, np.ndarray)
+            or array.dtype != np.float64
+            or array.shape != (length,)
         ):
             return None
-    return MinkRange(
-        lower, upper, float(limit.gain), known.addresses, known.dofs, angles,  # type: ignore[arg-type]
-        known.ball_addresses, known.ball_dofs,
-    )  # fmt: skip
+    lower, upper, angles = numbers
+    return known._replace(lower=lower, upper=upper, gain=float(limit.gain), ball_angles=angles)
 
 
-class _Addresses(NamedTuple):
-    """Indices of a limit's joints, and the arrays that they come from."""
-
-    source: tuple[object, ...]
-    nq: int
-    nv: int
-    addresses: Indices
-    dofs: Indices
-    ball_addresses: Indices
-    ball_dofs: Indices
-
-
-def _addresses_of(limit: mink.ConfigurationLimit) -> _Addresses:
-    found = _addresses.get(limit)
-    source = limit.indices, limit.model, limit._ball_qposadr, limit._ball_dofadr
-    if found is None or any(map(operator.is_not, found.source, source)):
-        model = limit.model
-        dofs = np.array(limit.indices, dtype=np.intp)
-        found = _addresses[limit] = _Addresses(
-            source=source,
-            nq=model.nq,
-            nv=model.nv,
-            addresses=model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp),
-            dofs=dofs,
-            ball_addresses=np.array(limit._ball_qposadr, dtype=np.intp),
-            ball_dofs=np.array(limit._ball_dofadr, dtype=np.intp),
-        )
-    return found
+def _joints_of(limit: mink.ConfigurationLimit) -> MinkRange:
+    """The joints of a limit, without its bounds, read again if the arrays are replaced."""
+    kept, model = _joints.get(limit), limit.model
+    source = limit.indices, model, limit._ball_qposadr, limit._ball_dofadr
+    if kept is None or any(map(operator.is_not, kept[0], source)):
+        dofs, none = np.array(limit.indices, dtype=np.intp), np.zeros(0)
+        addresses = model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp)
+        balls = np.array([limit._ball_qposadr, limit._ball_dofadr], dtype=np.intp)
+        made = MinkRange(none, none, 1.0, addresses, dofs, none, *balls)
+        kept = _joints[limit] = source, made
+    return kept[1]
 
 
 def default_range(model: mujoco.MjModel) -> MinkRange:

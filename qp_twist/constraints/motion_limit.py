@@ -9,14 +9,13 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, number
-from qp_twist.constraints.array_attribute import array_attribute
-from qp_twist.constraints.box_limit import Box
+from qp_twist.checks import Array, finite_array, float_array, number
+from qp_twist.constraints.box import Box, intersect
 from qp_twist.constraints.couplings import share_limits
-from qp_twist.constraints.intersection import intersect
-from qp_twist.constraints.per_joint import per_joint
-from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit
+from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit, array_attribute
 from qp_twist.constraints.stopping_speed import stopping_speed
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges
 
 
 class MotionLimit(PositionLimit):
@@ -124,7 +123,7 @@ class MotionLimit(PositionLimit):
         speed = np.array((-self.velocity, self.velocity))
         braked = speed - self.max_acceleration * dt
         if np.count_nonzero(braked > 0.0):  # a joint that can stop in this step is not late
-            room = self._room(configuration)
+            room = self._room(configuration.q)
             within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
             for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):
                 sentences.append(
@@ -139,3 +138,46 @@ class MotionLimit(PositionLimit):
 
     def _fastest(self, room: Array, dt: float) -> Array:
         return stopping_speed(room, self.max_acceleration, dt)
+
+
+def per_joint(
+    name: str, value: Mapping[str, float] | npt.ArrayLike | None, ranges: JointRanges
+) -> Array:
+    """Limits by degree of freedom, (nv,); ∞ without a limit.
+
+    Args:
+        name: Name of the value in messages.
+        value: By joint name (a ball or free joint's counts for each of its degrees of freedom), a
+            number for all, an array (nv,), or ``None`` for no limits. Entries are above 0, ``inf``
+            included.
+        ranges: Joint ranges of the model.
+
+    Raises:
+        InvalidInput: If there is no such joint, or a shape or a sign is wrong.
+    """
+    nv = len(ranges.names)
+    limits = np.full(nv, np.inf)
+    if isinstance(value, Mapping):
+        for joint, limit in value.items():
+            dofs = [dof for dof in range(nv) if ranges.names[dof] == joint]
+            if not dofs:
+                raise InvalidInput(
+                    f"{name}.{joint}: the model has no joint of that name; it has "
+                    f"{', '.join(dict.fromkeys(ranges.names))}."
+                )
+            limits[dofs] = _checked(f"{name}.{joint}", limit, ())
+    elif value is not None:
+        limits[:] = _checked(name, value, (nv,))
+    return limits
+
+
+def _checked(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
+    limits = float_array(name, value)
+    if limits.shape not in ((), shape):
+        raise InvalidInput(
+            f"{name}: expected a number{f' or {shape[0]} of them' if shape else ''}, got an array "
+            f"of shape {limits.shape}."
+        )
+    if not (limits > 0.0).all():
+        raise InvalidInput(f"{name}: expected numbers above 0, got {limits.tolist()}.")
+    return limits

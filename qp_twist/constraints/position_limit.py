@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, number
-from qp_twist.constraints.array_attribute import array_attribute
-from qp_twist.constraints.box_limit import BoxLimit, one_by_one
+from qp_twist.checks import Array, checked, float_array, number, read_only
+from qp_twist.constraints.box import BoxLimit
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -21,7 +22,64 @@ NOTICEABLE = 1e-9
 reported."""
 
 
-class PositionLimit(BoxLimit, Constraint):
+def array_attribute() -> Any:
+    """An attribute that holds an array, (nv,); entries may be infinite.
+
+    The array is read-only; assign another one to change it. Each assignment increments the limit's
+    ``revision``, by which a compiled step notices the change.
+    """
+    return checked(_copied)
+
+
+def _copied(limit: Any, name: str, value: Any) -> Array:
+    array, before = float_array(name, value), getattr(limit, f"_{name}", None)
+    if before is not None and array.shape != before.shape:
+        raise InvalidInput(f"{name}: expected an array of shape {before.shape}, got {array.shape}.")
+    if np.isnan(array).any():
+        raise InvalidInput(f"{name}: entries must be numbers or infinite, not NaN.")
+    limit.revision = getattr(limit, "revision", 0) + 1
+    return read_only(array)
+
+
+class JointRangeLimit(BoxLimit, Constraint):
+    """Base of limits that keep each joint between two ends.
+
+    Attributes:
+        lower: Lower end, rad or m, (nv,); −∞ without one.
+        upper: Upper end, (nv,); ∞ without one.
+        ranges: Joints of the model.
+    """
+
+    lower: Array
+    upper: Array
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.ranges = JointRanges.of(model)
+        self.names, self.units = self.ranges.names, self.ranges.units
+
+    def margins(self, q: Array) -> Array:
+        """Distance of each joint from the nearer end, rad or m, (N, nv)."""
+        below, above = self._room(q)
+        margins: Array = np.minimum(below, above)
+        return margins
+
+    def gradients(self, q: Array) -> Array:
+        """1 or −1 for each joint, (N, nv, nv)."""
+        below, above = self._room(q)
+        gradients: Array = np.where(below < above, 1.0, -1.0)[:, :, None] * np.eye(len(self.names))
+        return gradients
+
+    def change(self, q: Array, travel: Array) -> Array:
+        """The travel of each joint, (N, nv)."""
+        return travel
+
+    def _room(self, q: Array) -> Array:
+        """Distances from the lower and from the upper end, rad or m; negative outside."""
+        positions = self.ranges.positions(q)
+        return np.array((positions - self.lower, self.upper - positions))
+
+
+class PositionLimit(JointRangeLimit):
     r"""Keep every joint in its range after the step.
 
     .. math:: (\theta_{min} - \theta)/dt \le \dot\theta \le (\theta_{max} - \theta)/dt
@@ -55,8 +113,7 @@ class PositionLimit(BoxLimit, Constraint):
             InvalidInput: If a ball joint has a limit, which is not a bound on one velocity, or the
                 margin leaves a joint no range.
         """
-        self.ranges = JointRanges.of(model)
-        self.names, self.units = self.ranges.names, self.ranges.units
+        super().__init__(model)
         for joint in range(model.njnt):
             ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
             if ball and model.jnt_limited[joint]:
@@ -80,7 +137,7 @@ class PositionLimit(BoxLimit, Constraint):
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
         dt = number("dt", dt, above=0.0)
-        room = self._room(configuration)
+        room = self._room(configuration.q)
         # A joint inside its range, up to rounding, may always stand still.
         fastest = self._fastest(np.maximum(room - self.rounding, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
@@ -92,25 +149,9 @@ class PositionLimit(BoxLimit, Constraint):
             upper = np.where(above, np.maximum(room[1] / dt, lower), upper)
         return lower, upper
 
-    def margins(self, q: Array) -> Array:
-        """Distance of each joint from the nearer end of its range, rad or m, (N, nv)."""
-        positions = self.ranges.positions(q)
-        margins: Array = np.minimum(positions - self.lower, self.upper - positions)
-        return margins
-
-    def gradients(self, q: Array) -> Array:
-        """1 or −1 for each joint, (N, nv, nv)."""
-        positions = self.ranges.positions(q)
-        rising = positions - self.lower < self.upper - positions
-        return one_by_one(np.where(rising, 1.0, -1.0))
-
-    def change(self, q: Array, travel: Array) -> Array:
-        """The travel of each joint, (N, nv)."""
-        return travel
-
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range."""
-        room = self._room(configuration)
+        room = self._room(configuration.q)
         if not np.count_nonzero(room < -NOTICEABLE):
             return ()
         return tuple(
@@ -125,11 +166,6 @@ class PositionLimit(BoxLimit, Constraint):
         self.lower, self.upper = lower, upper
         ends = np.abs(np.array((lower, upper)))
         self.rounding = STOPPING_CLEARANCE * np.maximum(1.0, np.where(np.isfinite(ends), ends, 0.0))
-
-    def _room(self, configuration: mink.Configuration) -> Array:
-        """θ − θ_min and θ_max − θ, rad or m, (2, nv); negative outside."""
-        q = self.ranges.positions(configuration.q)
-        return np.array((q - self.lower, self.upper - q))
 
     def _fastest(self, room: Array, dt: float) -> Array:
         """Largest speed towards a limit that is ``room`` (…, nv) away."""
