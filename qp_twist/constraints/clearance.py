@@ -244,7 +244,7 @@ class Clearance(Constraint):
         if not self.has_begun:
             self.begin(configuration)
             self.has_begun = False
-        return self.in_step.rows(configuration.q, dt)
+        return self.in_step.rows(configuration.data.qpos, dt)
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float

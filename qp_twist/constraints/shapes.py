@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -33,7 +34,7 @@ class MovingShapes:
     Distances and depths are those of :mod:`qp_twist.kernel.convex`.
 
     Attributes:
-        cell: Them, as the kernel takes them; queries work on copies.
+        cell: Them, as the kernel takes them in a step; queries work on copies, which are kept.
         has_moved: Whether mocap bodies were taken from MuJoCo's data.
     """
 
@@ -53,6 +54,8 @@ class MovingShapes:
         self._write_tree(geoms)
         self._write_shapes(geoms, vertices)
         self._write_pairs(geoms, chains)
+        self._copies: list[Cell] = []  # with the obstacles where they are now
+        self._codes: dict[Any, Any] = {}
         self._mocap = np.zeros((model.nmocap, 3)), np.zeros((model.nmocap, 4))
         self._move_obstacles = bound(move_obstacles, self.cell, *self._mocap, False)
 
@@ -66,7 +69,7 @@ class MovingShapes:
         """
         q = self.configurations(q)
         found = np.zeros((len(q), len(self._pairs)))
-        distances(self.cell.copy(), q, max(enough, 0.0), found)
+        self._ask(distances, q, max(float(enough), 0.0), found)
         return found
 
     def first_below(self, q: Array, distance: float) -> Indices:
@@ -76,21 +79,21 @@ class MovingShapes:
             return np.where(below.any(axis=1), below.argmax(axis=1), -1)
         q = self.configurations(q)
         found = np.zeros(len(q), dtype=np.int64)
-        first_below(self.cell.copy(), q, distance, found)
+        self._ask(first_below, q, float(distance), found)
         return found
 
     def gradients(self, q: Array, which: Indices) -> Array:
         """Derivatives (N, k, nv) of the distances of pairs ``which`` (N, k); 0 for the index −1."""
         q, which = self.configurations(q), np.ascontiguousarray(which, dtype=np.int64)
         found = np.zeros((*which.shape, self._model.nv))
-        gradients(self.cell.copy(), q, which, found)
+        self._ask(gradients, q, which, found)
         return found
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
         q, travel = self.configurations(q), _rows("travel", travel, self._model.nv)
         found = np.zeros((len(q), len(self._pairs)))
-        changes(self.cell.copy(), q, travel, found)
+        self._ask(changes, q, travel, found)
         return found
 
     def least(
@@ -102,8 +105,8 @@ class MovingShapes:
         unknown = np.full_like(travel, np.inf)
         curve = unknown if curve is None else _rows("curve", curve, self._model.nv)
         found = np.zeros((len(before), len(self._pairs)))
-        sharp = max(distance, 0.0)
-        least_distances(self.cell.copy(), before, after, travel, curve, sharp, found)
+        sharp = max(float(distance), 0.0)
+        self._ask(least_distances, before, after, travel, curve, sharp, found)
         return found
 
     def take_mocap(self, data: mujoco.MjData) -> None:
@@ -125,7 +128,20 @@ class MovingShapes:
                 f"{data.mocap_quat[refused].tolist()}; set data.mocap_pos and mocap_quat before "
                 "the step."
             )
-        self.has_moved = True
+        self.has_moved, self._copies = True, []
+
+    def _ask(self, question: Any, *arguments: Any) -> None:
+        """Call a kernel of the clearance on a copy of the cell that no other thread uses."""
+        copies = self._copies
+        try:
+            cell = copies.pop()
+        except IndexError:
+            cell = self.cell.copy()
+        code = self._codes.get(question)
+        if code is None:
+            code = self._codes[question] = bound(question, cell, *arguments)
+        code(cell, *arguments)
+        copies.append(cell)
 
     # ------------------------------------------------------------------ layout
 
