@@ -50,10 +50,10 @@ class ParametrisedArm:
 
     Of the six, in their order in the chain, the last three (or the first three) have axes that meet
     in a point, and of the other three two neighbours meet or are parallel (Pieper, *The kinematics
-    of manipulators under computer control*, Stanford 1968). Seven-axis arms of the kind S-R-S, the
-    Panda, the Fetch, and industrial arms on a rail, a column or behind a table that turns and tilts
-    are of this kind: with one joint given, or the external ones. A given joint may also be between
-    the six: those after it are moved with it,
+    of manipulators under computer control*, Stanford 1968). Industrial arms with a spherical wrist
+    are of this kind, on a rail, a column or behind a table that turns and tilts with the external
+    joints given, and seven-axis arms of the kind S-R-S, the Panda and the Fetch with one joint
+    given. A given joint may also be between the six: those after it are moved with it,
 
     .. math::
 

@@ -341,6 +341,8 @@ class TwistTask(mink.Task):
     def clamped(self, error: npt.ArrayLike) -> Array:
         """Δt (6,) clamped to the largest steps, before the gain."""
         error = finite_array("error", error, (6,))
+        if self.max_linear_step == self.max_angular_step == math.inf:
+            return error
         return clamp_twist(error, self.max_linear_step, self.max_angular_step)
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
