@@ -716,7 +716,8 @@ def way(world: str, seed: int) -> Way:
 def limits(model: mujoco.MjModel, acceleration: float | None = None) -> list[Any]:
     """Clearance and motion limits of the controller; the last two links are always near."""
     clearance = qt.Clearance(model, distance=ASKED, ignore=[("link_5", "link_7")])
-    return [clearance, qt.MotionLimit(model, velocity=FASTEST, acceleration=acceleration)]
+    hardest = "default" if acceleration is None else acceleration
+    return [clearance, qt.MotionLimit(model, velocity=FASTEST, acceleration=hardest)]
 
 
 def ours(made: Way, mode: str, acceleration: float | None) -> Any:

@@ -5,7 +5,8 @@
         [--first 0] [--figure FILE] [--write]
 
 Every case is run at 200 Hz with joint speeds up to pi/2 rad/s by mink's soft frame task and by the
-controller with ``scale`` and ``relax``, each without and with an acceleration limit of 10 rad/s^2.
+controller with ``scale`` and ``relax``, each with the default acceleration limit (full speed within
+50 ms) and with one of 10 rad/s^2.
 Shown are rms joint acceleration (rad/s^2), sign changes of joints that move faster than 0.3 rad/s
 from one step to the next, mean position error (mm), and for all four settings of the controller the
 largest final error and the largest excess over position, velocity and acceleration limits. An
@@ -522,7 +523,6 @@ def excursions(arm: Arm, seeds: Sequence[int], mode: str, limit: float | None) -
     targets = np.array([np.tile(pose, (count, 1, 1)) for pose in home])
     q, before = np.tile(arm.home, (count, 1)), np.zeros((count, arm.model.nv))
     lower, upper = arm.model.jnt_range.T
-    passed_over = np.zeros(count)
     flips, failures = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
     square, mean, excess = np.zeros(count), np.zeros(count), np.full(count, -np.inf)
     steps = round(5.0 / DT)
@@ -532,8 +532,7 @@ def excursions(arm: Arm, seeds: Sequence[int], mode: str, limit: float | None) -
         targets[0, :, :3, 3] = home[0][:3, 3] + by
         targets[0, :, :3, :3] = rotations(window * turn) @ home[0][:3, :3]
         aims = targets if len(arm.frames) > 1 else targets[0]
-        step = qt.batch.step(controller, q, DT, aims, velocity=before, passed_over=passed_over)
-        passed_over = step.passed_over
+        step = qt.batch.step(controller, q, DT, aims, velocity=before)
         failed = np.isnan(step.velocity).any(axis=1)
         failures += failed
         velocity = np.where(failed[:, None], 0.0, step.velocity)
@@ -585,7 +584,11 @@ def _controller(arm: Arm, mode: str, limit: float | None, **options: Any) -> qt.
     """The controller of all cases, with a light posture as its secondary."""
     return qt.Controller(
         arm.model, [qt.TwistTask.axis_free(name, "site") for name in arm.frames],
-        limits=[qt.MotionLimit(arm.model, velocity=FASTEST, acceleration=limit)],
+        limits=[
+            qt.MotionLimit(
+                arm.model, velocity=FASTEST, acceleration="default" if limit is None else limit
+            )
+        ],
         secondary=[qt.PostureReference(arm.model, arm.posture, gain=0.01)],
         on_infeasible=mode, **options,  # type: ignore[arg-type]
     )  # fmt: skip
@@ -660,7 +663,8 @@ def excursions_page(arms: str, runs: int, soft_runs: int, first: int, jobs: int)
             worst = np.flatnonzero(flips > 5) if mode else ()
             still = [missing_flips(seeds[k], arm, mode, limit) for k in worst]
             above = f"{len(still)}, {sum(f > 5 for f in still)}" if mode else int((flips > 5).sum())
-            who = arm, mode or "soft task", "" if limit is None else f"{limit:g}"
+            limited = "default" if limit is None else f"{limit:g}"
+            who = arm, mode or "soft task", limited if mode else ""
             quantiles = ", ".join(f"{v:.0f}" for v in np.quantile(flips, (0.5, 0.99, 1.0)))
             rows.append(
                 (*who, len(found), quantiles,

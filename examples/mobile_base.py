@@ -23,7 +23,8 @@ controller = qt.Controller(
     # The base moves where the arm would have to leave its posture, and is five times as dear.
     secondary=[qt.PostureReference(model, configuration.q, gain=0.02)],
     metric=np.concatenate([np.full(3, 25.0), np.ones(7)]),
-    limits=[qt.MotionLimit(model, velocity=base | arm)],
+    # The point starts at full speed.
+    limits=[qt.MotionLimit(model, velocity=base | arm, acceleration=None)],
 )
 start = configuration.get_transform_frame_to_world("arm_tool", "site").translation()
 errors, scales = [], []

@@ -14,7 +14,8 @@ upright = qt.TwistProjector(
 )
 tip = qt.TwistTask("tip", "site", path.projector)  # two rows
 pointing = qt.TwistTask("tip", "site", upright)  # one row more: all three joints
-limits = [qt.MotionLimit(path.model, velocity=2.0)]  # joint ranges, and 2 rad/s
+# Joint ranges, and 2 rad/s at once: the targets begin at speed.
+limits = [qt.MotionLimit(path.model, velocity=2.0, acceleration=None)]
 controller = qt.Controller(path.model, levels=[[tip], [pointing]], limits=limits)
 
 configuration = mink.Configuration(path.model, np.radians([45.0, 60.0, 100.0]))

@@ -147,7 +147,7 @@ def own_step(
             levels=levels,
             secondary=[PostureReference(problem.model, problem.middle, gain=problem.gain)],
             secondary_space=space,
-            limits=[MotionLimit(problem.model, velocity=problem.speeds), *rows],
+            limits=[MotionLimit(problem.model, velocity=problem.speeds, acceleration=None), *rows],
             solver=solver,
         )
         configuration = mink.Configuration(problem.model)

@@ -289,6 +289,14 @@ def share_limits(
                 )
 
 
+def coupled_nonlinearly(model: mujoco.MjModel) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which degrees of freedom are coupled to another by a polynomial that is not linear, (nv,)."""
+    couplings, bent = JointCouplings(model), np.zeros(model.nv, dtype=np.bool_)
+    curved = (couplings.coefficients[:, 2:] != 0.0).any(axis=1)
+    bent[couplings.first[curved]] = bent[couplings.second[curved]] = True
+    return bent
+
+
 def _names(couplings: JointCouplings, number: int) -> str:
     pair = couplings.first[number], couplings.second[number]
     return f"joints {' and '.join(repr(couplings.joints[dof]) for dof in pair)}"

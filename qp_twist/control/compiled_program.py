@@ -64,7 +64,7 @@ class CompiledProgram:
         self._k, self._is_valid = 0, True
         # Arrays by m and their capacity of inequality rows.
         self._kept: dict[tuple[int, int], _Arrays] = {}
-        self._size, self._result = Sizes(n, 0, 0, 1, 0, n, 0, 0, 0), np.zeros(0)
+        self._size, self._result = Sizes(n, 0, 0, 1, 0, 0, 0, 0), np.zeros(0)
         self._dependent: tuple[Array, Array] | None = None
 
     @classmethod
@@ -273,7 +273,7 @@ class _Arrays:
     """Arrays of the kernel for m equality rows and up to ``room`` inequality rows."""
 
     def __init__(self, n: int, m: int, room: int) -> None:
-        self._most = Sizes(n, m, 0, 1, 0, n, 0, 0, room)
+        self._most = Sizes(n, m, 0, 1, 0, 0, 0, room)
         self.floats, self.integers = PROGRAM.allocate(self._most)
         self.level_ends = np.array([m])
         self._by_rows: dict[int, tuple[Sizes, Array]] = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from operator import attrgetter
 from typing import Any, Protocol
 
@@ -36,14 +35,10 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
-from qp_twist.kernel.edge_rows import EDGE, FITTING, EdgeArrays
-from qp_twist.kernel.edge_step import DEAD
 from qp_twist.kernel.live_step import (
     NO_EFFECT,
     PYTHON_JACOBIAN,
-    live_edge_levels,
     live_edge_step,
-    live_infeasible_step,
     live_step,
 )
 from qp_twist.kernel.record import Integers
@@ -83,7 +78,7 @@ from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
-from qp_twist.qp import EdgeRows, LostDirection
+from qp_twist.qp import LostDirection, lost_directions
 
 _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
@@ -114,15 +109,10 @@ class Composition(Protocol):
     free_costs: list[FreeTwistCost]
     solver: str
     on_infeasible: str
-    passed_over: float
 
     @property
     def trusts(self) -> bool:
         """Whether weak directions are damped by the length of the error."""
-
-    @property
-    def has_inertia(self) -> bool:
-        """Whether joints keep a share of their velocity where the task is not met."""
 
 
 class CompiledStep:
@@ -178,18 +168,15 @@ class CompiledStep:
         self._slacks = sum(band.weight is not None for task in self._tasks for band in task.bands)
         table, types = with_slacks(*table_of(limits, nv), self._slacks)
         n = nv + self._slacks
-        dense = self.twist_space is not None or bool(self._soft_tasks)
         self._size = size = Sizes(
             nv=n, m=sum(self._ranks), tasks=len(self._tasks), levels=len(self._ends),
-            limits=len(types), dense=n if dense else 0,
+            limits=len(types),
             free=6 * len(self._tasks) if self.twist_space else 0,
             others=n if self._soft_tasks else 0, k=capacity,
         )  # fmt: skip
         self._capacity = capacity
         self._floats, self._integers = STEP.allocate(size)
-        self._by_rows: dict[int, tuple[tuple[Integers, Integers], StepInputs, Program, Array]] = {}
-        self._edge: tuple[Array, Integers] = EDGE.allocate(self._edge_size)
-        self._edge_arrays: EdgeArrays | None = None  # up to ``numbers``, for any number of rows
+        self._by_rows: dict[int, tuple[Integers, StepInputs, Program, Array]] = {}
         self._take_rows(0)
         g = self._inputs
         self._python_tasks = [n for n, task in enumerate(self._tasks) if not rows_known(task)]
@@ -251,12 +238,6 @@ class CompiledStep:
         self._moving = [True] * len(self._tasks)
         g.sources[-2:] = model.nq, model.njnt
 
-    @property
-    def _edge_size(self) -> Sizes:
-        """Sizes of the program at the edge: a slack for each row and the scale are unknowns too."""
-        n = self._size.nv + self._size.m + 1
-        return self._size._replace(nv=n, dense=n, levels=1, limits=0, free=0, others=0)
-
     def _take_rows(self, k: int) -> None:
         """Take the views for k inequality rows; they are made the first time."""
         self._size = self._size._replace(k=k)
@@ -265,20 +246,19 @@ class CompiledStep:
             known = self._by_rows[k] = self._views()
         self._inputs: StepInputs
         self._program: Program
-        tables, self._inputs, self._program, self._result = known
+        table, self._inputs, self._program, self._result = known
         self._velocity = self._program.x[: self._model.nv]
-        self._integers[: STEP.head], self._edge[1][: EDGE.head] = tables
+        self._integers[: STEP.head] = table
 
-    def _views(self) -> tuple[tuple[Integers, Integers], StepInputs, Program, Array]:
-        """The tables of both records at the present size, and views of a step's arrays."""
+    def _views(self) -> tuple[Integers, StepInputs, Program, Array]:
+        """The table of the record at the present size, and views of a step's arrays."""
         size, integers = self._size, self._integers
         STEP.resize(integers, size)
-        EDGE.resize(self._edge[1], self._edge_size)
-        tables = integers[: STEP.head].copy(), self._edge[1][: EDGE.head].copy()
+        table = integers[: STEP.head].copy()
         stages = STEP.arrays(self._floats, integers, integers)
         first = STEP_INPUTS.layout(size).floats
         result = self._floats[first : first + PROGRAM.end(size, "sensitivity")]
-        return tables, stages.inputs, stages.program, result
+        return table, stages.inputs, stages.program, result
 
     def __call__(
         self,
@@ -303,18 +283,22 @@ class CompiledStep:
                 return None
             rows = updated
         self._update(composed, configuration, h)
-        passed_over, use_secondary = composed.passed_over, h.acts
+        use_secondary = h.acts
         status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-        status, at_edge, passed, fades = self._finished(status, dt, use_secondary, passed_over)
+        if status in (AT_THE_EDGE, INFEASIBLE):
+            is_infeasible, status = status == INFEASIBLE, REFUSED
+            if composed.on_infeasible != "raise":
+                status = live_edge_step(
+                    self._floats, self._integers, dt, use_secondary, self.twist_space,
+                    is_infeasible,
+                )  # fmt: skip
         if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
             return None
         step = LazyStep.made(self._velocity, self._result, self._size, self._labels, rows)
         if status != DONE:
             self._describe(step, status)
-        if at_edge:
-            step.__dict__["passed_over"] = passed
-            if fades:
-                self._describe_fading(step, composed, configuration, dt)
+            if self._program.lacks[0] > 0.0:
+                self._describe_losses(step, composed, configuration)
         return step
 
     def _update(
@@ -333,87 +317,44 @@ class CompiledStep:
     def _describe(self, step: LazyStep, status: int) -> None:
         """Record what a step does not meet."""
         gaps: tuple[float, ...] = ()
-        if not self._smooth and status in (RELAXED, PRIORITIZED):
+        if len(self._levels) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
             gaps = tuple(self._program.levels.gaps.tolist())
         scale = self._program.sensitivity.item(0)
         step.set_outcome(_STATUSES[status], scale, gaps, status in _AS_POSED)
 
     def _relaxes_a_band(self, status: int) -> bool:
         """Whether a band is relaxed with its level, which the kernel treats as a limit."""
-        if status in (RELAXED, PRIORITIZED):
-            return True
-        if status != SCALED or not self._smooth:
-            return False
-        # The scaled step had to be compared with the relaxed one.
-        return float(self._program.sensitivity[0]) < DEAD * float(self._program.braking[0])
+        return status in (RELAXED, PRIORITIZED) and (len(self._levels) > 1 or not self._smooth)
 
     def _make_room(self, composed: Composition, k: int) -> None:
         """Lay out the step for ``k`` inequality rows."""
         if k > self._capacity:
             self._lay_out(composed, 2 * k)
         self._take_rows(k)
-        self._program.active_count[0] = 0
-
-    def _finished(
-        self, status: int, dt: float, use_secondary: bool, passed_over: float
-    ) -> tuple[int, bool, float, bool]:
-        """Compute a step that is at the edge or infeasible.
-
-        ``passed_over``: ψ of the last step.
-
-        Returns:
-            The outcome; whether the step is at the edge, and then ψ and whether a direction fades.
-        """
-        arrays = self._floats, self._integers
-        if status == AT_THE_EDGE or (status == INFEASIBLE and self._smooth):
-            if len(self._levels) > 1:
-                found = REFUSED
-                if status == INFEASIBLE:
-                    found = live_edge_levels(*arrays, *self._edge, dt)
-                return found, False, 0.0, False
-            found, passed, fades = live_edge_step(
-                *arrays, *self._edge, dt, use_secondary, self.twist_space, status == INFEASIBLE,
-                passed_over,
-            )  # fmt: skip
-            return found, True, passed, fades
-        if status == INFEASIBLE:
-            status = live_infeasible_step(*arrays)
-        return status, False, 0.0, False
-
-    @property
-    def _edge_view(self) -> EdgeArrays:
-        """The arrays of steps at the edge, as views."""
-        if self._edge_arrays is None:
-            self._edge_arrays = EDGE.arrays(*self._edge, self._edge[1], "numbers")
-        return self._edge_arrays
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
-        if self._smooth and len(self._levels) > 1:
-            live_edge_levels(self._floats, self._integers, *self._edge, 1.0)
-        elif self._smooth:
-            live_edge_step(
-                self._floats, self._integers, *self._edge, 1.0, False, self.twist_space, False, 0.0
-            )
-        else:
-            live_infeasible_step(self._floats, self._integers)
-        self._program.active_count[0] = 0
+        live_edge_step(self._floats, self._integers, 1.0, False, self.twist_space, False)
 
-    def _describe_fading(
-        self, step: LazyStep, composed: Composition, configuration: mink.Configuration, dt: float
+    def _describe_losses(
+        self, step: LazyStep, composed: Composition, configuration: mink.Configuration
     ) -> None:
-        """Record how the directions are computed that a step lacks."""
-        edge = self._edge_view
-        A, b = self._program.A[:, : self._model.nv].copy(), edge.stated.copy()
-        fitting, tasks = float(edge.numbers[FITTING]), self._tasks
-        scale = step.scale / float(self._program.braking[0])
-        bases = [task.state(configuration).basis for task in tasks]
-        trust, threshold = composed.trusts, composed.singularity
+        """Record how the directions are computed in which the step delivers less than is asked."""
+        first, nv = int(self._ends[0]), self._model.nv
+        A, b = self._program.A[:first, :nv].copy(), self._program.b[:first].copy()
+        tasks, threshold, velocity = self._tasks, composed.singularity, step.velocity.copy()
+        g, known = self._inputs, self._python_tasks
+        turns = g.poses[:, :9].copy(), g.targets[:, :9].copy()
+        states = [task.state(configuration) if n in known else None for n, task in enumerate(tasks)]
 
         def lost() -> tuple[LostDirection, ...]:
-            rows = replace(EdgeRows.of(A, b, dt, threshold, trust=trust), fitting=fitting)
-            found = in_words(rows.lost(), tasks, bases)
-            return tuple(replace(d, missing=scale * d.missing) for d in found)
+            bases = [
+                task.projector.in_world(body.reshape(3, 3), target.reshape(3, 3)).basis
+                if state is None
+                else state.basis
+                for task, body, target, state in zip(tasks, *turns, states, strict=True)
+            ]
+            return in_words(lost_directions(A, b, velocity, threshold), tasks, bases)
 
         step.set_lost(lost)
 
@@ -529,7 +470,7 @@ class CompiledStep:
     def of_any_configuration(
         self, composed: Composition
     ) -> tuple[tuple[npt.NDArray[Any], ...], Array] | None:
-        """Arrays laid out as ``step_record`` and ``edge_rows``, and the tasks' own targets (T, 18).
+        """Arrays laid out as ``step_record``, and the tasks' own targets (T, 18).
 
         The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
         something at each configuration: bands, limits of other classes, other tasks or secondaries.
@@ -545,10 +486,7 @@ class CompiledStep:
                 row[9:12], row[12:] = pose[4:], task.feedforward
         self._update_secondary(None, EVERYTHING)
         self._update_state(composed)
-        edge = self._edge
-        if not self._smooth or len(self._levels) > 1:
-            edge = np.zeros(0), np.zeros(0, dtype=np.int64)
-        return (self._floats, self._integers, *edge), self._inputs.targets
+        return (self._floats, self._integers), self._inputs.targets
 
     def _tasks_known(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""
@@ -642,8 +580,7 @@ class CompiledStep:
         self._brakes = self._smooth and composed.braking and limited
         settings = kernel_settings(
             composed.singularity, composed.joint_weight, _INFEASIBLE[composed.on_infeasible],
-            smooth=self._smooth, trusts=composed.trusts, braking=self._brakes,
-            inertia=composed.has_inertia,
+            smooth=self._smooth, trusts=self._smooth and composed.trusts, braking=self._brakes,
         )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
 

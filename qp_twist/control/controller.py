@@ -6,7 +6,6 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import mink
@@ -29,34 +28,29 @@ from qp_twist.constraints import (
     BoxLimit,
     Clearance,
     Constraint,
-    GatheredLimits,
     MotionLimit,
     PositionLimit,
     check_constraint,
     check_model,
     couplings_of,
     gather_limits,
-    is_mink_box,
     kind_of,
 )
 from qp_twist.control.clear_velocity import clear_velocity
 from qp_twist.control.composition import composition_known
 from qp_twist.control.displacement import EVERYTHING, Displacement
-from qp_twist.control.edge_step import SPREAD, finished_at_the_edge
-from qp_twist.control.infeasible import finished
-from qp_twist.control.posed import Inertia, Posed
+from qp_twist.control.posed import Posed
 from qp_twist.control.posing import (
     FASTEST,
     LevelItem,
-    PosedLevels,
     check_magnitudes,
     mink_costs,
-    pose_at_the_edge,
     pose_levels,
     unseen,
     with_soft_bands,
 )
-from qp_twist.control.step import NOT_THE_LIMITS, Step
+from qp_twist.control.solving import solved_step
+from qp_twist.control.step import Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import (
@@ -68,17 +62,7 @@ from qp_twist.kinematics import (
     same_structure,
     total_displacement,
 )
-from qp_twist.qp import (
-    EdgeRows,
-    InfeasibleStep,
-    NoSolutionFound,
-    QuadraticProgram,
-    Refused,
-    Verified,
-    check_solver,
-    longest_secondary,
-    solve,
-)
+from qp_twist.qp import NoSolutionFound, QuadraticProgram, check_solver
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_step import CompiledStep
@@ -150,7 +134,6 @@ class Controller:
     Attributes:
         reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
             docs' page *Performance* lists the cases); all steps if the solver is not compiled.
-        passed_over: ``Step.passed_over`` of the last step; 0 before the first.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -256,7 +239,6 @@ class Controller:
             solver = COMPILED if known else "daqp"
         self.solver = check_solver(solver)
         self.on_infeasible = on_infeasible
-        self.passed_over = 0.0
         self._check_types()
         self._seen: tuple[list[mink.Limit], list[Clearance], list[MotionLimit]] = [], [], []
         self._hardest: tuple[list[int], Array | None, Array | None] = [], None, None
@@ -303,9 +285,8 @@ class Controller:
                 the curvature of a secondary's motion would violate the task again and again. A
                 number from 0 to 1 is the share of h with which a secondary fades in or out.
             displacement: Added to h in this step, rad or m, (nv,).
-            velocity: Measured joint velocity before the step, (nv,), for acceleration limits and
-                for what is not met of a task (``docs/edge.md``, Inertia); if ``None`` that of the
-                last step, and zero before the first.
+            velocity: Measured joint velocity before the step, (nv,), for acceleration limits; if
+                ``None`` that of the last step, and zero before the first.
 
         Raises:
             InvalidInput: If the configuration is not finite or of another model, dt ≤ 0, or another
@@ -343,7 +324,6 @@ class Controller:
             for clearance in clearances:
                 clearance.has_begun = False
         note(step.velocity)
-        self.passed_over = step.passed_over
         return step
 
     def _kept_clear(
@@ -407,18 +387,7 @@ class Controller:
             self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
             posed = self._pose(configuration, dt, h)
-        if self.on_infeasible == "raise" and posed.levels.lost:
-            names = ", ".join(str(lost) for lost in posed.levels.lost)
-            raise InfeasibleStep(
-                f"infeasible step: {NOT_THE_LIMITS}: {names}. Use on_infeasible='scale' to keep "
-                "the other directions.",
-                posed.problem,
-            )
-        result: Verified | Refused = Refused(("its levels are solved in order",), False)
-        if not posed.levels.fades:
-            result = solve(posed.problem, self.solver)
-        finish = finished_at_the_edge if posed.levels.edges else finished
-        return finish(posed, result, self.solver, self.on_infeasible), self._note
+        return solved_step(posed, self.solver, self.on_infeasible), self._note
 
     def load(self, configuration: mink.Configuration, dt: float) -> None:
         """Load, or compile, all machine code of the steps, so that none waits for it.
@@ -426,12 +395,11 @@ class Controller:
         One step is computed for that; the velocity that acceleration limits count from stays.
         """
         motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-        before, passed_over = [limit.velocity for limit in motions], self.passed_over
+        before = [limit.velocity for limit in motions]
         with contextlib.suppress(NoSolutionFound):
             self.step(configuration, dt)
         if self._prepared is not None:
             self._prepared.load()
-        self.passed_over = passed_over
         for limit, velocity in zip(motions, before, strict=True):
             limit.velocity = velocity
 
@@ -462,11 +430,17 @@ class Controller:
         if h.added is not None:
             desired = desired + h.added / dt
         limits = gather_limits(self.limits, configuration, dt)
-        longer = partial(self._longer, configuration, dt)
-        levels = self._pose_levels(configuration, dt, limits, longer)
+        smooth = self.smooth and self.singularity > 0.0
+        levels = pose_levels(
+            self.levels,
+            configuration,
+            dt,
+            self.singularity,
+            damp=smooth and self.trusts,
+            smooth=smooth,
+            acceleration=self._accelerations_and_speeds()[0] if smooth and self.braking else None,
+        )
         A, b = levels.equality
-        if levels.edges:
-            desired = _shortened(desired, levels.edges, dt)
         if self.secondary_space == "joint":
             weights = self.joint_weight * self.metric
             H, c = self._identity * weights, -weights * desired
@@ -477,64 +451,19 @@ class Controller:
                     *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
                 ]
             )
-            rows = A[:, :nv]
-            cost = free.T @ free + self.joint_weight * unseen(np.vstack([rows, free]), self.metric)
-            H, c = cost, -cost @ desired
+            cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
+            # AᵀA is constant where A x = b, so that it does not change the solution, but H is then
+            # close to JᵀJ instead of close to singular.
+            H, c = cost + A.T @ A, -cost @ desired
         if self.soft_tasks:
             hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
             H, c = H + hessian, c + linear
-        G, lower, upper = limits.rows, limits.lower, limits.upper
-        if len(levels.slacks):
-            k, size = len(levels.slacks), float(np.abs(H).max())
-            # As far as a step without limits uses them: beyond, a direction that fades would hold
-            # a scaled task down as little below ε as it does much above.
-            longest = levels.slacks + float(np.linalg.norm(desired))
-            H = np.pad(H, (0, k))
-            H[range(nv, nv + k), range(nv, nv + k)] = size
-            c, G = np.pad(c, (0, k)), np.pad(G, ((0, 0), (0, k)))
-            lower, upper = np.append(lower, -longest), np.append(upper, longest)
-        if self.secondary_space == "twist":
-            # Constant where A x = b, so that it does not change the solution, but H is then close
-            # to JᵀJ instead of close to singular.
-            H = H + A.T @ A
-        problem = QuadraticProgram(H, c, A, b, G, limits.bounds, lower, upper)
+        problem = QuadraticProgram(
+            H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
+        )
         check_magnitudes(problem, desired)
         problem = with_soft_bands(problem, levels.soft_bands)
-        return Posed.of(problem, levels, limits, longer, self._inertia(dt))
-
-    def _pose_levels(
-        self,
-        configuration: mink.Configuration,
-        dt: float,
-        limits: GatheredLimits,
-        longer: Callable[[float], tuple[Array, Array]],
-    ) -> PosedLevels:
-        if not self.smooth or self.singularity == 0.0:
-            return pose_levels(self.levels, configuration, dt, self.singularity)
-        room = None
-        if self.on_infeasible == "scale":
-            lower, upper = longer(SPREAD)
-            room = (
-                np.maximum(0.5 * lower, 0.95 * limits.lower),
-                np.minimum(0.5 * upper, 0.95 * limits.upper),
-            )
-        return pose_at_the_edge(
-            self.levels,
-            configuration,
-            dt,
-            self.singularity,
-            trust=self.trusts,
-            acceleration=self._accelerations_and_speeds()[0] if self.braking else None,
-            room=room,
-        )
-
-    def _longer(
-        self, configuration: mink.Configuration, dt: float, steps: float
-    ) -> tuple[Array, Array]:
-        """The bounds of a step that is ``steps`` times as long, (nv,), (nv,)."""
-        boxes = [v for v in self.limits if isinstance(v, BoxLimit) or is_mink_box(v)]
-        longer = gather_limits(boxes, configuration, steps * dt)
-        return longer.lower, longer.upper
+        return Posed.of(problem, levels, limits)
 
     @property
     def trusts(self) -> bool:
@@ -549,24 +478,6 @@ class Controller:
             for v in self.limits
         )
         return limited and self.on_infeasible != "raise"
-
-    @property
-    def has_inertia(self) -> bool:
-        """Whether joints keep a share of their velocity where the task is not met (``edge_step``).
-
-        Several levels and soft tolerance bands have none.
-        """
-        soft = any(band.weight is not None for task in self.twist_tasks for band in task.bands)
-        return self.trusts and len(self.levels) == 1 and not soft
-
-    def _inertia(self, dt: float) -> Inertia | None:
-        """The velocity before a step, and the share of it that joints keep."""
-        motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-        if not (motions and self.has_inertia):
-            return None
-        fastest = np.min([limit.max_velocity for limit in motions], axis=0)
-        hardest = np.min([limit.max_acceleration for limit in motions], axis=0)
-        return Inertia.of(motions[-1].velocity, fastest, hardest, dt, self.passed_over)
 
     def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
         """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
@@ -668,13 +579,6 @@ def _least(limits: Sequence[Array]) -> Array | None:
         return None
     least: Array = np.min(limits, axis=0)
     return least
-
-
-def _shortened(desired: Array, levels: Sequence[EdgeRows], dt: float) -> Array:
-    """The secondary's velocity, no faster than where singular directions fade allows."""
-    length = dt * float(np.linalg.norm(desired))
-    longest = min(map(longest_secondary, levels))
-    return desired if length <= longest else (longest / length) * desired
 
 
 def _levels(

@@ -48,7 +48,6 @@ class LazyStep(Step):
     scale = 1.0
     status = Status.SOLVED
     solver = COMPILED
-    passed_over = 0.0
     _met = False
     _numbers: bytes
     _size: Sizes
@@ -125,9 +124,8 @@ class LazyStep(Step):
             sigma = np.linalg.svd(left.A[: labels.first], compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
         else:
-            H = left.dense if self._size.dense else np.diag(left.h)
             value = QuadraticProgram(
-                H, left.c, left.A, left.b, left.G, left.g, left.lower, left.upper
+                left.H, left.c, left.A, left.b, left.G, left.g, left.lower, left.upper
             )
         self.__dict__[name] = value
         return value
@@ -137,8 +135,6 @@ class LazyStep(Step):
         # Where the program has no solution as posed, the multipliers of the levels count.
         if self.status is not Status.SOLVED and not self._met:
             box, lam, floor = *np.split(left.sensitivity[1:], [len(box)]), 0.0
-            # A soft band does not limit a level.
-            lam = np.where(np.repeat(*self._soft_sources()), 0.0, lam)
         box = box[: len(self._labels.names)]  # the slacks of soft bands follow
         # Where there is no bound, the number has no kind.
         lower, upper = (
@@ -151,11 +147,6 @@ class LazyStep(Step):
             side = "lower" if which > 0 else "upper"
             return (BindingLimit(self._labels.names[abs(which) - 1], "acceleration", side, 1.0),)
         return found
-
-    def _soft_sources(self) -> tuple[list[bool], list[int]]:
-        """For each source whether it is a soft band, and its number of rows."""
-        soft = [getattr(source, "weight", None) is not None for source in self._rows]
-        return soft, [len(source.names) for source in self._rows]
 
     def __getstate__(self) -> dict[str, Any]:
         """State in which the names of inequality rows replace their limits and tasks."""

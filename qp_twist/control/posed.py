@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,47 +11,7 @@ from qp_twist.checks import Array
 from qp_twist.constraints import BindingLimit, GatheredLimits, binding_limits
 from qp_twist.control.posing import PosedLevels, stacked
 from qp_twist.control.step import Status, Step
-from qp_twist.qp import Level, QuadraticProgram
-
-INERTIA = 0.7
-"""ζ: share of its velocity that a joint keeps where the task is not met."""
-
-
-class Inertia(NamedTuple):
-    """What joints keep of their velocity where the task is not met."""
-
-    before: Array
-    """q̇ of the last step, rad/s or m/s, (nv,)."""
-    share: Array
-    """ζ of each joint, (nv,)."""
-    passed_over: float
-    """ψ of the last step."""
-
-    @classmethod
-    def of(
-        cls, before: Array, fastest: Array, hardest: Array, dt: float, passed_over: float
-    ) -> Inertia:
-        r"""ζ min(1, a dt/(2 v)): less where a joint cannot reverse in one step anyhow.
-
-        Args:
-            before: q̇ of the last step, (nv,).
-            fastest: v, speed limits, (nv,); joints without one have no inertia.
-            hardest: a, acceleration limits, (nv,).
-            dt: Length of the step, s.
-            passed_over: ψ of the last step.
-        """
-        share = np.zeros(len(before))
-        limited = np.isfinite(fastest)
-        share[limited] = np.minimum(1.0, 0.5 * hardest[limited] * dt / fastest[limited])
-        return cls(before.copy(), INERTIA * share, passed_over)
-
-    def lagging(self, passed_over: float) -> float:
-        """ψ + ζ (ψ_before − ψ)₊ of this step's ψ, with the largest ζ.
-
-        A path that was left is returned to with the same inertia as the joints have.
-        """
-        kept = float(self.share.max(initial=0.0))
-        return passed_over + kept * max(0.0, self.passed_over - passed_over)
+from qp_twist.qp import LostDirection, QuadraticProgram, lost_directions
 
 
 @dataclass(eq=False)
@@ -66,104 +24,75 @@ class Posed:
             bands, then the levels' own.
         levels: The priority levels.
         limits: The gathered limits.
-        longer: The bounds (nv,), (nv,) of a step that is so many times as long.
-        inertia: What joints keep of their velocity where the task is not met; ``None`` for nothing.
     """
 
     problem: QuadraticProgram
     levels: PosedLevels
     limits: GatheredLimits
-    longer: Callable[[float], tuple[Array, Array]]
-    inertia: Inertia | None = None
 
     @classmethod
-    def of(
-        cls,
-        problem: QuadraticProgram,
-        levels: PosedLevels,
-        limits: GatheredLimits,
-        longer: Callable[[float], tuple[Array, Array]],
-        inertia: Inertia | None = None,
-    ) -> Posed:
+    def of(cls, problem: QuadraticProgram, levels: PosedLevels, limits: GatheredLimits) -> Posed:
         """Add the levels' own inequality rows to a program."""
-        own = [level.padded(problem.n) for level in levels.levels if len(level.g)]
+        own = [(_padded(G, problem.n), g) for G, g in levels.inequalities if len(g)]
         if own:
-            blocks = [(problem.G, problem.g), *((level.G, level.g) for level in own)]
-            G, g = stacked(blocks, problem.n)
+            G, g = stacked([(problem.G, problem.g), *own], problem.n)
             problem = replace(problem, G=G, g=g)
-        return cls(problem, levels, limits, longer, inertia)
+        return cls(problem, levels, limits)
 
-    def eased(self, steps: float) -> tuple[Array, Array, Array]:
-        """The bounds of this step that also hold for one ``steps`` times as long.
-
-        A joint then approaches its position limit over several steps, as all do what must not
-        touch; what they have to do in this one, to return or because they cannot stop sooner, they
-        do.
-
-        Returns:
-            Lower and upper bounds, (nv,), and g of all inequality rows, (k,).
-        """
-        limits, (lower, upper) = self.limits, self.longer(steps)
-        lower = np.minimum(np.maximum(limits.lower, lower), limits.upper)
-        upper = np.maximum(np.minimum(limits.upper, upper), limits.lower)
-        g = self.problem.g.copy()
-        g[: len(limits.rooms)] -= limits.rooms * (1.0 - 1.0 / steps)
-        return lower, np.maximum(lower, upper), g
+    def hard(self, levels: int) -> QuadraticProgram:
+        """The program without equality rows, and the inequality rows of so many levels."""
+        own = [len(g) for _, g in self.levels.inequalities]
+        k = len(self.problem.g) - sum(own[levels:])
+        problem = self.problem
+        return replace(problem, A=problem.A[:0], b=problem.b[:0], G=problem.G[:k], g=problem.g[:k])
 
     @cached_property
-    def hard(self) -> Level:
-        """The inequality rows common to all levels, on all unknowns."""
-        n, own = self.problem.n, sum(len(level.g) for level in self.levels.levels)
-        k = len(self.problem.g) - own
-        return Level(np.zeros((0, n)), np.zeros(0), self.problem.G[:k], self.problem.g[:k])
-
-    @cached_property
-    def padded(self) -> list[Level]:
-        """The levels on all unknowns."""
-        return [level.padded(self.problem.n) for level in self.levels.levels]
+    def inequalities(self) -> list[tuple[Array, Array]]:
+        """G and g of each level on all unknowns."""
+        return [(_padded(G, self.problem.n), g) for G, g in self.levels.inequalities]
 
     def step(
         self,
         x: Array,
         status: Status,
         solver: str,
-        multipliers: tuple[Array, Array, float] | Step,
+        multipliers: tuple[Array, Array, float],
         *,
         scale: float = 1.0,
         problem: QuadraticProgram | None = None,
         refused: tuple[str, ...] = (),
         gaps: tuple[float, ...] = (),
         proven: bool = True,
-        passed_over: float = 0.0,
     ) -> Step:
-        """The step of a solution x of the program.
-
-        ``multipliers``: as for :meth:`binding`, or the step whose active limits it has.
-        """
+        """The step of a solution x of the program, with arguments of :meth:`binding`."""
+        levels = self.levels
         velocity = x[: len(self.limits.lower)].copy()  # of the joints alone
-        if self.levels.braked < 1.0 and status in (Status.SOLVED, Status.PRIORITIZED):
+        A, b = levels.rows[0]
+        lost: tuple[LostDirection, ...] = ()
+        if not levels.directions[0].regular:
+            lost = levels.where(lost_directions(A, scale * b, velocity, levels.threshold))
+        if status is Status.SOLVED and lost:
+            status = Status.DEGRADED
+        elif levels.braked < 1.0 and status in (Status.SOLVED, Status.PRIORITIZED):
             status = Status.SCALED
-        elif self.levels.braking is not None and status is Status.SOLVED:
+        elif levels.braking is not None and status is Status.SOLVED:
             status = Status.PRIORITIZED
         return Step.of(
             {
-                "binding": partial(getattr, multipliers, "binding")
-                if isinstance(multipliers, Step)
-                else partial(self.binding, *multipliers),
+                "binding": partial(self.binding, *multipliers),
                 "residuals": partial(self.residuals, velocity.copy(), scale),
-                "sigma_min": self.levels.sigma_min,
+                "sigma_min": levels.sigma_min,
             },
             velocity=velocity,
-            scale=scale * self.levels.braked,
+            scale=scale * levels.braked,
             status=status,
             solver=solver,
             problem=self.problem if problem is None else problem,
-            lost=tuple(replace(d, missing=scale * d.missing) for d in self.levels.lost),
+            lost=lost,
             recovering=self.limits.recovering,
             refused=refused,
             gaps=gaps,
             proven=proven,
-            passed_over=passed_over,
         )
 
     def residuals(self, velocity: Array, scale: float) -> tuple[Array, ...]:
@@ -186,3 +115,8 @@ class Posed:
             dof, side = levels.braking
             return (BindingLimit(limits.names[dof], "acceleration", side, 1.0),)
         return found
+
+
+def _padded(rows: Array, n: int) -> Array:
+    """Rows (k, nv) on n unknowns."""
+    return np.pad(rows, ((0, 0), (0, n - rows.shape[1])))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import mink
@@ -14,14 +15,7 @@ from qp_twist.checks import Array, are_rows, finite_array, float_array, largest,
 from qp_twist.constraints import Named, gather_limits, stopping_share
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.kinematics import BandRows, TwistTask
-from qp_twist.qp import (
-    EdgeRows,
-    Level,
-    LostDirection,
-    QuadraticProgram,
-    RegularRows,
-    regular_rows,
-)
+from qp_twist.qp import Directions, LostDirection, QuadraticProgram
 
 NEARLY_UNSEEN = 1e-4
 """Singular values of J below this share of the largest count, by degrees, as unseen."""
@@ -48,58 +42,44 @@ class PosedLevels:
     """The priority levels of a step.
 
     Attributes:
-        levels: Rows that a bounded velocity can meet, from the most important on. The singular
-            directions of a level follow it as a level of their own, so that limits slow these down
-            before they slow down the rest.
-        stated: Number of the level as stated, for each of ``levels``.
+        rows: A and b of each level, from the most important on; b is braked.
+        directions: The same in singular directions, each in the null space of the levels above.
+        inequalities: G and g of each level.
         sources: What the inequality rows come from, in order of levels.
         tasks: Rows as the tasks state them, for each level; those of the first one as braked.
-        first: The first level's rows.
-        lost: What singularities take from the first level.
-        lower_lost: Whether a lower level has no room for some of its directions.
         soft_bands: Rows of the soft bands of all tasks.
-        edges: The rows of each level with their singular values; empty for a step that is not
-            smooth, which slows singular directions down as :func:`~qp_twist.qp.regular_rows` says.
-        slacks: Bounds of the unknowns that let directions fade, behind the joints, rad/s, (k,);
-            what the secondary needs comes on top.
+        threshold: ε, singular value from which directions fade.
         braked: Share of the first level's speed from which its motion can stop in time.
         braking: The joint whose acceleration limit decides that, and the limit's side; or decides
             it of a lower level.
+        where: What says lost directions of the first level in words.
     """
 
-    levels: list[Level]
-    stated: list[int]
+    rows: list[tuple[Array, Array]]
+    directions: list[Directions]
+    inequalities: list[tuple[Array, Array]]
     sources: list[Named]
     tasks: list[list[TaskRows]]
-    first: RegularRows | EdgeRows
-    lost: tuple[LostDirection, ...]
-    lower_lost: bool
     soft_bands: list[BandRows]
-    edges: list[EdgeRows] = field(default_factory=list)
-    slacks: Array = field(default_factory=lambda: np.zeros(0))
-    braked: float = 1.0
-    braking: tuple[int, str] | None = None
+    threshold: float
+    braked: float
+    braking: tuple[int, str] | None
+    where: Callable[[Sequence[LostDirection]], tuple[LostDirection, ...]]
 
     @property
     def equality(self) -> tuple[Array, Array]:
         """A and b of all levels, stacked."""
-        return stacked([(v.A, v.b) for v in self.levels], 0)
+        return stacked(self.rows, 0)
 
     @property
-    def fades(self) -> bool:
-        """Whether a level above the last has directions that fade: these do not wait for others."""
-        return any(rows.fades for rows in self.edges[:-1])
+    def regular(self) -> bool:
+        """Whether all levels are met exactly where limits allow it."""
+        return all(level.regular for level in self.directions)
 
     def sigma_min(self) -> float:
-        """Smallest singular value of the first level's rows."""
-        return self.first.sigma_min
-
-    def as_stated(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Values of ``levels`` added up for each level as stated."""
-        sums = [0.0] * (max(self.stated) + 1)
-        for number, value in zip(self.stated, values, strict=True):
-            sums[number] += value
-        return tuple(sums)
+        """Smallest singular value of the first level's rows; infinity without rows."""
+        sigma = self.directions[0].sigma
+        return float(sigma[-1]) if len(sigma) else np.inf
 
 
 def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:
@@ -116,6 +96,10 @@ def pose_levels(
     configuration: mink.Configuration,
     dt: float,
     threshold: float,
+    *,
+    damp: bool,
+    smooth: bool,
+    acceleration: Array | None,
 ) -> PosedLevels:
     """Evaluate the levels at a configuration.
 
@@ -123,105 +107,42 @@ def pose_levels(
         levels: Tasks and limits, level by level.
         configuration: Where the robot is.
         dt: Length of the step, s.
-        threshold: Singular value below which a direction is slowed down; 0 for none.
-    """
-    nv = configuration.model.nv
-    posed: list[Level] = []
-    sources: list[Named] = []
-    tasks: list[list[TaskRows]] = []
-    stated: list[int] = []
-    lower_lost = False
-    soft_bands: list[BandRows] = []
-    for index, items in enumerate(levels):
-        rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
-        A, b = stacked(rows, nv)
-        check_speed("the tasks ask", b)
-        if index == 0:
-            first = regular = regular_rows(A, b, threshold)
-            lost = lost_where(items, rows, regular.lost, configuration)
-        else:
-            above = stacked([(v.A, v.b) for v in posed], nv)
-            regular = regular_rows(A, b, threshold, above=above)
-            lower_lost |= bool(regular.lost)
-        posed.append(Level(regular.A, regular.b, G, g))
-        if len(regular.damped_b):
-            posed.append(Level(regular.damped, regular.damped_b, G[:0], g[:0]))
-        stated += [index] * (len(posed) - len(stated))
-        tasks.append(rows)
-    return PosedLevels(posed, stated, sources, tasks, first, lost, lower_lost, soft_bands)
-
-
-def pose_at_the_edge(
-    levels: Sequence[Sequence[LevelItem]],
-    configuration: mink.Configuration,
-    dt: float,
-    threshold: float,
-    *,
-    trust: bool,
-    acceleration: Array | None,
-    room: tuple[Array, Array] | None,
-) -> PosedLevels:
-    """Evaluate the levels at a configuration, with the rows of :mod:`qp_twist.qp.edge`.
-
-    Args:
-        levels: Tasks and limits, level by level.
-        configuration: Where the robot is.
-        dt: Length of the step, s.
         threshold: ε, singular value below which a direction fades.
-        trust: Whether a weak direction is damped by the length of the error.
+        damp: Whether weak directions are damped by the length of the error.
+        smooth: Whether the step has to change little with its data.
         acceleration: Limits to brake by, rad/s² or m/s², (nv,); ``None``: the speed is not bounded
             by what can be stopped from.
-        room: Bounds of what weak directions of the first level take up, if it is scaled to fit.
     """
     nv = configuration.model.nv
-    sources: list[Named] = []
-    tasks: list[list[TaskRows]] = []
-    soft_bands: list[BandRows] = []
-    edges: list[EdgeRows] = []
-    inequalities: list[tuple[Array, Array]] = []
-    above, basis, share = np.zeros(nv), None, 1.0
-    braking: tuple[int, str] | None = None
-    lost: tuple[LostDirection, ...] = ()
+    posed = PosedLevels([], [], [], [], [], [], threshold, 1.0, None, tuple)
+    above, null = np.zeros(nv), None
     for index, items in enumerate(levels):
-        rows, G, g = _evaluate(items, configuration, dt, sources, soft_bands)
+        rows, G, g = _evaluate(items, configuration, dt, posed.sources, posed.soft_bands)
         A, b = stacked(rows, nv)
         check_speed("the tasks ask", b)
-        level = EdgeRows.of(A, b, dt, threshold, basis=basis, above=above, trust=trust)
+        level = Directions.of(A, b, dt, threshold, damp=damp, smooth=smooth, null=null, above=above)
         if acceleration is not None and len(b):
-            feedforward = _feedforward(items, rows, configuration)
-            back = replace(level, b=b - feedforward)
-            motion = back.motion()
+            ahead = _feedforward(items, rows, configuration)
+            motion = level.of_rate(b - ahead - A @ above).motion()
             slower = stopping_share(dt * motion, acceleration, dt)
             if slower < 1.0:
-                level = replace(level, braked=slower * (b - feedforward) + feedforward)
-                if braking is None:
+                b = slower * (b - ahead) + ahead
+                level = level.of_rate(b - A @ above)
+                if posed.braking is None:
                     joint = int(np.argmax(np.abs(motion) / acceleration))
-                    braking = joint, "lower" if motion[joint] > 0.0 else "upper"
+                    posed.braking = joint, "lower" if motion[joint] > 0.0 else "upper"
                 if index == 0:
-                    share, ends = slower, np.cumsum([len(row.b) for row in rows])[:-1]
-                    parts = np.split(level.target, ends)
+                    posed.braked, ends = slower, np.cumsum([len(row.b) for row in rows])[:-1]
+                    parts = np.split(b, ends)
                     rows = [r._replace(b=part) for r, part in zip(rows, parts, strict=True)]
         if index == 0:
-            level = level if room is None else level.fitted(*room)
-            lost = lost_where(items, rows, level.lost(), configuration)
-        above, basis = above + level.motion(), level.nulls
-        edges.append(level)
-        tasks.append(rows)
-        inequalities.append((G, g))
-    slacks = [level.slack() for level in edges]
-    reach = [np.full(S.shape[1], v.longest_slack()) for v, S in zip(edges, slacks, strict=True)]
-    width, first, posed = nv + sum(map(len, reach)), nv, []
-    for level, S, (G, g) in zip(edges, slacks, inequalities, strict=True):
-        wide = np.zeros((len(level.b), width))
-        wide[:, :nv] = level.rows()
-        wide[:, first : first + S.shape[1]] = -S
-        first += S.shape[1]
-        posed.append(Level(wide, level.asked(), np.pad(G, ((0, 0), (0, width - nv))), g))
-    return PosedLevels(
-        posed, list(range(len(posed))), sources, tasks, edges[0], lost,
-        any(level.lost() for level in edges[1:]), soft_bands, edges, np.concatenate(reach),
-        share, braking,
-    )  # fmt: skip
+            posed.where = partial(lost_where, items, rows, configuration)
+        above, null = above + level.motion(), level.nulls
+        posed.rows.append((A, b))
+        posed.directions.append(level)
+        posed.tasks.append(rows)
+        posed.inequalities.append((G, g))
+    return posed
 
 
 def _feedforward(
@@ -274,9 +195,9 @@ def _evaluate(
 
 def lost_where(
     items: Sequence[LevelItem],
-    rows: list[TaskRows],
-    lost: Sequence[LostDirection],
+    rows: Sequence[TaskRows],
     configuration: mink.Configuration,
+    lost: Sequence[LostDirection],
 ) -> tuple[LostDirection, ...]:
     """Lost directions of a level of tasks with their rows, each with its place in words."""
     if not lost:

@@ -13,7 +13,7 @@ from qp_twist.constraints import MotionLimit
 from qp_twist.control.controller import Controller
 from qp_twist.control.step import Step
 from qp_twist.kinematics import JointRanges, TwistTask
-from qp_twist.qp.edge import REGULAR
+from qp_twist.qp.directions import REGULAR
 
 _LOOK = 0.3
 """r: how far along a candidate the arm is looked at, rad or m."""

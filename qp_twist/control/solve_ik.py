@@ -6,7 +6,7 @@ import inspect
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import mink
@@ -35,7 +35,6 @@ from qp_twist.constraints import (
     range_of,
     speeds_of,
 )
-from qp_twist.control.infeasible import finished
 from qp_twist.control.posed import Posed
 from qp_twist.control.posing import (
     FASTEST,
@@ -52,21 +51,12 @@ from qp_twist.control.posing import (
     name_of,
     stacked,
 )
-from qp_twist.control.step import NOT_THE_LIMITS, Step
+from qp_twist.control.solving import solved_step
+from qp_twist.control.step import Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import TwistTask, check_configuration
 from qp_twist.kinematics.joint_ranges import joint_names
-from qp_twist.qp import (
-    InfeasibleStep,
-    Level,
-    LostDirection,
-    QuadraticProgram,
-    Refused,
-    Verified,
-    check_solver,
-    regular_rows,
-    solve,
-)
+from qp_twist.qp import Directions, QuadraticProgram, check_solver
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_program import CompiledProgram
@@ -348,25 +338,34 @@ def _by_reference(
         evaluated.dt,
         {i: bounds for i, bounds in enumerate(evaluated.bounds) if isinstance(bounds, LimitRows)},
     )
-    levels = _levels(evaluated.constraints, evaluated.rows, configuration, threshold)
-    if on_infeasible == "raise" and levels.lost:
-        names = ", ".join(str(lost) for lost in levels.lost)
-        raise InfeasibleStep(f"infeasible step: {NOT_THE_LIMITS}: {names}.")
-    problem = QuadraticProgram(
-        *cost, *levels.equality, limits.rows, limits.bounds, limits.lower, limits.upper
-    )
+    A, b = stacked([(rows.A, rows.b) for rows in evaluated.rows], configuration.model.nv)
+    none = np.zeros((0, configuration.model.nv)), np.zeros(0)
+    whole = [
+        Directions.of(rows.A, rows.b, evaluated.dt, threshold, damp=False, smooth=False)
+        for rows in evaluated.rows
+    ]
+    # What a constraint contradicts in itself it does not ask for.
+    asked = [
+        (v.left[:, v.sigma > 0.0].T @ r.A, v.rate[v.sigma > 0.0])
+        for v, r in zip(whole, evaluated.rows, strict=True)
+    ]
+    A, b = stacked(asked, configuration.model.nv)
+    directions = Directions.of(A, b, evaluated.dt, threshold, damp=False, smooth=False)
+    if directions.contradicts:  # none of the constraints gives way: all are scaled together
+        directions = Directions.as_stated(A, b)
+    levels = PosedLevels(
+        [(A, b)], [directions], [none], [],
+        [evaluated.rows], [], threshold, 1.0, None,
+        partial(lost_where, evaluated.constraints, evaluated.rows, configuration),
+    )  # fmt: skip
+    problem = QuadraticProgram(*cost, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
     check_magnitudes(problem, problem.c[:0])
-    posed = Posed.of(problem, levels, limits, lambda _: (limits.lower, limits.upper))
     try:
-        result = solve(posed.problem, solver, options=options)
+        return solved_step(Posed.of(problem, levels, limits), solver, on_infeasible, options)
     except InvalidInput as error:  # the backend does not know an option
         parameters = inspect.signature(ik_step).parameters
         meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in options)
         raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
-    if options and isinstance(result, Refused):
-        again, before = solve(posed.problem, solver), result.says
-        result = replace(again, refused=before) if isinstance(again, Verified) else again
-    return finished(posed, result, solver, on_infeasible)
 
 
 def _damping(damping: Any, nv: int) -> float | Array:
@@ -417,36 +416,6 @@ def _check_rows(task: mink.Task, rows: TaskRows) -> None:
     finite_array(f"{name}: its Jacobian", rows.A, rows.A.shape)
     finite_array(f"{name}: its error", rows.b, rows.b.shape)
     check_speed(f"{name} asks", rows.b)
-
-
-def _levels(
-    constraints: Sequence[mink.Task],
-    rows: list[TaskRows],
-    configuration: mink.Configuration,
-    threshold: float,
-) -> PosedLevels:
-    """Combine the constraints' rows into one level."""
-    nv = configuration.model.nv
-    lost: list[LostDirection] = []
-    regular: list[tuple[Array, Array]] = []
-    for task, task_rows in zip(constraints, rows, strict=True):
-        # Directions that are singular for one task alone are slowed down in this task only.
-        own = regular_rows(task_rows.A, task_rows.b, threshold)
-        lost += lost_where([task], [task_rows], own.lost, configuration)
-        regular.append((np.vstack([own.A, own.damped]), np.concatenate([own.b, own.damped_b])))
-    A, b = stacked(regular, nv)
-    whole = regular_rows(A, b, threshold)
-    none = np.zeros((0, nv)), np.zeros(0)
-    levels = [Level(whole.A, whole.b, *none)]
-    if any(direction.sigma <= DEFAULT_SINGULARITY for direction in whole.lost):
-        # Contradicting constraints: none is relaxed; all are scaled together, to s = 0.
-        levels = [Level(A, b, *none)]
-    else:
-        blocks = [TaskRows(*block) for block in regular]
-        lost += lost_where(constraints, blocks, whole.lost, configuration)
-        if len(whole.damped_b):
-            levels.append(Level(whole.damped, whole.damped_b, *none))
-    return PosedLevels(levels, [0] * len(levels), [], [rows], whole, tuple(lost), False, [])
 
 
 _METHODS_CALLED = {

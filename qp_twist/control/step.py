@@ -60,9 +60,6 @@ class Step:
             length above the optimum, m/s and rad/s. Empty if one program contains all rows.
         proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows
             are nearly dependent, and lower levels depend on rounding.
-        passed_over: ψ, how far the first level is given up for a relaxed one (``docs/edge.md``,
-            Inertia): 0 where its path is kept, 1 with ``on_infeasible="relax"``. The next step
-            continues from it.
     """
 
     velocity: Array
@@ -78,7 +75,6 @@ class Step:
     refused: tuple[str, ...] = ()
     gaps: tuple[float, ...] = ()
     proven: bool = True
-    passed_over: float = 0.0
 
     @classmethod
     def of(cls, later: dict[str, Callable[[], Any]], **values: Any) -> Step:

@@ -138,10 +138,9 @@ def kernel_settings(
     smooth: bool = False,
     trusts: bool = False,
     braking: bool = False,
-    inertia: bool = False,
 ) -> Settings:
     """Settings of a controller for ``step_kernel``."""
     return Settings(
         singularity, weight, NEARLY_UNSEEN, FASTEST, NOTICEABLE, UNLIMITED,
-        STEEPEST, infeasible, smooth, trusts, braking, inertia,
+        STEEPEST, infeasible, smooth, trusts, braking,
     )  # fmt: skip

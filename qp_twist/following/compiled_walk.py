@@ -179,8 +179,8 @@ def _steps(
 ) -> tuple[Array, Counts]:
     """Steps of one task of 0 to 6 rows, as ``step_kernel.StepArrays``: (7, F) and (7, I)."""
     nv = len(metric)
-    cost = {"dense": nv, "free": 6} if twist_space else {"dense": 0, "free": 0}
-    sizes = [Sizes(nv, m, 1, 1, len(types), others=0, k=0, **cost) for m in range(7)]
+    free = 6 if twist_space else 0
+    sizes = [Sizes(nv, m, 1, 1, len(types), free=free, others=0, k=0) for m in range(7)]
     ends = [STEP.layout(size, 0, STEP.head) for size in sizes]
     floats = np.zeros((7, max(end.floats for end in ends)))
     integers = np.zeros((7, max(end.integers for end in ends)), dtype=np.int64)

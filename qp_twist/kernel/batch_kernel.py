@@ -7,10 +7,9 @@ import numpy as np
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import MOTION
 from qp_twist.kernel.compiling import kernel
-from qp_twist.kernel.edge_rows import PASSED, read_edge
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.null_space import INDEPENDENT, least_norm, reflect
-from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
+from qp_twist.kernel.step_kernel import RAISE, read_step, step
 from qp_twist.kernel.twist_rows import desired_velocity, in_basis, left_free, twist_rows
 from qp_twist.kernel.verified_program import AT_THE_EDGE, INFEASIBLE, REFUSED
 
@@ -20,8 +19,8 @@ MINIMUM_NORM, GRADIENT_PROJECTION, RMR, TWA = range(4)
 
 @kernel
 def steps(
-    arms, floats, integers, edge_floats, edge_integers, q, before, passed, targets, dt,
-    use_secondary, twist_space, velocities, scales, done,
+    arms, floats, integers, q, before, targets, dt, use_secondary, twist_space, velocities, scales,
+    done,
 ):  # fmt: skip
     """Compute a controller's step from each row of q (K, nq); for the arrays see ``step_record``.
 
@@ -29,13 +28,9 @@ def steps(
         arms: The chain of each task's frame.
         floats: The arrays of one step; overwritten.
         integers: The same.
-        edge_floats: Those of ``edge_rows.EdgeArrays``; of length 0 where steps at the edge, or
-            infeasible ones of a smooth controller, are left to the reference.
-        edge_integers: The same.
         q: Configurations, (K, nq).
         before: Joint velocities that acceleration limits refer to, (K, nv); or (0, nv), those in
             the tables of the limits.
-        passed: ψ of the last steps, and then of these, (K,).
         targets: R_d (9), p_d (3) and twist (6) of each task, (K, T, 18).
         dt: Length of the steps, s.
         use_secondary: Whether the secondary acts.
@@ -46,7 +41,6 @@ def steps(
     """
     s = read_step(floats, integers, integers)
     g, w = s.inputs, s.program
-    e = read_edge(edge_floats, edge_integers, edge_integers)
     g.jacobians[:] = 0.0
     for k in range(len(q)):
         for task in range(len(g.kinds)):
@@ -57,19 +51,12 @@ def steps(
             if g.types[index] == MOTION:
                 for dof in range(before.shape[1]):
                     g.limits[index, dof, 6] = before[k, dof]
-        w.active_count[0] = 0  # no warm start: the rows are independent
         status = step(g, w, q[k], dt, use_secondary, twist_space)
-        at_edge = status == AT_THE_EDGE or (status == INFEASIBLE and g.settings.smooth > 0.0)
-        if at_edge:
+        if status in (AT_THE_EDGE, INFEASIBLE):
             is_infeasible, status = status == INFEASIBLE, REFUSED
-            if len(edge_floats) > 0:
-                e.numbers[PASSED] = passed[k]
-                status = edge_step(g, w, e, q[k], dt, use_secondary, twist_space, is_infeasible)
-        elif status == INFEASIBLE:
-            status = infeasible_step(g, w)
+            if g.settings.infeasible != RAISE:
+                status = edge_step(g, w, q[k], dt, use_secondary, twist_space, is_infeasible)
         done[k] = status != REFUSED
-        if done[k]:
-            passed[k] = e.numbers[PASSED] if at_edge else 0.0
         scales[k] = w.sensitivity[0]
         for dof in range(len(w.x)):
             velocities[k, dof] = w.x[dof]

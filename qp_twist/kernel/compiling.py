@@ -236,6 +236,8 @@ plain: Any = _by_numba(
 """Decorator of functions that only kernels call, each compiled once, ``apart``. They allocate no
 arrays, so numba does not count references: for ten small arrays that takes longer than a matrix
 product. They cannot be called from Python, which saves a third of the compilation time."""
+inner: Any = _by_numba(apart=True, _nrt=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""The same of functions that allocate arrays."""
 part: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """Decorator of small functions called in loops: they are inlined in every kernel that calls
 them."""

@@ -1,935 +1,280 @@
-"""A step at the edge of the reach, near a singularity, or where the limits do not allow the task.
+"""A step whose levels do not all fit inside the limits, or of which one is near a singularity.
 
-The readable versions, with the formulas, are ``qp.edge`` and ``control.edge_step``. This one takes
-a single priority level, and limits as the only rows of G.
+The readable version, with the formulas, is ``qp.one_program`` and ``control.solving``.
 """
 
 from __future__ import annotations
 
 import math
 
-from qp_twist.kernel.bounds import MOTION
-from qp_twist.kernel.closest_levels import NOT_PROVEN, begin, length_of_rows, take_level
-from qp_twist.kernel.compiling import part, plain
-from qp_twist.kernel.dual_active_set import (
-    NO_ROOM,
-    SOLVED,
-    cholesky,
-    cholesky_inverse,
-    cholesky_solve,
-)
-from qp_twist.kernel.edge_rows import (
-    BEND,
-    DEGRADED,
-    FADES,
-    FAR,
-    FITTING,
-    PASSED,
-    REACH,
-    ROOM,
-    SIZE,
-    SMALLEST,
-    SPREAD,
-    ask,
-    damp,
-    ease,
-    fit,
-    lengthen,
-    longest_secondary,
-    rotate_rows,
+import numpy as np
+
+from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.directions import (
+    HELD,
+    Directions,
+    directions,
+    free_of,
+    motion_of,
     stopping_share,
-    task_motion,
-    weaken,
+    weakness,
 )
-from qp_twist.kernel.joint_program import joint_program
-from qp_twist.kernel.paced_program import find_null_space, paced_program
-from qp_twist.kernel.reduced_program import reduced_program, unlimited
+from qp_twist.kernel.levels import in_order, size_of_rows
+from qp_twist.kernel.null_space import row_space, times_q, times_q_transposed
+from qp_twist.kernel.one_program import OPTIMAL, Result, cost_along, first_level
 from qp_twist.kernel.step_kernel import (
-    RAISE,
     RELAX,
-    SCALE,
     costs,
     desired_velocities,
     forward_rows,
-    rest_is_excluded,
     stated_rows,
+    take,
 )
 from qp_twist.kernel.verified_program import (
     BRAKED,
+    BRAKED_BELOW,
     DONE,
     FADED,
-    INFEASIBLE,
+    PRIORITIZED,
     REFUSED,
     RELAXED,
     SCALED,
-    checked,
-    clip_to_bounds,
-    excess_of,
 )
 
-WORTH, WORTH_CURVED = 5.0, 1e-2
-"""γ and δ of ``control.edge_step``."""
-DEAD = 0.03
-"""Share of the relaxed step's progress below which a scaled step passes over to it."""
-AT_REST = 1e-7
-"""As in ``control.edge_step``."""
-INERTIA, MISSED, LOOSE = 0.7, 0.1, 10.0
-"""ζ, ρ₀ and c of ``control.edge_step``."""
-YIELDING = 0.01
-"""Share of a relaxed step from which all rows yield so much that their slacks are eliminated."""
-NULL_SHARE, ROUNDING = 0.3, 1e-9
-"""As in ``qp.edge``."""
-NOTICEABLE = 1e-8
-"""``qp.verification.EQUALITY_TOLERANCE``: less is not called lost."""
-_LINEAR = 1e-10
-"""Cost ½ε²‖x‖² beside ½(s − 2)² in the program of the largest s: see ``largest_scale``."""
-_STIFF = 1e-5
-"""ε² where limits nearly coincide in the plane of motion and scale, divided by the squared speed of
-the task's motion: the smaller one finds no room between them. Where rest is allowed, s* is the same
-unless it takes 300 times that motion."""
-_ROUNDED = 1e-9
-"""Room between limits that meet exactly at a task's solution, rad/s and m/s: without it rounding
-decides whether there is a solution. The step itself keeps its limits."""
-_OF_THE_MOTION = 1e-4
-"""A multiplier of at most this share of ε²‖x‖ is due to that cost: it does not limit s."""
+WHOLE = 1.0 - 1e-8
+"""As in ``control.solving``."""
 
 
 @plain
-def _weaken_and_brake(g, w, e, dt, trusts):
-    """Set all of ``e`` up to the right-hand sides, and the braked b; false for the reference."""
-    singularity, m, n = g.settings.singularity, len(w.b), len(w.x)
-    forward_rows(g, e.ahead)
-    for i in range(m):
-        e.rate[i], e.forward[i] = w.b[i], e.ahead[i]
+def _left_by(V, rank, A, b, above):
+    """Reduce rows A (m, n) to what the levels above leave, and b (m,) to what these do not do."""
+    for row in range(len(b)):
+        for k in range(A.shape[1]):
+            b[row] -= A[row, k] * above[k]
+        times_q_transposed(V[:rank], A[row])
+        for k in range(rank):
+            A[row, k] = 0.0
+        times_q(V[:rank], A[row])
+
+
+@inner
+def _level(g, w, index, first, end, ahead, V, rank, above, dt):
+    """The directions of a level, braked: and the share of its speed and the joint that decides."""
+    n, epsilon, size = len(above), g.settings.singularity, 0.0
+    A, b, front = w.A[first:end].copy(), w.b[first:end].copy(), ahead[first:end].copy()
+    stated = np.zeros((len(b), n + 1 if index > 0 else 0))
+    if index > 0:
+        whole = directions(A, b, front, stated, 0.0, dt, epsilon, False)
+        for i in range(len(b)):
+            size = max(size, math.sqrt(whole.square[i]))
+        _left_by(V, rank, A, b, above)
+    d = directions(A, b, front, stated, size, dt, epsilon, g.settings.trusts > 0.0)
+    share, which = 1.0, 0
+    if g.settings.braking > 0.0:
+        motion = np.zeros(n)
+        motion_of(d, 1.0, motion)
         for k in range(n):
-            e.rows[i, k] = w.A[i, k]
-    rotate_rows(e)
-    weaken(e, singularity)
-    share = 1.0
-    if g.settings.braking > 0.0 and m > 0:
-        damp(e, singularity, dt, trusts, 1.0)
-        for i in range(m):
-            e.goal[i] = e.rate[i] - e.forward[i]
-        task_motion(e, False, e.motion)
-        for k in range(n):
-            e.motion[k] *= dt
-        share, which = stopping_share(e.motion, g.limits, g.types, dt)
-        w.braking[0], w.braking[1] = share, which
-    damp(e, singularity, dt, trusts, 0.0)
-    for i in range(m):
-        e.goal[i] = share * (e.rate[i] - e.forward[i]) + e.forward[i]
-        w.b[i] = share * (w.b[i] - e.ahead[i]) + e.ahead[i]
-    e.numbers[FITTING] = 1.0
-    if g.settings.infeasible == SCALE and e.numbers[DEGRADED] > 0.0:
-        if not lengthen(g, w, e, dt, SPREAD):
-            return False
-        fit(w, e)
-    ask(e, singularity)
-    return True
+            motion[k] *= dt
+        share, which = stopping_share(motion, g.limits, g.types, dt)
+    for i in range(len(b)):
+        asked = w.b[first + i]
+        w.b[first + i] = share * (asked - ahead[first + i]) + ahead[first + i]
+        w.eased[first + i] = asked - w.b[first + i] if index > 0 else 0.0
+        b[i] += w.b[first + i] - asked
+        if index > 0:
+            stated[i, :n], stated[i, n] = w.A[first + i], w.b[first + i]
+    if index > 0 or share < 1.0:  # the rotation is that of A, and so the same
+        braked = directions(A, b, front, stated, size, dt, epsilon, False)
+        d.rate[:] = braked.rate
+        d = Directions(d.rows, d.rate, d.ahead, d.square, d.floor, d.damped, d.slack, braked.stated)
+    return d, share, which
 
 
 @plain
-def _shorten(w, e, dt, singularity):
-    """Shorten ḣ in ``w.c`` to what stays clear of the nearest singularity; return its length."""
-    square = 0.0
-    for k in range(len(w.c)):
-        square += w.c[k] * w.c[k]
-    length, longest = math.sqrt(square), longest_secondary(e, singularity) / dt
-    if length <= longest:
-        return length
-    for k in range(len(w.c)):
-        w.c[k] *= longest / length
-    return longest
+def _held_rank(level, rows, held, V):
+    """Write the reflections of what the levels so far hold to V; return how many there are.
 
-
-@plain
-def largest_cost(w):
-    """The largest entry of H."""
-    largest = 0.0
-    for i in range(len(w.h)):
-        largest = max(largest, w.h[i])
-    for i in range(len(w.dense)):
-        for j in range(len(w.dense)):
-            largest = max(largest, abs(w.dense[i, j]))
-    return largest
-
-
-@plain
-def joint_cost(w, e):
-    """Copy H to ``e.cost``, (n, n)."""
-    for i in range(len(w.x)):
-        for j in range(len(w.x)):
-            e.cost[i, j] = 0.0 if len(w.h) > 0 else w.dense[i, j]
-        if len(w.h) > 0:
-            e.cost[i, i] = w.h[i]
-
-
-@plain
-def _program(e):
-    """Where the step is posed: without slacks if no direction needs one."""
-    for i in range(len(e.missing)):
-        if e.missing[i] > 0.0:
-            return e.program
-    return e.slim
-
-
-@part
-def _slacks(p, w):
-    """Number of slacks of a program with the scale."""
-    return len(p.x) - len(w.x) - 1
-
-
-@plain
-def _take_limits(w, e, p):
-    """Copy the limits to a program, with the room that it has."""
-    room = e.numbers[ROOM]
-    for i in range(len(w.x)):
-        p.lower[i], p.upper[i] = w.lower[i] - room, w.upper[i] + room
-    for row in range(len(w.g)):
-        p.g[row] = w.g[row] + room
-
-
-@plain
-def _factorised(w, p):
-    """Write S of H⁻¹ = SSᵀ to J; return whether H is positive definite."""
-    if len(w.h) == 0:
-        return cholesky_inverse(p.dense, p.J)
-    for i in range(len(p.x)):
-        for j in range(len(p.x)):
-            p.J[i, j] = 0.0
-        if not p.dense[i, i] > 0.0:
-            return False
-        p.J[i, i] = 1.0 / math.sqrt(p.dense[i, i])
-    return True
-
-
-@plain
-def _begin_program(w, e, p, of_slacks, of_scale):
-    """The costs H, of slacks and of the scale, no linear cost, and all limits."""
-    n, unknowns = len(w.x), len(p.x)
-    for i in range(unknowns):
-        for j in range(unknowns):
-            p.dense[i, j] = e.cost[i, j] if i < n and j < n else 0.0
-        p.c[i], p.lower[i], p.upper[i] = 0.0, -math.inf, math.inf
-    _take_limits(w, e, p)
-    for i in range(_slacks(p, w)):
-        p.dense[n + i, n + i] = of_slacks
-        if e.missing[i] > 0.0:
-            p.lower[n + i], p.upper[n + i] = -e.numbers[REACH], e.numbers[REACH]
-    if unknowns > n:
-        p.dense[unknowns - 1, unknowns - 1] = of_scale
-    for row in range(len(w.g)):
-        for i in range(unknowns):
-            p.G[row, i] = w.G[row, i] if i < n else 0.0
-
-
-@plain
-def _write_rows(w, e, p, scale, of_u):
-    """Write the rows B q̇ − S z − ``of_u`` slope u = at_rest + ``scale`` slope."""
-    n, slacks = len(w.x), _slacks(p, w)
-    for i in range(len(w.b)):
-        for k in range(n):
-            p.A[i, k] = e.rows[i, k]
-        for j in range(slacks):
-            p.A[i, n + j] = -e.missing[i] if i == j else 0.0
-        p.A[i, n + slacks] = -of_u * e.slope[i]
-        p.b[i] = e.at_rest[i] + scale * e.slope[i]
-
-
-@plain
-def _solution(w, e, p):
-    """Solve a program with the scale, with S of H⁻¹ = SSᵀ in J; returns as ``reduced_program``.
-
-    It begins with the constraints that were active in the last program of this step.
+    ``rows`` are those of all levels up to ``level``; ``held`` has those that count, but for these.
     """
-    return paced_program(e, p) if _slacks(p, w) == 0 else reduced_program(p)
-
-
-@plain
-def _solved(w, e, p, tolerances):
-    """The verified solution of a program with the scale; returns as ``solved_program``."""
-    if not _factorised(w, p):
-        return REFUSED
-    return checked(p, _solution(w, e, p), tolerances)
-
-
-@plain
-def _solved_in_joints(p, tolerances):
-    """The same of a program without rows, as ``DONE`` or ``REFUSED``."""
-    if not cholesky_inverse(p.dense, p.J):
-        return REFUSED
-    if joint_program(p) != SOLVED:
-        return REFUSED
-    if not clip_to_bounds(p.x, p.lower, p.upper):
-        return REFUSED
-    return DONE if excess_of(p, tolerances) <= 1.0 else REFUSED
-
-
-@plain
-def _pose(w, e, p, largest):
-    """Write the program at full speed."""
-    _begin_program(w, e, p, largest, 1.0)
-    for k in range(len(w.x)):
-        p.c[k] = w.c[k]
-    _write_rows(w, e, p, 1.0, 0.0)
-
-
-@plain
-def _as_posed(w, e, largest, tolerances):
-    """Solve the program at full speed."""
-    p = _program(e)
-    _pose(w, e, p, largest)
-    return _solved(w, e, p, tolerances)
-
-
-@plain
-def _strain(w, e, largest, dt):
-    """As ``control.edge_step.strain``; negative on failure."""
-    if e.numbers[DEGRADED] == 0.0:
-        return 0.0
-    p, unknowns, square = _program(e), len(_program(e).x), 0.0
-    _pose(w, e, p, largest)
-    if not (cholesky_inverse(p.dense, p.J) and unlimited(p)):
-        return -1.0
-    for i in range(len(w.b)):
-        beyond = 0.0
-        for k in range(unknowns - 1):
-            beyond += p.A[i, k] * (min(max(p.x[k], p.lower[k]), p.upper[k]) - p.x[k])
-        square += beyond * beyond
-    short = e.numbers[DEGRADED] * dt * math.sqrt(square)
-    size = e.numbers[SIZE]
-    return short if BEND * short > ROUNDING * size else 0.0
-
-
-@plain
-def excess(damping, size):
-    """Damping t + ℓ r of rows with σ_max = ``size``; not less than rounding."""
-    return max(damping, ROUNDING * size * size)
-
-
-@plain
-def _shortfall(w, e, largest, dt, tolerances):
-    """r, m and rad: what the limits do not allow of the task's displacement; negative on failure.
-
-    The multipliers of the limits in the way are written to ``sensitivity`` of the program.
-    """
-    p, m, square = _program(e), len(w.b), 0.0
-    _begin_program(w, e, p, largest, 1.0)
-    _write_rows(w, e, p, 1.0, 0.0)
-    begin(p, p.levels)
-    guessed = _active_by(e.sensitivity, w, len(p.x), p.levels.active)
-    if take_level(p, p.levels, 0, 0, m, tolerances, guessed) == NOT_PROVEN:
-        return -1.0
-    for i in range(m):
-        square += p.levels.r[i] * p.levels.r[i]
-    return dt * math.sqrt(square)
-
-
-@plain
-def _active_by(sensitivity, w, unknowns, active):
-    """Write the limits with multipliers, (n + k,), as an active set; return their number.
-
-    They are numbered as in ``active_set`` for a program with so many unknowns and no rows.
-    """
-    n, k, count = len(w.x), len(w.g), 0
-    for i in range(n + k):
-        multiplier = sensitivity[i]
-        if multiplier == 0.0 or count == n:
-            continue
-        active[count] = i - n if i >= n else k + i + (unknowns if multiplier > 0.0 else 0)
-        count += 1
-    return count
-
-
-@plain
-def _times(A, x, y):
-    """y = A x."""
-    for i in range(len(y)):
-        total = 0.0
-        for j in range(len(x)):
-            total += A[i, j] * x[j]
-        y[i] = total
-
-
-@plain
-def relaxed_cost(e, c, goal, first, end, more, weight, H, linear):
-    """Write the cost of ``EdgeRows.relaxed`` of the rows ``first`` to ``end`` to H and ``linear``.
-
-    With N = 1 − Aᵀ max(AAᵀ, ε²)⁻¹ A it is ``weight`` (N H N, N (c + H q̇_task)) and the rows' own.
-
-    Args:
-        e: The rotated rows and H; ``motion`` is what the levels above do to the joints, (n,), and
-            is overwritten.
-        c: Linear cost of the step, (n,).
-        goal: Right-hand sides of the rotated rows, (m,).
-        first: Index of the first row.
-        end: Index after the last row.
-        more: What is added to d.
-        weight: Of the cost in the null space.
-        H: Result, (≥ n, ≥ n).
-        linear: Result, (n,).
-    """
-    n, N = len(c), e.project
-    for k in range(n):
-        for j in range(n):
-            N[k, j] = 1.0 if k == j else 0.0
-    for i in range(first, end):
-        gain = goal[i] / (e.damped[i] + more)
-        for k in range(n):
-            e.motion[k] += gain * e.rows[i, k]
-            for j in range(n):
-                N[k, j] -= e.rows[i, k] * e.rows[i, j] / e.floor[i]
-    _times(e.cost, e.motion, e.scratch)
-    for k in range(n):
-        e.scratch[k] = weight * (c[k] + e.scratch[k])
-    _times(N, e.scratch, linear)
-    for j in range(n):
-        _times(e.cost, N[j], e.scratch)
-        for k in range(j, n):  # N is symmetric, and so is N H N
-            total = 0.0
-            for i in range(n):
-                total += N[k, i] * e.scratch[i]
-            H[k, j] = H[j, k] = weight * total
-    for i in range(first, end):
-        damped = (e.damped[i] + more) / e.floor[i]
-        for k in range(n):
-            linear[k] -= e.square[i] / e.floor[i] * goal[i] * e.rows[i, k]
-            for j in range(n):
-                H[k, j] += damped * e.rows[i, k] * e.rows[i, j]
-
-
-@plain
-def _relaxed(w, e, short, largest, dt, tolerances):
-    """The damped least squares of the task inside the limits; returns ``DONE`` or ``REFUSED``."""
-    p, n, m = e.bare, len(w.x), len(w.b)  # z = 0
-    size, far = e.numbers[SIZE], e.numbers[FAR]
-    more = BEND * size * short
-    weight = NULL_SHARE * excess(far + BEND * size * short, size) / largest
-    for k in range(n):
-        e.motion[k] = 0.0
-    _begin_program(w, e, p, 1.0, 1.0)
-    relaxed_cost(e, w.c, e.goal, 0, m, more, weight, p.dense, p.c)
-    return _solved_in_joints(p, tolerances)
-
-
-@plain
-def _scaled_motion(e, at_rest, slope, motion):
-    """Motion of the task alone for ``at_rest`` + ``slope`` times its slope; return its length."""
-    square = 0.0
-    for k in range(len(motion)):
-        motion[k] = 0.0
-        for i in range(len(e.goal)):
-            asked = at_rest * e.at_rest[i] + slope * e.slope[i]
-            motion[k] += e.rows[i, k] * asked / e.floor[i]
-        square += motion[k] * motion[k]
-    return math.sqrt(square)
-
-
-@plain
-def _largest(w, e, backoff, weight):
-    """s*, less the backoff; −1 if not even rest is feasible, −2 on failure.
-
-    The derivatives of s* by the limits are written to ``e.sensitivity``. ``weight`` is ε², the cost
-    of the joints' motion.
-    """
-    p, n = _program(e), len(w.x)
-    u = len(p.x) - 1
-    speed = _scaled_motion(e, 0.0, 1.0, e.motion)
-    _begin_program(w, e, p, weight, 1.0)
-    furthest = 1.0
-    for i in range(n):
-        for j in range(n):
-            p.dense[i, j] = weight if i == j else 0.0
-    p.c[u], p.lower[u], p.upper[u] = -2.0, 0.0, 1.0
-    _write_rows(w, e, p, 0.0, 1.0)
-    for i in range(u + 1):
-        for j in range(u + 1):
-            p.J[i, j] = 1.0 / math.sqrt(p.dense[i, i]) if i == j else 0.0
-    status = _solution(w, e, p)
-    if status == NO_ROOM:
-        return -1.0
-    if status != SOLVED or not clip_to_bounds(p.x, p.lower, p.upper):
-        return -2.0
-    scale = p.x[u]
-    for i in range(u):
-        furthest = max(furthest, abs(p.x[i]))
-    least = _OF_THE_MOTION * weight * furthest
-    for i in range(n):
-        e.sensitivity[i] = p.box[i] / (2.0 - scale) if abs(p.box[i]) > least else 0.0
-    for row in range(len(w.g)):
-        e.sensitivity[n + row] = p.lam[row] / (2.0 - scale) if p.lam[row] > least else 0.0
-    return scale * (1.0 - backoff) if scale * speed > AT_REST else 0.0
-
-
-@plain
-def _largest_with_rest(w, e, backoff):
-    """:func:`_largest`; if it finds none though rest is allowed, stiffer and with some room."""
-    top = _largest(w, e, backoff, _LINEAR)
-    if top != -1.0 or e.numbers[DEGRADED] > 0.0 or rest_is_excluded(w):
-        return top
-    e.numbers[ROOM] = _ROUNDED
-    speed = max(_scaled_motion(e, 0.0, 1.0, e.motion), AT_REST)
-    return _largest(w, e, backoff, _STIFF / (speed * speed))
-
-
-@plain
-def _worthwhile(g, w, e, top, largest, dt, tolerances):
-    """The scale s = u s* that is worth its joint motion; −1 on failure. The motion is in e."""
-    p, n = _program(e), len(w.x)
-    u = len(p.x) - 1
-    _begin_program(w, e, p, largest, 1.0)
-    if not ease(g, w, e, p, dt, 1.0 + (SPREAD - 1.0) * (1.0 - top)):
-        return -1.0
-    _write_rows(w, e, p, 0.0, top)
-    _scaled_motion(e, 1.0, top, e.motion)
-    for k in range(n):
-        p.lower[k], p.upper[k] = e.lower[k], e.upper[k]
-        e.scratch[k] = -w.c[k]
-    for i in range(n):
-        for j in range(n):
-            e.project[i, j] = e.cost[i, j]
-    if not cholesky(e.project):
-        return -1.0
-    cholesky_solve(e.project, e.scratch)
-    for k in range(n):
-        e.scratch[k] = min(max(e.scratch[k], w.lower[k]), w.upper[k])
-    worth = 0.0
-    for i in range(n):
-        total, pulled = 0.0, 0.0
-        for j in range(n):
-            total += e.cost[i, j] * e.motion[j]
-            pulled += e.cost[i, j] * e.scratch[j]
-        worth += e.motion[i] * total
-        p.c[i] = -pulled
-    worth *= WORTH / (1.0 - top)
-    curved = WORTH_CURVED * worth if worth > 0.0 else 1.0
-    p.dense[u, u], p.c[u] = curved, -worth - curved
-    p.lower[u], p.upper[u] = 0.0, 1.0
-    status = _solved(w, e, p, tolerances)
-    if status != DONE:
-        # Joints that move already may not be able to slow down as the eased bounds ask; and where
-        # they leave a single velocity, it is that of s* itself.
-        _take_limits(w, e, p)
-        p.upper[u] = 1.0 + 2.0 * tolerances.backoff
-        status = _solved(w, e, p, tolerances)
-    return top * p.x[u] if status == DONE else -1.0
-
-
-@plain
-def _take(w, p):
-    """Copy the velocity and the multipliers from a program."""
-    for k in range(len(w.x)):
-        w.x[k], w.box[k] = p.x[k], p.box[k]
-    for row in range(len(w.lam)):
-        w.lam[row] = p.lam[row]
-    for row in range(len(w.y)):
-        w.y[row] = 0.0
-
-
-@plain
-def _note_fading(w, e):
-    """Set whether less than b is asked of a direction, noticeably (``EdgeRows.lost``)."""
-    longest, largest = length_of_rows(w.A, e.stated, 0, len(w.b))
-    e.numbers[FADES] = 0.0
-    noticeable = NOTICEABLE * ((longest if longest > 0.0 else 1.0) + largest)
-    for i in range(len(w.b)):
-        share = 1.0 - e.weakness[i]
-        share *= 1.0 - e.weakness[i] * (1.0 - e.numbers[FITTING])
-        if share < 1.0 and (1.0 - share) * abs(e.rate[i]) > noticeable:
-            e.numbers[FADES] = 1.0
-
-
-@plain
-def _met(w, e):
-    """The outcome of a step that was solved as posed."""
-    _take(w, _program(e))
-    return _outcome(w, e)
-
-
-@plain
-def _outcome(w, e):
-    """``DONE``, or what less than that is asked."""
-    w.sensitivity[0] = w.braking[0]
-    if e.numbers[FADES] > 0.0:
-        return FADED
-    return BRAKED if w.braking[0] < 1.0 else DONE
-
-
-@plain
-def _give_way(w, e, strained, largest, dt, tolerances):
-    """Relax the task; return ``RELAXED`` or ``REFUSED``. Multipliers: of the limits in the way."""
-    short = _shortfall(w, e, largest, dt, tolerances)
-    if short < 0.0:
-        return REFUSED
-    p, n = _program(e), len(w.x)
-    for k in range(n):
-        w.sensitivity[1 + k] = p.sensitivity[1 + k]
-    for row in range(len(w.g)):
-        w.sensitivity[1 + n + row] = p.sensitivity[1 + len(p.x) + row]
-    e.bare.active_count[0] = _active_by(w.sensitivity[1:], w, n, e.bare.active)
-    if _relaxed(w, e, max(short, strained), largest, dt, tolerances) != DONE:
-        return REFUSED
-    _take(w, e.bare)
-    w.sensitivity[0] = w.braking[0]
-    return RELAXED
-
-
-@plain
-def _left(e, scale):
-    """The smaller one of s and of what is left of the weakest direction, 1 − φ (1 − θ)."""
-    return min(scale, 1.0 - e.numbers[DEGRADED] * (1.0 - e.numbers[FITTING]))
-
-
-@part
-def _lag(slow, free, none):
-    """As ``control.edge_step``."""
-    most = max(free, slow, none)
-    return max(0.0, slow - none) / most if most > 0.0 else 1.0
-
-
-@plain
-def _stopped(e, scale, x):
-    """``control.edge_step.stopped`` for the relaxed velocity x."""
-    fitting, none = e.numbers[FITTING], 0.0
-    slow, free, slow_weak, free_weak = 0.0, 0.0, 0.0, 0.0
-    for i in range(len(e.goal)):
-        goal, weak, reached = e.goal[i], e.weakness[i], 0.0
-        for k in range(len(x)):
-            reached += e.rows[i, k] * x[k]
-        whole = e.met[i] * goal
-        none += ROUNDING * goal * goal
-        slow += scale * (1.0 - weak) * (1.0 - weak) * whole * goal
-        free += (1.0 - weak) * goal * (reached - fitting * weak * whole)
-        slow_weak += fitting * weak * weak * whole * goal
-        free_weak += weak * goal * (reached - scale * (1.0 - weak) * whole)
-    regular = max(_lag(slow, free, none), scale)
-    return min(regular, max(_lag(slow_weak, free_weak, none), _left(e, 1.0)))
-
-
-@plain
-def _is_asked(e):
-    """Whether the task asks for a motion."""
-    largest = 0.0
-    for rate in e.goal:
-        largest = max(largest, abs(rate))
-    return largest > 0.0
-
-
-@plain
-def _pass_over(w, e, scale, largest, dt, tolerances):
-    """Write q̇ + ψ (q̇_relaxed − q̇) to ``w.x``, q̇ that of the program; return ψ, −1 on failure.
-
-    ``scale`` is that of q̇.
-    """
-    for k in range(len(w.x)):
-        e.scaled[k] = _program(e).x[k]
-    if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
-        return -1.0
-    e.numbers[PASSED] = share = max(0.0, 1.0 - _stopped(e, scale, w.x) / DEAD)
-    for k in range(len(w.x)):
-        w.x[k] = e.scaled[k] + share * (w.x[k] - e.scaled[k])
-    return share
-
-
-@plain
-def _just_met(w, e, top, largest, tolerances):
-    """The outcome of a task that the limits exclude by rounding alone: its scale is nearly 1."""
-    p, missed = _program(e), 0.0
-    for i in range(len(w.b)):
-        missed = max(missed, (1.0 - top) * abs(e.slope[i]))
-    longest, asked = length_of_rows(w.A, w.b, 0, len(w.b))
-    if missed > tolerances.equality * (longest + asked):
-        return REFUSED
-    # The active set takes violations of as much for rounding, when it finds the scale, too.
-    e.numbers[ROOM] += 2.0 * _ROUNDED
-    _pose(w, e, p, largest)
-    _write_rows(w, e, p, top, 0.0)
-    return _met(w, e) if _solved(w, e, p, tolerances) == DONE else REFUSED
-
-
-@plain
-def _as_scaled(g, w, e, top, largest, dt, tolerances):
-    """The step at a scale up to ``top``, or between it and the relaxed one.
-
-    Returns:
-        The scale and ψ; −1 on failure.
-    """
-    if top == 0.0 and _is_asked(e):
-        # The relaxed step alone, whatever the scaled one is: see _stopped.
-        if _give_way(w, e, 0.0, largest, dt, tolerances) != RELAXED:
-            return -1.0, 0.0
-        e.numbers[PASSED] = 1.0
-        return 0.0, 1.0
-    scale = _worthwhile(g, w, e, top, largest, dt, tolerances)
-    if scale < 0.0:
-        return -1.0, 0.0
-    if _left(e, scale) >= DEAD:
-        _take(w, _program(e))
-        return scale, 0.0
-    share = _pass_over(w, e, scale, largest, dt, tolerances)
-    if share < 0.0 or not clip_to_bounds(w.x, w.lower, w.upper):
-        return -1.0, 0.0
-    return scale, share
-
-
-@plain
-def _slower(g, w, e, largest, dt, tolerances):
-    """Scale the task, and pass over to the relaxed step where a limit stops it."""
-    top = _largest_with_rest(w, e, tolerances.backoff)
-    if top == -1.0:
-        return _give_way(w, e, 0.0, largest, dt, tolerances)
-    if top < 0.0:
-        return REFUSED
-    if top >= 1.0 - 2.0 * tolerances.backoff:
-        return _just_met(w, e, top, largest, tolerances)
-    scale, share = _as_scaled(g, w, e, top, largest, dt, tolerances)
-    if scale < 0.0:
-        return REFUSED
-    for i in range(len(w.x) + len(w.g)):
-        w.sensitivity[1 + i] = e.sensitivity[i]
-    if share > 0.0:
-        return RELAXED
-    w.sensitivity[0] = scale * w.braking[0]
-    for i in range(len(w.b)):
-        w.b[i] *= scale
-    return SCALED
-
-
-@plain
-def _feasible(w, e, mode, largest, dt, tolerances):
-    """The outcome of a step whose program has a solution as posed, which it holds."""
-    outcome = _met(w, e)
-    if mode == RAISE:
-        return REFUSED if outcome == FADED else outcome
-    if mode == RELAX:
-        strained = _strain(w, e, largest, dt)
-        if strained == 0.0:
-            return outcome
-        return _give_way(w, e, strained, largest, dt, tolerances) if strained > 0.0 else REFUSED
-    if _left(e, 1.0) >= DEAD:
-        return outcome
-    share = _pass_over(w, e, 1.0, largest, dt, tolerances)
-    if share > 0.0 and clip_to_bounds(w.x, w.lower, w.upper):
-        return RELAXED
-    if share < 0.0 or _as_posed(w, e, largest, tolerances) != DONE:
-        return REFUSED
-    return _met(w, e)
-
-
-@plain
-def _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances):
-    """The outcome of the step whose costs and limits are in w and e."""
-    mode = g.settings.infeasible
-    status = INFEASIBLE
-    for i in range(len(w.x) + len(w.g)):
-        e.sensitivity[i] = 0.0
-    if not (is_infeasible and mode == SCALE):
-        status = _as_posed(w, e, largest, tolerances)
-    if status == DONE:
-        return _feasible(w, e, mode, largest, dt, tolerances)
-    if status != INFEASIBLE or mode == RAISE:
-        return REFUSED
-    if mode == SCALE:
-        return _slower(g, w, e, largest, dt, tolerances)
-    strained = _strain(w, e, largest, dt)
-    return _give_way(w, e, strained, largest, dt, tolerances) if strained >= 0.0 else REFUSED
-
-
-@plain
-def _inert_share(g, dof, dt):
-    """ζ of a joint, less where its acceleration limit keeps it from reversing in one step anyhow.
-
-    And its velocity before the step.
-    """
-    fastest, hardest, before = math.inf, math.inf, 0.0
-    for index in range(len(g.types)):
-        if g.types[index] == MOTION:
-            fastest = min(fastest, g.limits[index, dof, 4])
-            hardest = min(hardest, g.limits[index, dof, 5])
-            before = g.limits[index, dof, 6]
-    if fastest == math.inf:
-        return 0.0, before
-    return INERTIA * min(1.0, 0.5 * hardest * dt / fastest), before
-
-
-@plain
-def _lagging(g, dof_count, before, passed_over, dt):
-    """``control.posed.Inertia.lagging``; ``before`` is ψ of the last step."""
-    kept = 0.0
-    for k in range(dof_count):
-        kept = max(kept, _inert_share(g, k, dt)[0])
-    return passed_over + kept * max(0.0, before - passed_over)
-
-
-@plain
-def _missed(w, e):
-    """How much of the task is not met, from 0 to 1; A q̇ of the rotated rows is left in slope."""
-    short, asked = 0.0, 0.0
-    for i in range(len(e.goal)):
-        e.slope[i] = 0.0
-        for k in range(len(w.x)):
-            e.slope[i] += e.rows[i, k] * w.x[k]
-        short += (e.slope[i] - e.goal[i]) ** 2
-        asked += e.goal[i] * e.goal[i]
-    asked = math.sqrt(asked)
-    none = NOTICEABLE * (e.numbers[SIZE] + asked)
-    missed = max(0.0, math.sqrt(short) - none) / max(asked, none) if none > 0.0 else 0.0
-    return min(1.0, missed / MISSED)
-
-
-@plain
-def _keep_rows(e, p, n, relaxed):
-    """Write the rows of ``control.edge_step._with_inertia``; their slacks are free."""
-    u = len(p.x) - 1
-    for i in range(len(p.b)):
-        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
-        for k in range(n):
-            p.A[i, k] = kept * e.rows[i, k]
-        for j in range(u - n):
-            p.A[i, n + j] = (kept - 1.0) * LOOSE * math.sqrt(e.floor[i]) if i == j else 0.0
-        p.A[i, u], p.b[i] = -kept * e.slope[i], 0.0
-    for j in range(u - n):
-        p.lower[n + j], p.upper[n + j] = -math.inf, math.inf
-
-
-@plain
-def _price_rows(e, p, n, relaxed, largest):
-    """The same with the slacks eliminated: what the rows miss is a cost of the joints and u."""
-    for i in range(len(e.goal)):
-        kept = (1.0 - e.weakness[i]) * (1.0 - relaxed)
-        price = largest / e.floor[i] * (kept / ((1.0 - kept) * LOOSE)) ** 2
-        for k in range(n):
-            along = price * e.rows[i, k]
-            for j in range(n):
-                p.dense[k, j] += along * e.rows[i, j]
-            p.dense[k, n] -= along * e.slope[i]
-            p.dense[n, k] -= along * e.slope[i]
-        p.dense[n, n] += price * e.slope[i] * e.slope[i]
-
-
-@plain
-def _begin_with_bare(e, p):
-    """Let a program with one unknown more than e.bare begin with the constraints active there."""
-    n, k = len(e.bare.x), len(e.bare.g)
-    p.active_count[0] = e.bare.active_count[0]
-    for i in range(p.active_count[0]):
-        p.active[i] = e.bare.active[i] + (1 if e.bare.active[i] >= k + n else 0)
-
-
-@plain
-def _posed_with_inertia(e, relaxed):
-    """Where the step with inertia is posed, by ψ."""
-    if relaxed == 1.0:
-        return e.bare  # nothing of the task is kept
-    if relaxed >= YIELDING:
-        return e.loose
-    if relaxed == 0.0 and e.numbers[DEGRADED] == 0.0:
-        return e.slim  # all of it
-    return e.program
-
-
-@plain
-def _solved_with_inertia(w, e, p, relaxed, scale, speed, largest, tolerances):
-    """Solve the program p, whose cost in the joints is written; ``speed`` is ‖q̇*‖² in H."""
-    n, u = len(w.x), len(p.x) - 1
-    if relaxed == 1.0:
-        return _solved_in_joints(p, tolerances)
-    p.dense[u, u] = WORTH_CURVED * speed if speed > 0.0 else 1.0
-    p.c[u] = -p.dense[u, u]
-    p.lower[u], p.upper[u] = max(0.0, 1.0 - (1.0 - scale) / MISSED), 1.0
-    if relaxed >= YIELDING:
-        _price_rows(e, p, n, relaxed, largest)
-        _begin_with_bare(e, p)
-        return _solved_in_joints(p, tolerances)
-    _keep_rows(e, p, n, relaxed)
-    return _solved(w, e, p, tolerances)
-
-
-@plain
-def _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances):
-    """``control.edge_step._with_inertia`` of the step in w. Returns as that.
-
-    ``relaxed`` is ψ of this step, ``before`` of the last one.
-    """
-    missed = _missed(w, e)
-    e.numbers[PASSED] = 0.0
-    if missed == 0.0:
-        return outcome
-    n, speed = len(w.x), 0.0
-    e.numbers[PASSED] = relaxed = _lagging(g, n, before, relaxed, dt)
-    p = _posed_with_inertia(e, relaxed)
-    scale = w.sensitivity[0] / w.braking[0] if outcome == SCALED else 1.0
-    for k in range(n):
-        share, velocity = _inert_share(g, k, dt)
-        e.motion[k] = w.x[k] + missed * share * (velocity - w.x[k])
-    _begin_program(w, e, p, largest, 1.0)
-    for i in range(n):
-        for j in range(n):
-            p.c[i] -= e.cost[i, j] * e.motion[j]
-            speed += w.x[i] * e.cost[i, j] * w.x[j]
-    if _solved_with_inertia(w, e, p, relaxed, scale, speed, largest, tolerances) != DONE:
-        return REFUSED
-    for k in range(n):
-        w.x[k] = p.x[k]
-    if outcome == SCALED:
-        slower = p.x[len(p.x) - 1]
-        w.sensitivity[0] *= slower
-        for i in range(len(w.b)):
-            w.b[i] *= slower
-    return outcome
-
-
-@plain
-def edge_step(g, w, e, qpos, dt, use_secondary, twist_space, is_infeasible):
+    largest, first = 0.0, len(rows) - len(level.square)
+    for i in range(len(level.square)):
+        largest = max(largest, level.square[i])
+    for i in range(len(level.square)):
+        counts = level.square[i] > HELD * HELD * largest
+        for k in range(rows.shape[1]):
+            held[first + i, k] = rows[first + i, k] if counts else 0.0
+    return row_space(held[: len(rows)], V)
+
+
+@inner
+def _all_levels(g, w, dt):
+    """The directions of all levels, braked, one level after the other; with w.b and w.braking."""
+    n, m = len(w.x), len(w.b)
+    d = Directions(
+        np.zeros((m, n)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
+        np.zeros(m), np.zeros((m, n + 1)),
+    )  # fmt: skip
+    ahead, above, motion = np.zeros(m), np.zeros(n), np.zeros(n)
+    V, held, rank = np.zeros((n, n)), np.zeros((m, n)), 0
+    forward_rows(g, ahead)
+    w.braking[0], w.braking[1] = 1.0, 0.0
+    for index in range(len(g.ends)):
+        first, end = g.ends[index - 1] if index > 0 else 0, g.ends[index]
+        level, share, which = _level(g, w, index, first, end, ahead, V, rank, above, dt)
+        if index == 0:
+            w.braking[0] = share
+        if w.braking[1] == 0.0:
+            w.braking[1] = which
+        motion_of(level, 0.0, motion)
+        above += motion
+        for i in range(end - first):
+            d.rows[first + i] = level.rows[i]
+            d.rate[first + i], d.square[first + i] = level.rate[i], level.square[i]
+            d.floor[first + i], d.damped[first + i] = level.floor[i], level.damped[i]
+            d.slack[first + i] = level.slack[i]
+            d.stated[first + i, :n] = level.rows[i] if index == 0 else level.stated[i, :n]
+            d.stated[first + i, n] = level.rate[i] if index == 0 else level.stated[i, n]
+        if len(g.ends) > 1:
+            rank = _held_rank(level, d.rows[:end], held, V)
+    return d
+
+
+@inner
+def edge_step(g, w, qpos, dt, use_secondary, twist_space, is_infeasible):
     """Compute the step that ``step_kernel.step`` found at the edge or infeasible.
 
     Args:
         g: Inputs of the step.
-        w: Its program, which receives the result.
-        e: ``edge_rows.EdgeArrays``; ``numbers[PASSED]`` is ψ of the last step, and then of this.
+        w: Its program, whose bounds and inequality rows are set; it receives the result.
         qpos: q, (nq,).
         dt: Length of the step, s.
         use_secondary: Whether the secondary acts.
         twist_space: ``None`` for the joint-space cost.
-        is_infeasible: Whether it was found infeasible with regular rows: it is not solved again.
+        is_infeasible: Whether it was found infeasible with regular rows.
 
     Returns:
-        ``DONE``, ``BRAKED``, ``FADED``, ``SCALED`` or ``RELAXED``, verified; ``REFUSED`` if the
-        reference has to compute the step.
+        ``DONE``, ``FADED``, ``BRAKED``, ``BRAKED_BELOW``, ``PRIORITIZED``, ``SCALED`` or
+        ``RELAXED``, verified; ``REFUSED`` if the reference has to compute the step.
     """
-    mode, tolerances = g.settings.infeasible, g.tolerances
+    levels, end = len(g.ends), g.ends[0]
     stated_rows(g, dt, w.A, w.b, w.free)
-    for i in range(len(w.b)):
-        e.stated[i] = w.b[i]
-    w.braking[0], w.braking[1] = 1.0, 0.0
     desired_velocities(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
     )
-    if not _weaken_and_brake(g, w, e, dt, g.settings.trusts > 0.0):
-        return REFUSED
-    _note_fading(w, e)
-    speed = _shorten(w, e, dt, g.settings.singularity)
-    e.numbers[REACH] += speed
-    if twist_space is not None and e.numbers[SMALLEST] < g.settings.singularity:
-        return REFUSED
     if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
         return REFUSED
-    joint_cost(w, e)
-    largest = largest_cost(w)
-    before, e.numbers[PASSED] = e.numbers[PASSED], 0.0
-    # The programs of a step begin with the active constraints of those before, not of other steps.
-    e.program.active_count[0] = e.slim.active_count[0] = e.bare.active_count[0] = 0
-    if len(_program(e).x) == len(e.slim.x) and not find_null_space(w, e):
+    d, c = _all_levels(g, w, dt), w.c.copy()
+    top = Directions(
+        d.rows[:end], d.rate[:end], d.ahead[:end], d.square[:end], d.floor[:end], d.damped[:end],
+        d.slack[:end], d.stated[:end],
+    )  # fmt: skip
+    free_of(top, c)
+    found, scale, relaxed = first_level(
+        w.H, c, top, w.G, w.g, w.lower, w.upper, not is_infeasible or levels > 1,
+        g.settings.infeasible != RELAX, g.settings.smooth > 0.0, g.tolerances,
+    )  # fmt: skip
+    closest = found.status != OPTIMAL
+    if closest and g.settings.smooth > 0.0:
         return REFUSED
-    e.numbers[ROOM] = 0.0
-    outcome = _without_inertia(g, w, e, is_infeasible, largest, dt, tolerances)
-    relaxed = e.numbers[PASSED]
-    if outcome in (DONE, BRAKED, REFUSED) or not g.settings.inertia > 0.0:
-        e.numbers[PASSED] = 0.0
-    else:
-        if mode == RELAX or (outcome == RELAXED and relaxed == 0.0):
-            relaxed = 1.0
-        outcome = _with_inertia(g, w, e, outcome, before, relaxed, largest, dt, tolerances)
-    if e.numbers[ROOM] > 0.0 and not clip_to_bounds(w.x, w.lower, w.upper):
-        return REFUSED
+    if closest:
+        found = Result(OPTIMAL, np.zeros(len(w.x)), w.b.copy(), w.g * 0.0, np.zeros(len(w.x)))
+        for i in range(len(w.x)):
+            found.x[i] = min(max(0.0, w.lower[i]), w.upper[i])
+    take(w, found)
+    outcome = RELAXED if relaxed > 0.0 else SCALED
+    if relaxed == 0.0 and scale >= WHOLE:
+        outcome, scale = DONE, 1.0
+    if levels > 1 or closest:
+        ordered, _ = _in_order(g, w, d, found, outcome, scale, closest)
+        if ordered.status != OPTIMAL:
+            return REFUSED
+        for i in range(len(w.x)):
+            w.x[i] = ordered.x[i]
+            w.box[i] = w.box[i] if outcome == SCALED else ordered.box[i]
+        if outcome != SCALED:  # then the limits in the way are those of the scale
+            w.lam[:] = ordered.lam
+        if outcome == DONE and not _lower_met(w, g.ends, g.tolerances):
+            outcome = PRIORITIZED
+    return _described(g, w, top, outcome, scale)
+
+
+@plain
+def _lower_met(w, ends, tolerances):
+    """Whether the levels below the first are met as they are stated."""
+    for level in range(1, len(ends)):
+        A, b, square = w.A[ends[level - 1] : ends[level]], w.b[ends[level - 1] : ends[level]], 0.0
+        longest, largest = size_of_rows(A, b)
+        for row in range(len(b)):
+            total = -b[row]
+            for k in range(len(w.x)):
+                total += A[row, k] * w.x[k]
+            square += total * total
+        longest = longest if longest > 0.0 else 1.0
+        if math.sqrt(square) > tolerances.equality * (longest + largest):
+            return False
+    return True
+
+
+@plain
+def _described(g, w, top, outcome, scale):
+    """Write the scale and the multipliers; return the outcome with braking and what is lost."""
+    n, end = len(w.x), len(top.rate)
+    for i in range(n):
+        w.sensitivity[1 + i] = w.box[i]
+    for row in range(len(w.g)):
+        w.sensitivity[1 + n + row] = w.lam[row]
+    for i in range(end):
+        w.b[i] *= scale
+    w.sensitivity[0] = scale * w.braking[0]
+    w.lacks[0] = 1.0 if _delivers_less(top, w.A[:end], w.b[:end], w.x, scale, g.tolerances) else 0.0
+    if outcome == DONE and w.lacks[0] > 0.0:
+        return FADED
+    if outcome in (DONE, PRIORITIZED) and w.braking[0] < 1.0:
+        return BRAKED if outcome == DONE else SCALED
+    if outcome == DONE and w.braking[1] != 0.0:
+        return BRAKED_BELOW
     return outcome
+
+
+@plain
+def _delivers_less(d, A, b, x, scale, tolerances):
+    """Whether x lacks a part of what a weak direction is asked for (``qp.lost_directions``)."""
+    longest, largest = size_of_rows(A, b)
+    tolerance = tolerances.equality * ((longest if longest > 0.0 else 1.0) + largest)
+    for i in range(len(b)):
+        missing = scale * d.rate[i]
+        for k in range(len(x)):
+            missing -= d.rows[i, k] * x[k]
+        if d.slack[i] > 0.0 and abs(missing) > tolerance:
+            return True
+    return False
+
+
+@inner
+def _in_order(g, w, d, found, outcome, scale, closest):
+    """The levels one after the other: weak directions have slacks, as in ``control.solving``."""
+    n, m, weak, c = len(w.x), len(d.rate), 0, w.c.copy()
+    free_of(d, c)
+    for i in range(m):
+        weak += d.slack[i] > 0.0
+    wide, cost, start = np.zeros((n + weak, n + weak)), np.zeros(n + weak), np.zeros(n + weak)
+    low, high = np.full(n + weak, -math.inf), np.full(n + weak, math.inf)
+    rows, rates, G, at = np.zeros((m, n + weak)), np.zeros(m), np.zeros((len(w.g), n + weak)), n
+    wide[:n, :n], cost[:n], start[:n] = w.H, c, found.x[:n]
+    low[:n], high[:n], G[:, :n], rows[:, :n] = w.lower, w.upper, w.G, d.stated[:, :n]
+    rates[:] = d.stated[:, n]
+    for i in range(m):
+        if d.slack[i] > 0.0:
+            rows[i, at], wide[at, at] = -math.sqrt(d.slack[i]), cost_along(w.H, d, i)
+            at += 1
+    for i in range(g.ends[0]):
+        phi = weakness(d, i)
+        if outcome == SCALED:
+            rates[i] *= phi + scale * (1.0 - phi)
+        elif outcome == RELAXED and d.slack[i] == 0.0 and not closest:
+            rates[i] = 0.0
+            for k in range(n):
+                rates[i] += d.rows[i, k] * found.x[k]
+    return in_order(
+        wide, cost, rows, rates, g.ends, G, w.g, low, high, start, w.levels.gaps, g.tolerances
+    )

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import WINDOW, bounds
-from qp_twist.kernel.compiling import kernel, plain
+from qp_twist.kernel.compiling import inner, kernel, plain
 from qp_twist.kernel.null_space import INDEPENDENT, least_norm, reflect
 from qp_twist.kernel.path_kernel import Rows
 from qp_twist.kernel.step_kernel import read_step, step_on_rows
@@ -80,20 +80,21 @@ def _begin(method, path, at, q, g, w):
     return True
 
 
-@plain
+@inner
 def _closed_form(q, use_secondary, g, w):
     """Write (TJ)†TΔt + (1 − (TJ)†TJ) h to ``w.x``; return whether the rows are independent."""
-    if len(w.b) > len(q) or not reflect(w.A, w.V, w.R) >= INDEPENDENT:
+    V = np.empty(w.A.shape)
+    if len(w.b) > len(q) or not reflect(w.A, V, w.R) >= INDEPENDENT:
         return False
     for dof in range(len(q)):
         w.x[dof] = 0.0
         if use_secondary:
             w.x[dof] = g.stiffness[dof] * (g.middle[dof] - q[dof])
-    least_norm(w.V, w.R, w.b, w.x)
+    least_norm(V, w.R, w.b, w.x)
     return True
 
 
-@plain
+@inner
 def _approach(arm, method, path, at, q, floats, integers):
     """Iterate to a waypoint, as ``following.walk``; return the iterations, −1 for the reference."""
     rows = path.rows
@@ -101,8 +102,6 @@ def _approach(arm, method, path, at, q, floats, integers):
     m = kinds[0] + kinds[1]
     s = read_step(floats[m], integers[m], integers[m])
     g, w = s.inputs, s.program
-    if at > 0 and rows.which[at] != rows.which[at - 1]:
-        w.active_count[0] = 0  # no warm start: the active set belongs to other rows
     if not _begin(method, path, at, q, g, w):
         return -1
     dt = path.durations[at] if method.program else 1.0

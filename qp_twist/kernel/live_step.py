@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from qp_twist.kernel.compiling import entry, part, plain
-from qp_twist.kernel.edge_levels import edge_levels
-from qp_twist.kernel.edge_rows import FADES, PASSED, read_edge
+from qp_twist.kernel.compiling import kernel, part, plain
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.rotations import rotation_of
-from qp_twist.kernel.step_kernel import infeasible_step, read_step, step
+from qp_twist.kernel.step_kernel import read_step, step
 
 PYTHON_JACOBIAN, NO_EFFECT = -2, -1
 """Entries of ``links`` that are no joint: Python computes the task's Jacobian; the joint does not
@@ -63,7 +61,7 @@ def take_poses(g):
             _jacobian(links[task], axes, anchors, position, g.jacobians[task])
 
 
-@entry
+@kernel
 def live_step(floats, integers, dt, use_secondary, twist_space):
     """Compute a step from the arrays that ``control.compiled_step`` has allocated.
 
@@ -77,50 +75,9 @@ def live_step(floats, integers, dt, use_secondary, twist_space):
     return step(g, w, qpos, dt, use_secondary, twist_space)
 
 
-@entry
-def live_infeasible_step(floats, integers):
-    """Scale or relax what :func:`live_step` found infeasible: ``step_kernel.infeasible_step``."""
-    s = read_step(floats, integers, integers)
-    return infeasible_step(s.inputs, s.program)
-
-
-@plain
-def at_the_edge(
-    s, edge, edge_integers, edge_table, qpos, dt, use_secondary, twist_space, is_infeasible,
-    passed_over,
-):  # fmt: skip
-    """``edge_step.edge_step`` of a step s, with the floats, integers and table of its arrays.
-
-    Returns:
-        Its outcome; ψ of this step; and whether less than b is asked of a direction.
-    """
-    e = read_edge(edge, edge_integers, edge_table)
-    e.numbers[PASSED] = passed_over
-    status = edge_step(s.inputs, s.program, e, qpos, dt, use_secondary, twist_space, is_infeasible)
-    return status, e.numbers[PASSED], e.numbers[FADES] > 0.0
-
-
-@entry
-def live_edge_step(
-    floats, integers, edge, edge_integers, dt, use_secondary, twist_space, is_infeasible,
-    passed_over,
-):  # fmt: skip
-    """Compute what :func:`live_step` found infeasible or at the edge: :func:`at_the_edge`.
-
-    ``edge`` and ``edge_integers`` are the arrays of ``edge_rows.EdgeArrays``; ``is_infeasible``
-    says which of the two; ``passed_over`` is ψ of the last step.
-    """
+@kernel
+def live_edge_step(floats, integers, dt, use_secondary, twist_space, is_infeasible):
+    """Compute what :func:`live_step` found infeasible or at the edge: ``edge_step.edge_step``."""
     s = read_step(floats, integers, integers)
     qpos = at_address(s.inputs.sources[0], s.inputs.sources[3 + 2 * len(s.inputs.links)])
-    return at_the_edge(
-        s, edge, edge_integers, edge_integers, qpos, dt, use_secondary, twist_space, is_infeasible,
-        passed_over,
-    )  # fmt: skip
-
-
-@entry
-def live_edge_levels(floats, integers, edge, edge_integers, dt):
-    """Relax levels of what :func:`live_step` found infeasible: ``edge_levels.edge_levels``."""
-    s = read_step(floats, integers, integers)
-    e = read_edge(edge, edge_integers, edge_integers)
-    return edge_levels(s.inputs, s.program, e, dt)
+    return edge_step(s.inputs, s.program, qpos, dt, use_secondary, twist_space, is_infeasible)

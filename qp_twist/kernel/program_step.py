@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.kernel.compiling import entry, plain
-from qp_twist.kernel.dual_active_set import (
-    NO_ROOM,
-    SOLVED,
-    cholesky_inverse,
-)
-from qp_twist.kernel.joint_program import joint_program
-from qp_twist.kernel.largest_scale import scaled_program
+import numpy as np
+
+from qp_twist.kernel.compiling import entry, kernel, plain
+from qp_twist.kernel.directions import directions, free_of
+from qp_twist.kernel.one_program import EMPTY, OPTIMAL, first_level, solve
+from qp_twist.kernel.step_kernel import take
 from qp_twist.kernel.step_record import read_program
 from qp_twist.kernel.verified_program import (
     DEPENDENT,
@@ -19,8 +17,6 @@ from qp_twist.kernel.verified_program import (
     INFEASIBLE,
     REFUSED,
     SCALED,
-    clip_to_bounds,
-    excess_of,
     well_conditioned,
 )
 
@@ -34,12 +30,12 @@ def _take_costs(H, c, lift, steepest, dt, w):
         largest = max(largest, abs(w.c[i]))
         finite &= abs(w.c[i]) < math.inf  # false for NaN
         for j in range(len(c)):
-            w.dense[i, j] = H[i, j]
+            w.H[i, j] = H[i, j]
             hardest = max(hardest, abs(H[i, j]))
             finite &= abs(H[i, j]) < math.inf
-        w.dense[i, i] += lift
-        hardest = max(hardest, abs(w.dense[i, i]))
-        finite &= abs(w.dense[i, i]) < math.inf
+        w.H[i, i] += lift
+        hardest = max(hardest, abs(w.H[i, i]))
+        finite &= abs(w.H[i, i]) < math.inf
     return finite and largest <= steepest * hardest
 
 
@@ -56,7 +52,7 @@ def _take_box(box, unlimited, w):
     return True
 
 
-@entry
+@kernel
 def program_step(
     H, c, lift, steepest, dt, A, b, box, rows, ends, unlimited, floats, integers, level_ends,
     threshold, tolerances,
@@ -88,7 +84,6 @@ def program_step(
     w = read_program(floats, integers, integers)
     w.sensitivity[0] = 1.0
     w.braking[0], w.braking[1] = 1.0, 0.0
-    w.active_count[0] = 0  # no warm start: the last program may have been another one
     if not (_take_box(box, unlimited, w) and _take_costs(H, c, lift, steepest, dt, w)):
         return REFUSED
     for row in range(len(w.b)):
@@ -101,17 +96,14 @@ def program_step(
             w.G[row, j] = rows[row, j]
     if not well_conditioned(w.A, level_ends, threshold, w.R, w.J):
         return DEPENDENT
-    if not cholesky_inverse(w.dense, w.J):
-        return REFUSED
-    status = joint_program(w)
-    if status == NO_ROOM and len(w.b) > 0:
-        return INFEASIBLE
-    if status != SOLVED or not clip_to_bounds(w.x, w.lower, w.upper):
-        return REFUSED
-    return DONE if excess_of(w, tolerances) <= 1.0 else REFUSED
+    found = solve(w.H, w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, tolerances)
+    if found.status != OPTIMAL:
+        return INFEASIBLE if found.status == EMPTY and len(w.b) > 0 else REFUSED
+    take(w, found)
+    return DONE
 
 
-@entry
+@kernel
 def scaled_step(floats, integers, tolerances):
     """Scale, solve and verify a program for which :func:`program_step` returned ``INFEASIBLE``.
 
@@ -119,9 +111,22 @@ def scaled_step(floats, integers, tolerances):
         ``SCALED`` or ``REFUSED``.
     """
     w = read_program(floats, integers, integers)
-    if not cholesky_inverse(w.dense, w.J):
+    m, c = len(w.b), w.c.copy()
+    d = directions(w.A, w.b, np.zeros(m), np.zeros((m, 0)), 0.0, 1.0, 0.0, False)
+    free_of(d, c)
+    found, scale, relaxed = first_level(
+        w.H.copy(), c, d, w.G, w.g, w.lower, w.upper, False, True, False, tolerances
+    )
+    if found.status != OPTIMAL or relaxed > 0.0:
         return REFUSED
-    return SCALED if scaled_program(w, tolerances) == SCALED else REFUSED
+    w.sensitivity[0] = scale
+    for i in range(len(w.x)):
+        w.x[i], w.sensitivity[1 + i] = found.x[i], found.box[i]
+    for row in range(len(w.g)):
+        w.sensitivity[1 + len(w.x) + row] = found.lam[row]
+    for i in range(len(w.b)):
+        w.b[i] *= scale
+    return SCALED
 
 
 @entry

@@ -6,12 +6,11 @@ import math
 from typing import Annotated, NamedTuple
 
 from qp_twist.kernel.bounds import bounds
-from qp_twist.kernel.closest_levels import closest_levels
-from qp_twist.kernel.compiling import plain
-from qp_twist.kernel.dual_active_set import cholesky, cholesky_inverse
-from qp_twist.kernel.edge_rows import SHORTENED, regular_from, stopping_share
-from qp_twist.kernel.largest_scale import scaled_program
+from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.directions import regular_from, stopping_share
+from qp_twist.kernel.dual_active_set import cholesky
 from qp_twist.kernel.null_space import null_space, right_singular, row_space
+from qp_twist.kernel.one_program import EMPTY, OPTIMAL, solve
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
 from qp_twist.kernel.twist_rows import in_basis, twist_rows
@@ -22,17 +21,13 @@ from qp_twist.kernel.verified_program import (
     DONE,
     INFEASIBLE,
     REFUSED,
-    RELAXED,
     SolverTolerances,
-    solved_program,
     well_conditioned,
 )
 
 RAISE, SCALE, RELAX = 0, 1, 2
 """If the first level is infeasible: leave it to the reference, scale the task, or minimise its
 residual inside the limits."""
-_CLEARLY = 1e-6
-"""m/s or rad/s: how far even rest has to be outside the limits, along the residual."""
 FROM_PYTHON = 3
 """Replaces the projector's axes in ``kinds`` if the task's rows are computed in Python."""
 
@@ -57,13 +52,11 @@ class Settings(NamedTuple):
     infeasible: float
     """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
     smooth: float
-    """Whether steps are smooth at the edge, see ``edge_step``; 1 or 0."""
+    """Whether a step has to change little with its data (``one_program``); 1 or 0."""
     trusts: float
     """Whether weak directions are damped by the length of the error; 1 or 0."""
     braking: float
     """Whether a task is slowed down so that the joints can stop in time; 1 or 0."""
-    inertia: float
-    """Whether joints keep a share of their velocity where a task is not met; 1 or 0."""
 
 
 class StepInputs(NamedTuple):
@@ -178,7 +171,7 @@ def _unseen(w, metric, nearly):
         w.sigma[i] = 1.0
         for j in range(n):
             w.directions[i, j] = N[i, j]
-    if _clear_cut(w.dense, metric, w.directions[: n - rank], nearly, w.J):
+    if _clear_cut(w.H, metric, w.directions[: n - rank], nearly, w.J):
         return n - rank
     right_singular(w.seen, w.directions, w.sigma)
     largest = 0.0
@@ -194,7 +187,7 @@ def _unseen(w, metric, nearly):
 def _add_unseen(w, metric, weight, nearly):
     """Add the joint-space cost of motion that no row sees to H and c (``posing.unseen``).
 
-    H is ``w.dense``, c is ``w.c`` and ḣ is ``w.line``.
+    H is ``w.H``, c is ``w.c`` and ḣ is ``w.line``.
     """
     n = len(metric)
     for k in range(_unseen(w, metric, nearly)):
@@ -205,7 +198,7 @@ def _add_unseen(w, metric, weight, nearly):
                         weight * w.sigma[k] * w.directions[k, i] * w.directions[k, j]
                         * math.sqrt(metric[i] * metric[j])
                     )  # fmt: skip
-                    w.dense[i, j] += entry
+                    w.H[i, j] += entry
                     w.c[i] -= entry * w.line[j]
 
 
@@ -268,7 +261,7 @@ def _all_seen(H, metric, nearly, work):
 @plain
 def _twist_cost(w, metric, weight, nearly):
     """H = FᵀF + AᵀA with F = ``w.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
-    A, free, H, c, desired = w.A, w.free, w.dense, w.c, w.line
+    A, free, H, c, desired = w.A, w.free, w.H, w.c, w.line
     nv = len(c)
     for i in range(nv):
         desired[i] = c[i]
@@ -319,23 +312,16 @@ def _add_costs(quadratic, linear, steepest, H, c):
 
 @plain
 def costs(w, metric, quadratic, linear, settings, twist_space):
-    """Compute H and c from ḣ in c, and S of H⁻¹ = SSᵀ if H is dense; return whether H ≻ 0.
+    """Compute H and c from ḣ in c; return whether they can be computed with.
 
     ``twist_space`` is ``None`` for the joint-space cost: numba then does not compile the
     twist-space cost, which saves a sixth of a step's compilation time.
     """
-    if len(w.h):
-        for i in range(len(w.h)):
-            w.h[i] = settings.weight * metric[i]
-            w.c[i] *= -w.h[i]
-        return True
     if twist_space is None:
-        _joint_cost(metric, settings.weight, w.dense, w.c)
+        _joint_cost(metric, settings.weight, w.H, w.c)
     else:
         _twist_cost(w, metric, settings.weight, settings.nearly_unseen)
-    if not _add_costs(quadratic, linear, settings.steepest, w.dense, w.c):
-        return False
-    return cholesky_inverse(w.dense, w.J)
+    return len(linear) == 0 or _add_costs(quadratic, linear, settings.steepest, w.H, w.c)
 
 
 @plain
@@ -353,23 +339,6 @@ def forward_rows(g, forward):
                 g.targets[index, 12:], forward[row : row + rank],
             )  # fmt: skip
         row += rank
-
-
-@plain
-def _surely_regular_from(g, w, dt):
-    """Singular value, m/rad or 1, from which on the rows and the secondary are as stated.
-
-    The rows are from σ₁ on, the secondary where σ ≥ ‖A‖ ‖h‖ or from 2 ε on (``qp.edge``), with
-    Frobenius' norm for σ_max.
-    """
-    square, desired = 0.0, 0.0
-    for i in range(len(w.c)):
-        desired += w.c[i] * w.c[i]
-    for row in range(len(w.b)):
-        for i in range(len(w.x)):
-            square += w.A[row, i] * w.A[row, i]
-    clear = min(SHORTENED * g.settings.singularity, dt * math.sqrt(square * desired))
-    return max(regular_from(g.settings.singularity), clear) if g.settings.trusts > 0.0 else clear
 
 
 @plain
@@ -400,13 +369,13 @@ def brake(g, w, dt):
     The displacement that would remove a level's error is that of least norm on what the levels
     above leave: with A = LQ it is Qᵢᵀyᵢ of Lᵢᵢyᵢ = bᵢ − Σ Lᵢⱼyⱼ.
     """
-    p, n, L, Q, y, first = w.levels, len(w.x), w.R, w.levels.E, w.levels.r, 0
-    forward_rows(g, p.desired)
+    p, n, L, Q, y, first = w.levels, len(w.x), w.R, w.levels.Q, w.levels.r, 0
+    forward_rows(g, p.ahead)
     if not _orthonormal_rows(w.A, L, Q):
         return False
     for level in range(len(g.ends)):
         end = g.ends[level]
-        _solve_rows(L, w.b, p.desired, 1.0, first, end, y)
+        _solve_rows(L, w.b, p.ahead, 1.0, first, end, y)
         for k in range(n):
             p.x[k] = 0.0
             for i in range(first, end):
@@ -417,10 +386,10 @@ def brake(g, w, dt):
         if w.braking[1] == 0.0:
             w.braking[1] = which
         for i in range(first, end):
-            taken = (1.0 - share) * (w.b[i] - p.desired[i])
+            taken = (1.0 - share) * (w.b[i] - p.ahead[i])
             w.b[i] -= taken
             w.eased[i] = taken if level > 0 else 0.0
-        _solve_rows(L, w.b, p.desired, 0.0, first, end, y)
+        _solve_rows(L, w.b, p.ahead, 0.0, first, end, y)
         first = end
     return True
 
@@ -436,6 +405,18 @@ def _solve_rows(L, b, forward, share, first, end, y):
 
 
 @plain
+def take(w, found):
+    """Copy a result to the program of a step."""
+    w.sensitivity[0] = 1.0
+    for i in range(len(w.x)):
+        w.x[i], w.box[i] = found.x[i], found.box[i]
+    for row in range(len(w.y)):
+        w.y[row] = found.y[row]
+    for row in range(len(w.lam)):
+        w.lam[row] = found.lam[row]
+
+
+@inner
 def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
     """Compute the joint velocity ``w.x`` from the task rows in ``w``.
 
@@ -443,8 +424,8 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
 
     Returns:
         ``DONE``, ``BRAKED`` or ``BRAKED_BELOW``; ``INFEASIBLE`` if the rows are infeasible within
-        the limits: call :func:`infeasible_step`, or with ``smooth`` ``edge_step``, as for
-        ``AT_THE_EDGE``; or ``REFUSED`` if the reference has to compute the step.
+        the limits: call ``edge_step``, as for ``AT_THE_EDGE``; or ``REFUSED`` if the reference
+        has to compute the step.
     """
     fastest = desired_velocities(
         qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
@@ -455,15 +436,13 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
             fastest = abs(w.b[row])
     if not fastest <= g.settings.fastest:
         return REFUSED
-    threshold, smooth = g.settings.singularity, g.settings.smooth > 0.0
-    w.braking[0], w.braking[1] = 1.0, 0.0
+    threshold = g.settings.singularity
+    w.braking[0], w.braking[1], w.lacks[0] = 1.0, 0.0, 0.0
     for row in range(len(w.eased)):
         w.eased[row] = 0.0
-    if smooth:
-        threshold = max(threshold, _surely_regular_from(g, w, dt))
+    if g.settings.trusts > 0.0:
+        threshold = regular_from(threshold)
     regular = well_conditioned(w.A, g.ends, threshold, w.R, w.J)
-    if not (regular or smooth):
-        return REFUSED
     if not bounds(
         g.limits, g.types, w.q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
         w.lower_kind, w.upper_kind,
@@ -475,74 +454,18 @@ def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
         return AT_THE_EDGE
     if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
         return REFUSED
-    status = solved_program(w, g.tolerances)
-    if status != DONE or w.braking[1] == 0.0:
-        return status
+    found = solve(w.H, w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, g.tolerances)
+    if found.status != OPTIMAL:
+        return INFEASIBLE if found.status == EMPTY else REFUSED
+    take(w, found)
+    if w.braking[1] == 0.0:
+        return DONE
     w.sensitivity[0] = w.braking[0]
     return BRAKED if w.braking[0] < 1.0 else BRAKED_BELOW
 
 
-@plain
+@inner
 def step(g, w, qpos, dt, use_secondary, twist_space):
     """Compute a step from g into w; returns as :func:`step_on_rows`."""
     stated_rows(g, dt, w.A, w.b, w.free)
     return step_on_rows(g, w, qpos, dt, use_secondary, twist_space)
-
-
-@plain
-def _no_scale_fits(w):
-    r"""Whether the closest velocity proves that no A x = s b, 0 ≤ s ≤ 1, is inside the limits.
-
-    For the x\* that minimises ‖r‖, r = A x − b, inside the convex limits, all others have
-    r\*ᵀA x ≥ r\*ᵀA x\*. With r\*ᵀA x\* > 0 also r\*ᵀ(s b) < r\*ᵀA x\* for all of these s, since
-    r\*ᵀb = r\*ᵀA x\* − ‖r\*‖².
-    """
-    along, length = 0.0, 0.0
-    for row in range(len(w.b)):
-        reached = 0.0
-        for i in range(len(w.x)):
-            reached += w.A[row, i] * w.x[i]
-        along += (reached - w.b[row]) * reached
-        length += (reached - w.b[row]) ** 2
-    return along > _CLEARLY * math.sqrt(length)
-
-
-@plain
-def rest_is_excluded(w):
-    """Whether the limits exclude joints at rest, clearly."""
-    excluded = False
-    for i in range(len(w.x)):
-        excluded = excluded or w.lower[i] > _CLEARLY or w.upper[i] < -_CLEARLY
-    for row in range(len(w.g)):
-        excluded = excluded or w.g[row] < -_CLEARLY
-    return excluded
-
-
-@plain
-def _rest_is_proved_excluded(w):
-    """Whether the limits exclude joints at rest, and with a dense H also a proof for the task.
-
-    That the linear program of the scale has no solution is a claim of floating-point arithmetic. It
-    is wrong where rest is inside the limits, and not to be relied on where H is dense, since it is
-    posed in the coordinates of H.
-    """
-    return rest_is_excluded(w) and (len(w.h) > 0 or _no_scale_fits(w))
-
-
-@plain
-def infeasible_step(g, w):
-    """Scale or relax a step that :func:`step` found infeasible; compiled on first use.
-
-    Returns:
-        ``SCALED``, ``RELAXED`` or ``PRIORITIZED``, or ``REFUSED`` as :func:`step_on_rows`.
-    """
-    scales, relaxes = g.settings.infeasible == SCALE, g.settings.infeasible == RELAX
-    if len(g.ends) > 1 or relaxes:
-        return closest_levels(w, g.ends, relaxes, g.tolerances)
-    if not scales:
-        return REFUSED
-    status = scaled_program(w, g.tolerances)
-    if status != INFEASIBLE:
-        return status
-    status = closest_levels(w, g.ends, True, g.tolerances)
-    return status if status == RELAXED and _rest_is_proved_excluded(w) else REFUSED

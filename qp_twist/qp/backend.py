@@ -16,32 +16,15 @@ from qp_twist.kernel import COMPILED
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers
 
-DEPENDENT = 1e-11
-"""Singular values of the unit equality rows below this share of the largest are dependence."""
-
 # Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
 # its velocity limit, ProxQP stops at an error of 1e-3. DAQP's 1e-6 on bounds is a visible angle.
 SETTINGS: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
     "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 200},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 20_000, "polishing": True},
-    "clarabel": {"tol_feas": 1e-10, "tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10},
+    "clarabel": {"tol_feas": 1e-9, "tol_gap_abs": 1e-9, "tol_gap_rel": 1e-9},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},
 }
-RETRY: dict[str, dict[str, Any]] = {
-    "daqp": {"primal_tol": 1e-9},
-    "proxqp": {"eps_abs": 1e-11, "max_iter": 500},
-    "osqp": {"eps_abs": 1e-8},
-    "clarabel": {"tol_feas": 1e-12, "tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12},
-    "piqp": {"eps_abs": 1e-9},
-}
-"""What a second attempt changes, as measured on what the first one failed at.
-
-Where rows almost contradict each other no floating-point x meets them to 1e-11, so that DAQP, OSQP
-and PIQP do better a little wider, still inside the verification's tolerances; ProxQP and Clarabel
-come closer when asked for more.
-"""
-
 DUST = 1e-12
 """Rows shorter than this share of the longest are rounding."""
 
@@ -86,11 +69,7 @@ def check_solver(solver: str | None) -> str:
 
 
 def solve_raw(
-    problem: QuadraticProgram,
-    solver: str,
-    *,
-    again: bool = False,
-    options: Mapping[str, Any] | None = None,
+    problem: QuadraticProgram, solver: str, options: Mapping[str, Any] | None = None
 ) -> RawSolution:
     """Hand a problem to a backend, with rows of length one and costs of size one.
 
@@ -98,21 +77,16 @@ def solve_raw(
     be dropped. A row of zeros cannot be scaled and is left to the verification. First-order
     backends need costs of a size that their tolerances were made for.
 
-    ``again`` is for a second attempt: it poses an orthonormal basis of the equality rows, since
-    rows that are nearly dependent are what backends call infeasible, at the settings of
-    :data:`RETRY`. ``options`` take the place of our settings.
+    ``options`` take the place of our settings.
 
     Raises:
         InvalidInput: If the backend knows no such option.
     """
     size = problem.steepest or 1.0
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
-    lift = None
-    if again and len(b):
-        A, b, lift = _orthonormal_rows(A, b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
     posed = problem.H / size, problem.c / size, A, b, G, g, problem.lower, problem.upper
-    settings = SETTINGS.get(solver, {}) | (RETRY.get(solver, {}) if again else {})
+    settings = dict(SETTINGS.get(solver, {}))
     if solver == "osqp" and not len(b):
         # Without an active row OSQP says on standard output that it has nothing to polish.
         settings["polishing"] = False
@@ -132,7 +106,7 @@ def solve_raw(
     y = _multipliers(solution.y, len(b))
     # Copies: some backends return views of memory that the next solve overwrites.
     multipliers = Multipliers(
-        size * (y if lift is None else lift @ y) / equality_lengths,
+        size * y / equality_lengths,
         size * _multipliers(solution.z, len(g)) / row_lengths if len(g) else g,
         size * _multipliers(solution.z_box, problem.n),
     )
@@ -173,17 +147,6 @@ def _unit_rows(rows: Array, bounds: Array) -> tuple[Array, Array, Array]:
     # stretched to length one it would contradict the others.
     lengths[lengths <= DUST * largest(lengths)] = 1.0
     return rows / lengths[:, None], bounds / lengths, lengths
-
-
-def _orthonormal_rows(A: Array, b: Array) -> tuple[Array, Array, Array]:
-    """Rows Vᵀ x = Σ⁻¹ Uᵀ b of A = U Σ Vᵀ, and U Σ⁻¹, which lifts their multipliers to A's.
-
-    What b asks beyond the range of A is left to the verification.
-    """
-    left, sigma, right = np.linalg.svd(A, full_matrices=False)
-    keep = sigma > DEPENDENT * sigma[0]
-    lift = left[:, keep] / sigma[keep]
-    return right[keep], lift.T @ b, lift
 
 
 def _multipliers(values: Any, size: int) -> Array:

@@ -1,4 +1,4 @@
-"""Solve a program and trust nobody: verify, ask again, try the next backend."""
+"""Solve a program by a backend and verify the result."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import qpsolvers
 
 from qp_twist.checks import Array
 from qp_twist.qp.active_set import constrained_least_squares
@@ -15,9 +14,6 @@ from qp_twist.qp.backend import RawSolution, solve_raw
 from qp_twist.qp.levels import Cascade
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers, feasible, proof_of_optimality
-
-FALLBACKS = ("daqp", "proxqp", "osqp")
-"""The backends that are always installed, in the order in which they are asked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,36 +47,21 @@ class Refused:
 
 
 def solve(
-    problem: QuadraticProgram,
-    solver: str,
-    *,
-    persist: bool = False,
-    options: Mapping[str, Any] | None = None,
+    problem: QuadraticProgram, solver: str, options: Mapping[str, Any] | None = None
 ) -> Verified | Refused:
-    """Solve with ``solver`` and verify.
+    """Solve with a backend and verify.
 
     Args:
         problem: The program.
-        solver: The backend to ask first.
-        persist: Where the result is refused, ask again on an orthonormal basis of the equality
-            rows and at other tolerances, then the other backends, each of them twice as well.
+        solver: The backend.
         options: Of the backend, in place of ours.
     """
     if np.count_nonzero(problem.lower > problem.upper):
         return Refused(("the bounds leave no room",), False)
-    attempts = [(solver, False)]
-    if persist:
-        others = [s for s in FALLBACKS if s != solver and s in qpsolvers.available_solvers]
-        attempts += [(solver, True)] + [(s, again) for s in others for again in (False, True)]
-    says: list[str] = []
-    claimed = False
-    for name, again in attempts:
-        result = verified(problem, solve_raw(problem, name, again=again, options=options), name)
-        if not isinstance(result, str):
-            return replace(result, refused=tuple(says)) if says else result
-        claimed |= not result.startswith("no solution")
-        says.append(f"{name}{' (again)' if again else ''} returned {result}")
-    return Refused(tuple(says), claimed)
+    result = verified(problem, solve_raw(problem, solver, options), solver)
+    if not isinstance(result, str):
+        return result
+    return Refused((f"{solver} returned {result}",), not result.startswith("no solution"))
 
 
 def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verified | str:
@@ -132,7 +113,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
         -none,
         none,
     )
-    result = solve(reduced, solver, persist=True)
+    result = solve(reduced, solver)
     if isinstance(result, Refused) and not result.claimed:
         result = _by_active_set(reduced, result)
     if isinstance(result, Refused):

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from oracles.exact_levels import exact_cascade
 from oracles.hierarchies import Hierarchy
 
+import qp_twist as qt
 from qp_twist.bench import BenchRun, bench, read_run, write_run
 from qp_twist.bench.contender import Contender, StepOf
 from qp_twist.bench.contenders import contenders, floor, peer_problem, peer_steps
@@ -365,7 +366,11 @@ def test_everybody_solves_the_program_that_they_are_judged_by(joints: int) -> No
     assert {"step:daqp", "solve_ik:daqp", "mink:hard"} <= {c.name for c in taking}
     for contender in taking:
         step = contender.prepare(problem)()
-        answers = {k: np.array(step(k)) for k in truth.programs}
+        try:
+            answers = {k: np.array(step(k)) for k in truth.programs}
+        except qt.SolverInaccurate:  # a failure is counted, and no other backend is asked
+            assert contender.name == "step:clarabel"
+            continue
         judged = truth.accuracy(contender.variant, answers)
         assert judged is not None and judged.error is not None
         assert judged.error < 1e-4, contender.name  # the loosest of the tolerances

@@ -188,7 +188,7 @@ def test_without_acceleration_limits_it_returns_at_the_velocity_limit_or_the_rec
 ) -> None:
     model = chain('range="-1 1"', 'range="-1 1"')
     configuration = mink.Configuration(model, side * np.array([1.2, 1.2]))
-    limit = qt.MotionLimit(model, velocity={"joint_1": 3.0}, recovery_speed=0.25)
+    limit = qt.MotionLimit(model, velocity={"joint_1": 3.0}, acceleration=None, recovery_speed=0.25)
     for bound in limit.bounds(configuration, 0.01):
         assert bound == pytest.approx(-side * np.array([3.0, 0.25]))
     position = qt.PositionLimit(model, recovery_speed=0.25)

@@ -50,7 +50,11 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed
     limit = arm.velocity_limit(0.2)
     limits = [qt.PositionLimit(arm.model), limit]
     controller = qt.Controller(arm.model, [arm.task], limits=limits, solver=solver)
-    step = controller.step(arm.configuration, 0.05)
+    try:
+        step = controller.step(arm.configuration, 0.05)
+    except qt.SolverInaccurate:  # it says so; no other backend is asked in its place
+        assert solver == "proxqp"
+        assume(False)
     rows, rate = arm.task.velocity_rows(arm.configuration, 0.05)
     assume(np.linalg.svd(rows, compute_uv=False)[-1] > 0.05)  # weaker directions lag behind
     assert step.status is qt.Status.SCALED
@@ -350,10 +354,9 @@ def test_the_feedforward_follows_a_moving_target_without_lag() -> None:
 # A backend that lies.
 
 
-@pytest.mark.parametrize("lie", ["nan", "zeros", "outside", "short", "none"])
+@pytest.mark.parametrize("lie", ["nan", "outside", "short", "none"])
 def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPatch) -> None:
     arm = Arm(4)
-    honest = qt.Controller(arm.model, [arm.task]).step(arm.configuration, 0.1)
     truth = qpsolvers.solve_problem
 
     def solve(problem: qpsolvers.Problem, solver: str, **keywords: object) -> qpsolvers.Solution:
@@ -363,7 +366,6 @@ def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPat
             n = len(problem.q)
             solution.x = {
                 "nan": np.full(n, np.nan),
-                "zeros": np.zeros(n),
                 "outside": solution.x + 100.0,
                 "short": np.zeros(n - 1),
                 "none": None,
@@ -371,12 +373,12 @@ def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPat
         return solution
 
     install(monkeypatch, solve)
-    step = qt.Controller(arm.model, [arm.task], solver="proxqp").step(arm.configuration, 0.1)
-    assert step.solver != "proxqp"
-    assert step.velocity == pytest.approx(honest.velocity, abs=1e-6)
+    controller = qt.Controller(arm.model, [arm.task], solver="proxqp")
+    with pytest.raises(qt.SolverInaccurate, match="proxqp returned"):
+        controller.step(arm.configuration, 0.1)
 
 
-def test_when_all_backends_lie_the_step_says_who_returned_what(
+def test_when_a_backend_lies_the_step_says_what_it_returned(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     truth = qpsolvers.solve_problem
@@ -389,7 +391,7 @@ def test_when_all_backends_lie_the_step_says_who_returned_what(
     arm = Arm(4)
     controller = qt.Controller(arm.model, [arm.task], solver="daqp")
     install(monkeypatch, solve)
-    with pytest.raises(qt.SolverInaccurate, match=r"daqp returned .*; proxqp returned .*"):
+    with pytest.raises(qt.SolverInaccurate, match="daqp returned a result that is not finite"):
         controller.step(arm.configuration, 0.1)
 
 

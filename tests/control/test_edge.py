@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,26 +14,20 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from oracles.arms import planar_arm, random_arm, random_configuration
-from oracles.compositions import composition
-from oracles.recorded_steps import kept
 
 import qp_twist as qt
 from qp_twist.constraints import stopping_share, stopping_speed
 from qp_twist.constraints.stopping_speed import BRAKING
-from qp_twist.control import edge_step as readable
-from qp_twist.control import posed
-from qp_twist.kernel import edge_rows
-from qp_twist.kernel import edge_step as kernel
-from qp_twist.qp import edge
-from qp_twist.qp.edge import EdgeRows
-from qp_twist.qp.verification import EQUALITY_TOLERANCE
+from qp_twist.kernel import directions as compiled_directions
+from qp_twist.kernel import one_program as compiled_program
+from qp_twist.qp import Directions, one_program
+from qp_twist.qp import directions as read
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
 EPSILON, DT = 1e-3, 0.005
 FASTEST = 0.5 * np.pi
 TWO_ARMS = Path(qt.__file__).parents[1] / "scenes" / "two_arms.xml"
-STEPS_AT_LIMITS = Path(__file__).with_name("steps_at_limits.json")
 HOME = np.array([0, 0.5, 0, -1.4, 0, 1.2, 0])
 
 
@@ -72,98 +65,27 @@ def weak_rows(rng: np.random.Generator) -> tuple[Array, Array]:
     return left @ np.diag(sigma) @ right[:m], error
 
 
-def displacement(A: Array, error: Array) -> Array:
-    """What the task alone makes of the joints in one step of 1 s."""
-    return EdgeRows.of(A, error, 1.0, EPSILON).motion()
-
-
 @given(SEEDS)
 @settings(max_examples=200)
-def test_the_damped_inverse_is_a_function_of_the_matrix_alone(seed: int) -> None:
-    """Aᵀ max(M + ℓ r_l, t)⁻¹ e by the eigenvalues of AAᵀ, in any basis of the rows and joints."""
+def test_a_weak_direction_is_met_by_the_damped_inverse(seed: int) -> None:
+    """Its cost beside that of the joints has the damped inverse as its minimum, whatever A is."""
     rng = np.random.default_rng(seed)
-    A, e = weak_rows(rng)
-    values, vectors = np.linalg.eigh(A @ A.T)
-    share = np.maximum(0.0, 1.0 - values / 0.05**2) ** 3
-    bend = 0.6 * np.linalg.norm(A, 2)
-    t = max(0.05**2 * 0.005, bend * np.linalg.norm(share * (vectors.T @ e)))  # steps of 1 s
-    M = np.maximum(values, EPSILON**2)
-    left = bend * np.linalg.norm(np.maximum(0.0, 1.0 - M / max(t, 1e-300)) * (vectors.T @ e))
-    D = vectors @ np.diag(np.maximum(M + left, t)) @ vectors.T
-    expected = A.T @ np.linalg.solve(D, e)
-    size = 1.0 + np.abs(expected).max()
-    np.testing.assert_allclose(displacement(A, e), expected, atol=1e-6 * size)
-    Q, R = (np.linalg.qr(rng.normal(size=(k, k)))[0] for k in A.shape)
-    np.testing.assert_allclose(
-        displacement(Q @ A @ R, Q @ e), R.T @ displacement(A, e), atol=1e-6 * size
+    A, error = weak_rows(rng)
+    found = Directions.of(A, error, 1.0, EPSILON)
+    H, c = np.eye(A.shape[1]), np.zeros(A.shape[1])
+    weak = found.slack > 0.0
+    H, c = one_program.with_weak_rows(
+        H, c, found.rows, found.rate, found.slack, np.ones(len(error))
     )
-
-
-@given(SEEDS)
-@settings(max_examples=200)
-def test_it_changes_no_faster_than_is_proved(seed: int) -> None:
-    """The bound of the docs' page, also where two singular values are equal and change places."""
-    rng = np.random.default_rng(seed)
-    A, e = weak_rows(rng)
-    dA = 10.0 ** rng.uniform(-9.0, -4.0) * rng.normal(size=A.shape)
-    de = 10.0 ** rng.uniform(-9.0, -4.0) * rng.normal(size=e.shape)
-    before, after = (EdgeRows.of(A + k * dA, e + k * de, 1.0, EPSILON) for k in (0, 1))
-    change = np.linalg.norm(after.motion() - before.motion())
-    least = max(min(before.damping, after.damping), EPSILON**2)
-    turned, longest = np.linalg.norm(dA), max(np.linalg.norm(e), np.linalg.norm(e + de))
-    bound = longest * turned / least + np.linalg.norm(de) / np.sqrt(least)
-    grown = abs(after.damping - before.damping) + abs(after.bent - before.bent)
-    bound += longest * grown / least**1.5
-    assert change <= bound * (1.0 + 1e-6) + 1e-12
-    # And t itself: ℓ and w are Lipschitz.
-    size = max(np.linalg.norm(A, 2), np.linalg.norm(A + dA, 2))
-    steep = 0.6 * turned * longest + 0.6 * size * (
-        6.0 * size * turned * longest / 0.05**2 + np.linalg.norm(de)
-    )
-    assert abs(after.damping - before.damping) <= steep * (1.0 + 1e-6) + 1e-15
-
-
-@given(SEEDS)
-@settings(max_examples=100)
-def test_the_step_stays_this_side_of_the_singularity(seed: int) -> None:
-    """A damped direction moves by no more than σ/ℓ."""
-    rng = np.random.default_rng(seed)
-    A, e = weak_rows(rng)
-    rows = EdgeRows.of(A, e, 1.0, EPSILON)
-    moved = np.abs(rows.right @ rows.motion())
-    damped = (rows.damping > rows.sigma**2) & (rows.damping > EPSILON**2) & (rows.weak > 0.5)
-    assert (moved[damped] <= 2.0 * rows.sigma[damped] / rows.bend * (1.0 + 1e-9)).all()
-
-
-@given(SEEDS)
-@settings(max_examples=100)
-def test_weak_directions_keep_to_their_room_at_any_scale(seed: int) -> None:
-    """The motion at scale 0 is that of weak directions alone, inside the bounds given for it."""
-    rng = np.random.default_rng(seed)
-    rows = EdgeRows.of(*weak_rows(rng), 1.0, EPSILON)
-    bounds = np.sort(rng.normal(size=(2, rows.A.shape[1])) * 10.0 ** rng.uniform(-3, 1), axis=0)
-    bounds += np.array([[-1e-3], [1e-3]]) - np.clip(0.0, *bounds)  # rest is inside
-    fitted = rows.fitted(*bounds)
-    at_rest = fitted.motion(0.0)
-    assert (at_rest >= bounds[0] - 1e-12).all()
-    assert (at_rest <= bounds[1] + 1e-12).all()
-    values, vectors = np.linalg.eigh(rows.A @ rows.A.T)
-    regular = values > max(rows.damping, EPSILON**2) * (1.0 + 1e-9)
-    size = 1.0 + np.abs(rows.b).max()
-    np.testing.assert_allclose(vectors[:, regular].T @ fitted.asked(0.0), 0.0, atol=1e-6 * size)
-    # What damping leaves of the others damps them too, at any scale alike.
-    goal = 0.3 * vectors[:, regular].T @ rows.b * values[regular] / (values[regular] + rows.bent)
-    asked = vectors[:, regular].T @ fitted.asked(0.3)
-    np.testing.assert_allclose(asked, goal, atol=1e-6 * size)
-    assert rows.bent == 0.0 or not rows.regular
-
-
-@given(SEEDS)
-@settings(max_examples=100)
-def test_the_rows_with_their_slacks_are_never_shorter_than_epsilon(seed: int) -> None:
-    rows = EdgeRows.of(*weak_rows(np.random.default_rng(seed)), 1.0, EPSILON)
-    both = np.hstack([rows.rows(), -rows.slack()])
-    assert np.linalg.svd(both, compute_uv=False)[-1] >= EPSILON * (1.0 - 1e-6)
+    E, e = found.rows[~weak], found.rate[~weak]
+    k = len(e)
+    saddle = np.block([[H, E.T], [E, np.zeros((k, k))]])
+    x = np.linalg.lstsq(saddle, np.concatenate([-c, e]), rcond=None)[0][: len(c)]
+    np.testing.assert_allclose(x, found.motion(), atol=1e-7 * (1.0 + np.abs(x).max()))
+    # What is weak moves by at most σ/ℓ: the arm does not leap over the singularity.
+    share = np.maximum(0.0, 1.0 - (found.sigma / 0.05) ** 2) ** 3
+    step = share * np.abs(found.rate) * found.sigma / np.maximum(found.damped, 1e-300)
+    assert (step <= found.sigma / (read.BEND * found.size) + 1e-12).all()
 
 
 @given(SEEDS)
@@ -188,7 +110,7 @@ def test_no_weak_singular_value_changes_faster_than_its_bound(seed: int) -> None
 
     A = rows(q)
     left, sigma, right = np.linalg.svd(A)
-    bound = EdgeRows.of(A, np.zeros(rank), 1.0, EPSILON).bend
+    bound = read.BEND * sigma[0]
     for i in np.flatnonzero(sigma < 0.1 * sigma[0]):
         v = right[i]
         change = (rows(q + 1e-6 * v) - rows(q - 1e-6 * v)) / 2e-6
@@ -197,20 +119,19 @@ def test_no_weak_singular_value_changes_faster_than_its_bound(seed: int) -> None
 
 def test_both_statements_have_the_same_constants() -> None:
     """In the kernel they are compiled in; a difference would be one of the step."""
-    assert (edge_rows.REGULAR, edge_rows.BEND, edge_rows.SHORTENED) == (
-        edge.REGULAR, edge.BEND, edge.SHORTENED,
+    assert (
+        compiled_directions.REGULAR, compiled_directions.BEND, compiled_directions.SMOOTHED,
+        compiled_directions.BRAKING,
+    ) == (
+        read.REGULAR, read.BEND, read.SMOOTHED, BRAKING,
     )  # fmt: skip
-    assert edge_rows.BRAKING == BRAKING
-    assert edge_rows.SPREAD == readable.SPREAD
-    assert (kernel.WORTH, kernel.WORTH_CURVED, kernel.DEAD) == (
-        readable.WORTH, readable.WORTH_CURVED, readable.DEAD,
-    )  # fmt: skip
-    assert (kernel.NULL_SHARE, kernel.ROUNDING) == (
-        edge.NULL_SHARE, edge.ROUNDING,
-    )  # fmt: skip
-    assert kernel.NOTICEABLE == EQUALITY_TOLERANCE
-    assert (kernel.INERTIA, kernel.MISSED, kernel.LOOSE) == (
-        posed.INERTIA, readable.MISSED, readable.LOOSE,
+    assert (
+        compiled_program.WORTH, compiled_program.CURVED, compiled_program.SOFT,
+        compiled_program.DEAD, compiled_program.LEAST_MOTION,
+        compiled_program.BACKOFF,
+    ) == (
+        one_program.WORTH, one_program.CURVED, one_program.SOFT, one_program.DEAD,
+        one_program.LEAST_MOTION, one_program.BACKOFF,
     )  # fmt: skip
 
 
@@ -348,157 +269,6 @@ def test_noise_of_a_target_inside_the_edge_is_not_amplified() -> None:
     assert np.linalg.norm(left) < 1e-9
 
 
-@pytest.mark.parametrize("part", range(4))
-def test_recorded_steps_of_regular_tasks_are_what_they_were(part: int) -> None:
-    """Where every level is met and far from singularities the step is the recorded one."""
-    records = kept()
-    compared = 0
-    for seed in range(60 * part, 60 * (part + 1)):
-        record = records[seed].answer
-        asked = composition(seed)
-        if record.status != "SOLVED" or record.sigma_min < 0.05:
-            continue
-        step = asked.step("daqp", smooth=True)
-        if step.status is not qt.Status.SOLVED:  # a lower level may be singular, or one is braked
-            continue
-        compared += 1
-        allowed = 1e-7 * (1.0 + np.abs(record.velocity).max()) + 100.0 * records[seed].spread
-        np.testing.assert_allclose(step.velocity, record.velocity, atol=allowed)
-    assert compared >= 10
-
-
-# ---------------------------------------------------------------------------------------- inertia
-
-
-def reaching(
-    away: float,
-    mode: str,
-    before: Array | None,
-    *,
-    solver: str | None = None,
-    passed_over: float = 0.0,
-    **limits: Any,
-) -> tuple[qt.Step, Array, Array]:
-    """A step of the seven-axis arm to a target so far away, and its rows.
-
-    Without ``before`` the joints have no inertia. ``passed_over``: of the last step.
-    """
-    configuration = mink.Configuration(SEVEN, HOME)
-    task = qt.TwistTask.axis_free("tool", "site")
-    home = configuration.get_transform_frame_to_world("tool", "site")
-    task.set_target(mink.SE3.from_translation(away * np.array([0.5, 0.7, -0.4])) @ home)
-    speeds = {SEVEN.joint(i).name: FASTEST for i in range(7)}
-    chosen: list[mink.Limit] = [qt.MotionLimit(SEVEN, velocity=FASTEST, **limits)]
-    if before is None:
-        chosen = [qt.PositionLimit(SEVEN), mink.VelocityLimit(SEVEN, speeds)]
-    controller = qt.Controller(
-        SEVEN, [task], limits=chosen, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
-        secondary=[qt.PostureReference(SEVEN, np.zeros(7), gain=0.01)],
-    )  # fmt: skip
-    controller.passed_over = passed_over
-    step = controller.step(configuration, DT, velocity=before)
-    return step, *task.velocity_rows(configuration, DT)
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-def test_a_relaxed_step_keeps_seven_tenths_of_the_last_velocity(solver: str | None) -> None:
-    """Joints without inertia have limits that do not know the last velocity."""
-    without = reaching(0.4, "relax", None, solver=solver)[0]
-    before = 0.3 * np.random.default_rng(0).normal(size=7)
-    step = reaching(0.4, "relax", before, solver=solver)[0]
-    assert step.status is without.status is qt.Status.RELAXED
-    np.testing.assert_allclose(step.velocity, 0.7 * before + 0.3 * without.velocity, atol=1e-6)
-    for _ in range(60):
-        before = reaching(0.4, "relax", before, solver=solver)[0].velocity
-    np.testing.assert_allclose(before, without.velocity, atol=1e-6)
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-@pytest.mark.parametrize("away", [0.01, 0.4])
-def test_a_scaled_step_with_inertia_keeps_the_path(away: float, solver: str | None) -> None:
-    without = reaching(away, "scale", None, solver=solver)[0]
-    before = -without.velocity
-    step, A, b = reaching(away, "scale", before, solver=solver)
-    assert step.status is without.status is qt.Status.SCALED
-    np.testing.assert_allclose(A @ step.velocity, step.scale * b, atol=1e-8 * np.linalg.norm(b))
-    assert step.scale < 0.9 * without.scale
-    assert np.abs(step.velocity).max() <= FASTEST
-    for _ in range(80):
-        step = reaching(away, "scale", before, solver=solver)[0]
-        before = step.velocity
-    assert step.scale == pytest.approx(without.scale, rel=1e-5)
-    np.testing.assert_allclose(before, without.velocity, atol=1e-5)
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-def test_a_path_that_was_left_is_returned_to_with_the_same_inertia(solver: str | None) -> None:
-    """The share of a step that keeps no path falls to 0.7 of it from step to step."""
-    before = 0.3 * np.random.default_rng(1).normal(size=7)
-    step, A, b = reaching(0.4, "scale", before, solver=solver, passed_over=1.0)
-    along = b / np.linalg.norm(b)
-    across = A @ step.velocity - (along @ A @ step.velocity) * along
-    assert step.status is qt.Status.SCALED
-    assert np.linalg.norm(across) > 1e-3
-    for n in range(1, 40):
-        assert step.passed_over == pytest.approx(0.7**n, rel=1e-9)
-        before, left = step.velocity, step.passed_over
-        step, A, b = reaching(0.4, "scale", before, solver=solver, passed_over=left)
-    np.testing.assert_allclose(A @ step.velocity, step.scale * b, atol=1e-6)
-
-
-@pytest.mark.parametrize("mode", ["scale", "relax"])
-def test_a_task_that_is_met_knows_no_last_velocity(mode: str) -> None:
-    before = np.array([1.5, -1.5, 1.5, -1.5, 1.5, -1.5, 1.5])
-    steps = [
-        reaching(0.002, mode, v, passed_over=left)[0]
-        for v, left in ((np.zeros(7), 0.0), (before, 1.0))
-    ]
-    assert [step.status for step in steps] == [qt.Status.SOLVED] * 2
-    assert [step.passed_over for step in steps] == [0.0] * 2
-    np.testing.assert_array_equal(steps[0].velocity, steps[1].velocity)
-
-
-def test_joints_that_cannot_reverse_in_a_step_have_little_inertia() -> None:
-    """With 10 rad/s² and 5 ms the share is 0.7 · 0.05/π."""
-    before = np.full(7, 0.2)
-    found = reaching(0.4, "relax", before, acceleration=10.0)[0].velocity
-    np.testing.assert_allclose(
-        np.abs(found - before).max(), 0.05 * (1.0 - 0.035 / np.pi), rtol=1e-6
-    )
-
-
-@given(SEEDS)
-@settings(max_examples=100)
-def test_inertia_is_the_same_in_the_kernel_and_in_the_reference(seed: int) -> None:
-    """Random arms, targets far away, some joints with acceleration limits."""
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, int(rng.integers(5, 9)))
-    configuration = mink.Configuration(model, random_configuration(model, rng, margin=0.05))
-    task = qt.TwistTask.point("tool", "site")
-    pose = configuration.get_transform_frame_to_world("tool", "site")
-    away = 10.0 ** rng.uniform(-3.0, 0.5) * rng.normal(size=3)
-    task.set_target(mink.SE3.from_translation(away) @ pose)
-    hardest = 10.0 ** rng.uniform(1.0, 4.0) if rng.random() < 0.5 else None
-    before, mode = 0.5 * rng.normal(size=model.nv), str(rng.choice(["scale", "relax"]))
-    passed_over = float(rng.choice([0.0, 1.0, rng.random()]))
-    found = []
-    for solver in ("compiled", "daqp"):
-        controller = qt.Controller(
-            model, [task], solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
-            limits=[qt.MotionLimit(model, velocity=2.0, acceleration=hardest)],
-            secondary=[qt.PostureReference(model, np.zeros(model.nv), gain=0.05)],
-        )  # fmt: skip
-        controller.passed_over = passed_over
-        found.append(controller.step(configuration, 0.01, velocity=before))
-        assert controller.passed_over == found[-1].passed_over
-    ours, theirs = found
-    assert ours.status is theirs.status
-    assert ours.passed_over == pytest.approx(theirs.passed_over, abs=1e-6)
-    np.testing.assert_allclose(ours.velocity, theirs.velocity, atol=1e-6)
-    assert ours.scale == pytest.approx(theirs.scale, rel=1e-5, abs=1e-8)
-    event(f"{ours.status.name} by {type(ours).__name__}")
-
-
 # ------------------------------------------------------------------------------------------- runs
 
 
@@ -513,7 +283,7 @@ class Run(NamedTuple):
 
 def run(
     offset: Callable[[float], Array], length: float, mode: str, *,
-    acceleration: float | None = None, twist: Callable[[float], Array] | None = None,
+    acceleration: Any = "default", twist: Callable[[float], Array] | None = None,
     solver: str | None = None,
 ) -> Run:  # fmt: skip
     """The seven-axis arm at 200 Hz after a target that starts at home."""
@@ -542,8 +312,8 @@ def run(
         error = float(np.linalg.norm(place - goal))
     v = np.array(velocities)
     changes = np.diff(np.vstack([np.zeros(7), v]), axis=0)
-    if acceleration is not None:
-        excess = max(excess, float(np.abs(changes).max()) - acceleration * DT)
+    change = limit.max_acceleration * DT
+    excess = max(excess, float((np.abs(changes) - change).max()))
     fast = (v[1:] * v[:-1] < 0.0) & (np.minimum(np.abs(v[1:]), np.abs(v[:-1])) > 0.3)
     rms = float(np.sqrt((changes**2).mean())) / DT
     return Run(int(fast.sum()), rms, error, float(excess))
@@ -783,7 +553,9 @@ def test_a_weak_direction_that_a_limit_stops_is_gone_around_in_both_statements()
         found.append(controller.step(configuration, DT))
         assert controller.reference_steps == 0 or solver == "daqp"
     np.testing.assert_allclose(found[0].velocity, found[1].velocity, atol=1e-6)
-    assert found[0].status is found[1].status is qt.Status.RELAXED
+    assert found[0].status is found[1].status
+    A, b = task.velocity_rows(configuration, DT)
+    assert b @ A @ found[0].velocity > 0.0  # it comes nearer
 
 
 def test_what_is_lost_far_outside_does_not_shake_the_other_directions() -> None:
@@ -847,9 +619,9 @@ def test_a_lower_level_out_of_reach_is_calm_and_moves_nothing_above_it() -> None
         elbow_task.set_target(
             mink.SE3.from_translation(elbow.translation() + share * np.array([0, 0.6, 0.1]))
         )
-        step = controller.step(configuration, DT)
+        step = controller.step(configuration, DT, velocity=before)
         A, _ = task.velocity_rows(configuration, DT)
-        above = alone.step(configuration, DT)
+        above = alone.step(configuration, DT, velocity=before)
         np.testing.assert_allclose(A @ step.velocity, A @ above.velocity, atol=1e-9)
         fast = np.minimum(np.abs(step.velocity), np.abs(before)) > 0.3
         flips += int(((step.velocity * before < 0.0) & fast).sum())
@@ -916,37 +688,6 @@ def test_joints_that_just_stop_at_their_limits_are_braked_in_the_kernel() -> Non
             assert controller.reference_steps == 0
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
     np.testing.assert_allclose(np.abs(found[0]), model.jnt_range[:, 1], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "state", json.loads(STEPS_AT_LIMITS.read_text()), ids=lambda state: state["what"]
-)
-def test_steps_between_limits_are_the_kernels_and_those_of_the_reference(state: dict) -> None:
-    """States of a servo in which rounding decides what the limits leave of a task."""
-    path_task = qt.load_task("deburring")
-    target = mink.SE3.from_rotation_and_translation(
-        mink.SO3.from_matrix(np.reshape(state["rotation"], (3, 3))), np.array(state["position"])
-    )
-    found = []
-    for solver in ("compiled", "daqp"):
-        task = qt.TwistTask("tool", "site", path_task.projector)
-        task.set_target(target, np.array(state["twist"]))
-        controller = qt.Controller(
-            path_task.model, [task], solver=solver,
-            limits=[qt.MotionLimit(path_task.model, velocity=1.5, acceleration=10.0)],
-            secondary=[qt.JointCentering(path_task.model, gain=0.001)],
-        )  # fmt: skip
-        controller.passed_over = state["passed_over"]
-        configuration = mink.Configuration(path_task.model, np.array(state["q"]))
-        found.append(
-            controller.step(
-                configuration, 0.002, use_secondary=state["secondary"],
-                velocity=np.array(state["velocity"]),
-            )
-        )  # fmt: skip
-        assert controller.reference_steps == 0 or solver == "daqp"
-    assert found[0].status is found[1].status
-    np.testing.assert_allclose(found[0].velocity, found[1].velocity, atol=1e-6)
 
 
 def test_a_secondary_leads_out_of_the_singularity() -> None:
@@ -1032,7 +773,7 @@ def test_a_setting_that_does_not_exist_is_refused_when_assigned(name: str, value
 # ---------------------------------------------------------------------------------------- noise
 
 
-def _turns_under_noise(acceleration: float | None, mode: str) -> int:
+def _turns_under_noise(acceleration: Any, mode: str) -> int:
     """How many joints turn round at speed, following a noisy pose 6 mm inside the reach."""
     path, rng = qt.load_task("deburring"), np.random.default_rng(0)
     full = qt.Projector.full()
@@ -1072,14 +813,5 @@ def _turns_under_noise(acceleration: float | None, mode: str) -> int:
 
 @pytest.mark.parametrize("mode", ["scale", "relax"])
 def test_noise_at_the_edge_turns_no_joint_round_with_an_acceleration_limit(mode: str) -> None:
-    """The least that any robot has: full speed within 50 ms."""
-    assert _turns_under_noise(FASTEST / 0.05, mode) == 0
-
-
-@pytest.mark.xfail(
-    reason="without an acceleration limit noise divided by a small singular value is faster than "
-    "0.3 rad/s in both directions; a default limit of full speed within 50 ms removes it",
-    strict=True,
-)
-def test_noise_at_the_edge_turns_no_joint_round_without_one() -> None:
-    assert _turns_under_noise(None, "scale") <= 5
+    """The default of a joint with a speed limit: full speed within 50 ms."""
+    assert _turns_under_noise("default", mode) == 0

@@ -300,9 +300,10 @@ def test_steps_that_are_left_to_the_reference_are_counted() -> None:
         "site",
         qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()),
     )
-    controller = qt.Controller(model, [task], limits=[], solver="compiled", smooth=False)
-    bent, straight = (mink.Configuration(model, np.full(3, angle)) for angle in (0.4, 0.0))
-    for configuration, left in ((bent, 0), (straight, 1), (bent, 1)):
+    controller = qt.Controller(model, [task], solver="compiled")
+    bent, outside = (mink.Configuration(model, np.full(3, angle)) for angle in (0.4, 3.5))
+    assert (model.jnt_range[:, 1] < 3.5).all()
+    for configuration, left in ((bent, 0), (outside, 1), (bent, 1)):
         task.set_target_from_configuration(configuration)
         controller.step(configuration, 0.01)
         assert controller.reference_steps == left

@@ -233,6 +233,7 @@ def test_after_the_joints_were_moved_no_task_goes_back_to_where_it_was() -> None
     rig = Rig()
     rig.run(0.2, lambda t: rig.servo.track(rig.shifted(0.0)))
     rig.run(1.0, lambda t: rig.servo.move([0.3, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    rig.run(0.05, lambda t: rig.servo.jog(np.zeros(6)))  # the joints brake
     moved_to = rig.pose()
     ticks = rig.run(0.2, lambda t: rig.servo.jog(np.zeros(6)))
     assert np.abs([tick.velocity for tick in ticks]).max() < 1e-6

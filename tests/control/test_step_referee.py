@@ -240,26 +240,3 @@ def test_pieces_are_kept_and_not_run_again(
     files[1].write_text(json.dumps(result))
     with pytest.raises(SystemExit, match="different sources"):
         study.table(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("piece", "step"), [(439, 789_660), (863, 824_288), (517, 18_786), (517, 55_821)]
-)
-def test_what_rounding_keeps_from_being_proved_is_left_to_the_reference(
-    study: ModuleType, piece: int, step: int
-) -> None:
-    """In 439 and 863 multipliers of 1e11 leave more of the gradient than 1e-6.
-
-    Their active limits leave task rows that are singular up to rounding. In 517, with the cost in
-    twist space, the linear program of the scale wrongly finds that not even rest fits.
-    """
-    case = study.CASES[study.SCHEDULE[piece % len(study.SCHEDULE)]]
-    controller, chain = study.composed(case)
-    rng = np.random.default_rng([study.SEED, piece])
-    for _ in range(step // study.CHUNK + 1):
-        q, targets = study.random_problems(chain, study.CHUNK, rng)
-    k = step % study.CHUNK
-    done = study.qt.batch.step(
-        controller, q[k : k + 1], study.DT, targets[k : k + 1], others=False, threads=1
-    )
-    assert done.by_reference.all()

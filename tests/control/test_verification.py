@@ -26,7 +26,7 @@ from oracles.referee import (
 
 import qp_twist as qt
 from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
-from qp_twist.qp.solve import FALLBACKS, Refused
+from qp_twist.qp.solve import Refused
 from qp_twist.qp.verification import Point, feasible, proof_of_optimality
 
 Array = npt.NDArray[np.float64]
@@ -95,6 +95,8 @@ def _last_step(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None
     solution.found, solution.x = True, _optimum(TRUTH(last, solver="daqp"), problem)
 
 
+BACKENDS = ("daqp", "proxqp", "osqp")
+"""Those that are always installed."""
 LIES: dict[str, Lie] = {
     "NaN": _says(lambda n: np.full(n, np.nan)),
     "infinity": _says(lambda n: np.full(n, np.inf)),
@@ -212,40 +214,26 @@ HONEST = {name: act("daqp")[0] for name, act in PLACES.items()}
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("lie", LIES)
-def test_another_backend_steps_in_for_a_liar(
+def test_a_backend_that_lies_is_an_error_that_says_what_it_returned(
     monkeypatch: pytest.MonkeyPatch, place: str, lie: str
 ) -> None:
-    installation = Installation(LIES[lie], ["daqp"])
-    install(monkeypatch, installation)
-    x, solver, refused = PLACES[place]("daqp")
-    np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
-    if installation.lied["daqp"] and solver not in UNNEEDED:
-        assert solver in ("proxqp", "osqp")
-        assert any("daqp" in said for said in refused)
-
-
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("lie", LIES)
-def test_an_installation_that_lies_is_an_error_that_names_everybody(
-    monkeypatch: pytest.MonkeyPatch, place: str, lie: str
-) -> None:
-    installation = Installation(LIES[lie], FALLBACKS)
+    installation = Installation(LIES[lie], BACKENDS)
     install(monkeypatch, installation)
     try:
         x, solver, _ = PLACES[place]("daqp")
     except qt.SolverInaccurate as error:
-        assert all(installation.lied.values())
-        assert all(f"{name} returned" in str(error) for name in FALLBACKS)
+        assert installation.lied["daqp"]
+        assert "daqp returned" in str(error)
         assert isinstance(error.problem, qt.QuadraticProgram)
     else:
         np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
-        assert solver == "levels" or not all(installation.lied.values())
+        assert solver == "levels" or not installation.lied["daqp"] or lie == "zeros"
 
 
 @pytest.mark.parametrize("lie", [lie for lie in LIES if lie != "zeros"])
 def test_the_lies_are_lies(monkeypatch: pytest.MonkeyPatch, lie: str) -> None:
-    """Guards the two tests above: at a plain step and on levels every one of them is an error."""
-    install(monkeypatch, Installation(LIES[lie], FALLBACKS))
+    """Guards the test above: at a plain step and on levels every one of them is an error."""
+    install(monkeypatch, Installation(LIES[lie], BACKENDS))
     for place in ("step", "step in twist space", "two levels"):
         with pytest.raises(qt.SolverInaccurate):
             PLACES[place]("daqp")
@@ -258,11 +246,11 @@ def test_a_right_result_is_taken_whatever_the_multipliers(
     def garbage(solution: qpsolvers.Solution, problem: qpsolvers.Problem) -> None:
         solution.y, solution.z, solution.z_box = np.full(50, np.nan), None, -1e9 * np.ones(6)
 
-    install(monkeypatch, Installation(garbage, FALLBACKS))
+    install(monkeypatch, Installation(garbage, BACKENDS))
     x, solver, refused = PLACES[place]("daqp")
     np.testing.assert_allclose(x, HONEST[place], atol=1e-12)
     assert solver in ("daqp", *UNNEEDED)
-    assert refused == ()
+    assert refused == () or place in ("scaled step", "relaxed step")  # of the step as posed
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -275,12 +263,13 @@ def test_without_a_claim_our_own_method_steps_in(
             raise RuntimeError("out of luck")
         solution.found = False
 
-    install(monkeypatch, Installation(modest, FALLBACKS))
-    x, solver, refused = PLACES[place]("daqp")
+    install(monkeypatch, Installation(modest, BACKENDS))
+    if "solve_levels" not in place:
+        with pytest.raises(qt.SolverInaccurate, match="daqp returned no solution"):
+            PLACES[place]("daqp")
+        return
+    x, _, _ = PLACES[place]("daqp")
     np.testing.assert_allclose(x, HONEST[place], atol=2e-6)
-    if solver not in UNNEEDED:
-        assert solver == "active set"
-        assert all(any(name in said for said in refused) for name in FALLBACKS)
 
 
 def test_a_binding_limit_is_named_though_the_multipliers_are_garbage(
@@ -293,7 +282,7 @@ def test_a_binding_limit_is_named_though_the_multipliers_are_garbage(
     configuration = mink.Configuration(DEBURRING.model, DEBURRING.start)
     honest = controller.step(configuration, 0.1)
     assert honest.binding
-    install(monkeypatch, Installation(garbage, FALLBACKS))
+    install(monkeypatch, Installation(garbage, BACKENDS))
     step = controller.step(configuration, 0.1)
     assert [str(limit) for limit in step.binding] == [str(limit) for limit in honest.binding]
 
@@ -306,8 +295,9 @@ def test_every_backend_on_a_hard_problem(name: str) -> None:
     case = NAMED[name]()
     bound = LowerBound(case.problem)
     for solver in installed_solvers():
-        result = solve(case.problem, solver, persist=True)
-        assert isinstance(result, Verified) == case.feasible, (solver, result)
+        result = solve(case.problem, solver)
+        assert case.feasible or not isinstance(result, Verified), (solver, result)
+        assert isinstance(result, Verified) == case.feasible or solver != "compiled", result
         if isinstance(result, Verified):
             assert not broken_constraint(case.problem, result.x), solver
             assert bound.gap(result.x) <= GAP, solver
@@ -322,7 +312,7 @@ def test_no_backend_gets_past_the_referee_where_one_once_did(seed: int) -> None:
     problem = random_case(seed).problem
     bound = LowerBound(problem)
     for solver in installed_solvers():
-        result = solve(problem, solver, persist=True)
+        result = solve(problem, solver)
         if isinstance(result, Verified):
             assert not broken_constraint(problem, result.x)
             assert bound.gap(result.x) <= GAP
@@ -462,6 +452,6 @@ def test_a_result_a_hair_outside_is_brought_inside_and_checked_again() -> None:
 def test_an_empty_box_is_refused_before_a_backend_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(qpsolvers, "solve_problem")
     p = program(np.eye(2), np.zeros(2), lower=[0.0, 1.0], upper=[1.0, 0.5])
-    result = solve(p, "daqp", persist=True)
+    result = solve(p, "daqp")
     assert isinstance(result, Refused)
     assert not result.claimed

@@ -1,7 +1,7 @@
 """Random controllers at random configurations: every kind of robot, task, limit and cost, mixed.
 
 A composition is made anew from its seed, so that two implementations of the step can be asked the
-same question. :mod:`oracles.recorded_steps` keeps the answers that the reference once gave.
+same question. :mod:`oracles.two_statements` compares their answers.
 """
 
 from __future__ import annotations
@@ -46,10 +46,7 @@ class Composition:
     words: list[str] = field(default_factory=list)
 
     def step(self, solver: str, nudge: Array | None = None, *, smooth: bool = False) -> qt.Step:
-        """The step by a solver; ``nudge`` (nv,) moves the configuration a little before it.
-
-        Recorded are steps that are not smooth.
-        """
+        """The step by a solver; ``nudge`` (nv,) moves the configuration a little before it."""
         controller = qt.Controller(self.model, solver=solver, smooth=smooth, **self.options)
         configuration = self.configuration
         if nudge is not None:

@@ -35,14 +35,12 @@ class Steps:
     Attributes:
         velocity: q̇ of each step, rad/s or m/s, (K, nv); NaN without a step.
         scale: Scale s of each step, (K,).
-        passed_over: ``Step.passed_over`` of each, (K,).
         by_reference: Which steps were computed by ``Controller.step``, not the kernel, (K,).
         failures: Exceptions of ``Controller.step``, by index of the row.
     """
 
     velocity: Array
     scale: Array
-    passed_over: Array
     by_reference: Mask
     failures: dict[int, str]
 
@@ -55,7 +53,6 @@ def step(
     *,
     use_secondary: bool = True,
     velocity: npt.ArrayLike | None = None,
-    passed_over: npt.ArrayLike | None = None,
     others: bool = True,
     threads: int | None = None,
 ) -> Steps:
@@ -75,8 +72,7 @@ def step(
             tasks' own targets, with their feed-forward twists.
         use_secondary: Whether the secondary acts, as for a single step.
         velocity: Joint velocities before the steps, rad/s or m/s, (K, nv), which acceleration
-            limits and inertia refer to; by default the one stored in the controller.
-        passed_over: That of the steps before, (K,); by default the controller's.
+            limits refer to; by default the one stored in the controller.
         others: Whether to compute the remaining steps by ``Controller.step``; if not, their
             velocity is NaN.
         threads: Number of threads; all cores by default.
@@ -96,9 +92,6 @@ def step(
     if velocity is not None:
         before = finite_array("velocity", velocity, (len(given), controller.model.nv))
         before = np.ascontiguousarray(before)
-    passed = np.full(len(given), controller.passed_over)
-    if passed_over is not None:
-        passed = finite_array("passed_over", passed_over, (len(given),)).copy()
     arrays, twist_space = None, None
     if composition_known(controller.levels, controller.limits):
         compiled = CompiledStep(controller)
@@ -122,7 +115,7 @@ def step(
     def some(part: slice) -> None:
         batch_kernel.steps(
             arms, *(array.copy() for array in program), given[part], before[part],
-            passed[part], aims[part], dt, bool(use_secondary), twist_space, found[part],
+            aims[part], dt, bool(use_secondary), twist_space, found[part],
             scale[part], done[part],
         )  # fmt: skip
 
@@ -133,12 +126,12 @@ def step(
     for k in np.flatnonzero(~done) if others else ():
         try:
             moving = before[k] if len(before) else None
-            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving, passed[k])
+            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving)
         except QpTwistError as error:
             found[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
         else:
-            found[k], scale[k], passed[k] = taken.velocity, taken.scale, taken.passed_over
-    return Steps(found, scale, passed, ~done, failures)
+            found[k], scale[k] = taken.velocity, taken.scale
+    return Steps(found, scale, ~done, failures)
 
 
 def closed_form(
@@ -260,13 +253,11 @@ def _one(
     aims: Array,
     use_secondary: bool,
     velocity: Array | None,
-    passed_over: float,
 ) -> Step:
     """A step of the reference, which leaves the controller unchanged."""
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
     velocities = [getattr(limit, "velocity", None) for limit in controller.limits]
-    passed_before, controller.passed_over = controller.passed_over, passed_over
     try:
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
@@ -277,7 +268,6 @@ def _one(
             velocity=velocity,
         )
     finally:
-        controller.passed_over = passed_before
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
                 task.set_target(target, twist)

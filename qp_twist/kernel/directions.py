@@ -1,0 +1,206 @@
+"""A level's rows in their singular directions, compiled.
+
+The readable version, with the formulas, is ``qp.directions``. Here the rows are rotated by Jacobi's
+method until they are orthogonal, so that no formula divides by a singular value.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qp_twist.kernel.bounds import MOTION, stopping_speed
+from qp_twist.kernel.compiling import inner, part, plain
+from qp_twist.kernel.null_space import ROUNDING, SWEEPS, jacobi_rotation
+
+REGULAR, MOST_REGULAR = 0.05, 50.0
+"""σ₁, m/rad or 1, from which on a direction is met as stated; in units of ε if that is less."""
+BEND = 0.6
+"""ℓ as a share of the largest singular value."""
+SMOOTHED = 0.005
+"""T, s."""
+HELD = 1e-10
+"""As in ``qp.directions``."""
+BRAKING = 0.8
+"""η of ``constraints.stopping_share``."""
+
+
+class Directions(NamedTuple):
+    """The rotated rows UᵀA q̇ = Uᵀb of a level of m rows."""
+
+    rows: Any
+    """σᵢvᵢᵀ, (m, n)."""
+    rate: Any
+    """β = Uᵀb, (m,)."""
+    ahead: Any
+    """The part of it that follows moving targets, (m,)."""
+    square: Any
+    """σ², (m,)."""
+    floor: Any
+    """max(σ², ε²), (m,)."""
+    damped: Any
+    """d, (m,)."""
+    slack: Any
+    """λ = d − σ², (m,)."""
+    stated: Any
+    """Uᵀ(A b) of the rows as they are stated, (m, n + 1), if they are needed."""
+
+
+@part
+def regular_from(singularity):
+    """σ₁: singular value from which on a direction is met as stated, m/rad or 1."""
+    return max(2.0 * singularity, min(REGULAR, MOST_REGULAR * singularity))
+
+
+@plain
+def _squares(A, square):
+    """Write the squared lengths of rows, and return their sum."""
+    whole = 0.0
+    for i in range(len(A)):
+        total = 0.0
+        for k in range(A.shape[1]):
+            total += A[i, k] * A[i, k]
+        square[i] = total
+        whole += total
+    return whole
+
+
+@plain
+def rotate(A, rate, ahead, square, stated):
+    """Rotate rows (m, n), and with them two columns (m,) and rows (m, p), until A is orthogonal.
+
+    One-sided Jacobi: Hestenes, J. SIAM 6 (1958). ``square`` receives σ².
+    """
+    m, n = A.shape
+    turned, sweeps = True, 0
+    while turned and sweeps < SWEEPS:
+        turned, sweeps = False, sweeps + 1
+        whole = _squares(A, square)
+        for i in range(m):
+            for j in range(i):
+                both = 0.0
+                for k in range(n):
+                    both += A[i, k] * A[j, k]
+                first, second = square[i], square[j]
+                if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
+                    continue
+                turned = True
+                cos, sin = jacobi_rotation(first, second, both)
+                # What one row loses in length the other one gains; rounding is left for a sweep.
+                moved = both * sin / cos
+                square[i], square[j] = max(first - moved, 0.0), second + moved
+                for k in range(n):
+                    a, b = A[i, k], A[j, k]
+                    A[i, k], A[j, k] = cos * a - sin * b, sin * a + cos * b
+                a, b = rate[i], rate[j]
+                rate[i], rate[j] = cos * a - sin * b, sin * a + cos * b
+                a, b = ahead[i], ahead[j]
+                ahead[i], ahead[j] = cos * a - sin * b, sin * a + cos * b
+                for k in range(stated.shape[1]):
+                    a, b = stated[i, k], stated[j, k]
+                    stated[i, k], stated[j, k] = cos * a - sin * b, sin * a + cos * b
+    _squares(A, square)
+
+
+@inner
+def directions(A, b, ahead, stated, size, dt, singularity, damp):
+    """The directions of rows A q̇ = b, (m, n), on what the levels above leave.
+
+    Args:
+        A: The rows.
+        b: Their right-hand side, (m,).
+        ahead: The part of it that follows moving targets, (m,).
+        stated: Other rows to rotate, (m, p): those as stated, with what the levels above move.
+        size: Largest singular value of the rows as stated; that of A if it is 0.
+        dt: Length of the step, s.
+        singularity: ε.
+        damp: Whether t counts.
+    """
+    m = len(b)
+    d = Directions(
+        A.copy(), b.copy(), ahead.copy(), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
+        stated.copy(),
+    )  # fmt: skip
+    rotate(d.rows, d.rate, d.ahead, d.square, d.stated)
+    largest, smallest, far, first = 0.0, math.inf, 0.0, regular_from(singularity)
+    for i in range(m):
+        largest = max(largest, d.square[i])
+    for i in range(m):
+        if d.square[i] <= HELD * HELD * largest:  # rounding
+            d.square[i] = 0.0
+            d.rows[i, :] = 0.0
+        square = d.square[i]
+        smallest = min(smallest, square)
+        weak = max(0.0, 1.0 - square / (first * first)) ** 3 * d.rate[i] if first > 0.0 else 0.0
+        far += weak * weak
+    t = 0.0
+    if damp:
+        size = size if size > 0.0 else math.sqrt(largest)
+        t = max(first * first * min(1.0, SMOOTHED / dt), BEND * size * dt * math.sqrt(far))
+    least = max(singularity * singularity, HELD * HELD * largest)
+    regular = smallest >= (first * first if damp else singularity * singularity)
+    for i in range(m):
+        d.floor[i] = max(d.square[i], least)
+        d.damped[i] = d.floor[i] if regular else max(d.floor[i], t)
+        d.slack[i] = max(d.damped[i] - d.square[i], 0.0)
+    return d
+
+
+@part
+def weakness(d, i):
+    """φ of a direction."""
+    return d.slack[i] / d.damped[i] if d.damped[i] > 0.0 else 0.0
+
+
+@plain
+def motion_of(d, ahead, motion):
+    """Σ vᵢ σᵢ βᵢ/dᵢ, (n,), of β less a share ``ahead`` of what follows moving targets."""
+    for k in range(len(motion)):
+        motion[k] = 0.0
+    for i in range(len(d.rate)):
+        if d.damped[i] > 0.0:
+            gain = (d.rate[i] - ahead * d.ahead[i]) / d.damped[i]
+            for k in range(len(motion)):
+                motion[k] += gain * d.rows[i, k]
+
+
+@plain
+def free_of(d, c):
+    """Replace a linear cost (n,) by N c, N = 1 − Σ σᵢ²vᵢvᵢᵀ/max(σᵢ², ε²)."""
+    for i in range(len(d.rate)):
+        along = 0.0
+        for k in range(d.rows.shape[1]):
+            along += d.rows[i, k] * c[k]
+        if d.floor[i] > 0.0:
+            for k in range(d.rows.shape[1]):
+                c[k] -= along / d.floor[i] * d.rows[i, k]
+
+
+@plain
+def stopping_share(motion, limits, types, dt):
+    """Share of a displacement from whose speed the joints can stop: ``constraints.stopping_share``.
+
+    Args:
+        motion: The displacement, rad or m, (n,).
+        limits: Tables of the limits, (L, n, 7).
+        types: Their kinds, (L,).
+        dt: Length of this step and of those to come, s.
+
+    Returns:
+        The share; and 1 + the joint whose limit decides, negative where it moves down.
+    """
+    least, which = math.inf, 0
+    for index in range(len(types)):
+        if types[index] != MOTION:
+            continue
+        for dof in range(len(motion)):
+            length = abs(motion[dof])
+            if length > 0.0 and limits[index, dof, 5] / length < least:
+                least = limits[index, dof, 5] / length
+                which = 1 + dof if motion[dof] > 0.0 else -1 - dof
+    if least == math.inf:
+        return 1.0, 0
+    share = dt * stopping_speed(1.0, BRAKING * least, dt)
+    return (share, which) if share < 1.0 else (1.0, 0)

@@ -1,0 +1,327 @@
+"""The program of a step, solved and verified, compiled: ``qp.one_program``, ``qp.verification``."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.directions import weakness
+from qp_twist.kernel.dual_active_set import (
+    NO_ROOM,
+    SOLVED,
+    active_set,
+    cholesky_inverse,
+    row_lengths,
+)
+
+WORTH, LARGEST, CURVED, SOFT, DEAD = 50.0, 1e6, 1e-2, 1e-4, 0.03
+LEAST_MOTION, BACKOFF, _STILL = 1e-12, 1e-8, 1e-9
+"""γ, δ and the other constants of ``qp.one_program``; ``LARGEST`` is a γ for which s is the largest
+and the rest optimal (a linear program with a small quadratic cost: Mangasarian, Appl. Math. Optim.
+5, 1979)."""
+OF_COSTS = 10.0
+"""Multipliers up to so many times the gradient of the costs are not those of the scale: these are
+larger by the order of ``LARGEST``."""
+OPTIMAL, EMPTY, FAILED = 0, 1, 2
+"""Outcome of a program: verified; the constraints leave no room; not verified."""
+
+
+class Result(NamedTuple):
+    """The solution of a program and its multipliers: Hx + c + Aᵀy + Gᵀλ + μ = 0."""
+
+    status: Any
+    x: Any
+    y: Any
+    lam: Any
+    box: Any
+
+
+@inner
+def solve(H, c, A, b, G, g, lower, upper, tolerances):
+    """Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, and verify the result."""
+    n, m, k = len(c), len(b), len(g)
+    J, R = np.empty((n, n)), np.empty((n, n))
+    x, u, active = np.zeros(n), np.zeros(n + 1), np.zeros(n, dtype=np.int64)
+    y, lam, box = np.zeros(m), np.zeros(k), np.zeros(n)
+    if not cholesky_inverse(H, J):
+        return Result(FAILED, x, y, lam, box)
+    lengths = np.empty(k)
+    row_lengths(G, lengths)
+    held, work = np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1))
+    status, count = active_set(
+        c, A, b, G, g, lengths, lower, upper, active, 0, x, u, J, R, held, work
+    )
+    if status == NO_ROOM:
+        return Result(EMPTY, x, y, lam, box)
+    finite = status == SOLVED
+    for i in range(n):
+        x[i] = min(max(x[i], lower[i]), upper[i])
+        finite = finite and math.isfinite(x[i])
+    if not finite:
+        return Result(FAILED, x, y, lam, box)
+    y, lam, box = multipliers_of(active[:count], u, m, k, n)
+    excess = excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances)
+    return Result(OPTIMAL if excess <= 1.0 else FAILED, x, y, lam, box)
+
+
+@inner
+def multipliers_of(active, u, m, k, n):
+    """y (m,), λ (k,) and μ (n,) of the active constraints."""
+    y, lam, box = np.zeros(m), np.zeros(k), np.zeros(n)
+    for place in range(len(active)):
+        which = active[place]
+        if which < m:
+            y[which] = -u[place]
+        elif which < m + k:
+            lam[which - m] = u[place]
+        elif which < m + k + n:
+            box[which - m - k] -= u[place]
+        else:
+            box[which - m - k - n] += u[place]
+    return y, lam, box
+
+
+@plain
+def _residual(A, b, x, i):
+    """A x − b of a row, and the sum of its terms' sizes."""
+    total, terms = -b[i], abs(b[i])
+    for j in range(len(x)):
+        total += A[i, j] * x[j]
+        terms += abs(A[i, j] * x[j])
+    return total, terms
+
+
+@inner
+def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances):
+    """Largest error of optimality or feasibility, in units of its tolerance (``qp.verification``).
+
+    JJᵀ = H⁻¹ serves the duality gap.
+    """
+    n, hardest, steepest, furthest, left, held = len(x), 1e-300, 0.0, 0.0, 0.0, 0.0
+    slope = c + box
+    for i in range(n):
+        steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
+        for j in range(n):
+            hardest = max(hardest, abs(H[i, j]))
+            slope[i] += H[i, j] * x[j]
+        if box[i] > 0.0:
+            held += box[i] * (upper[i] - x[i])
+        elif box[i] < 0.0:
+            held -= box[i] * (x[i] - lower[i])
+    gap, largest_b, off, over, lost = held, 0.0, 0.0, 0.0, 0.0
+    for row in range(len(b)):
+        total, _ = _residual(A, b, x, row)
+        gap -= y[row] * total
+        off, largest_b = max(off, abs(total)), max(largest_b, abs(b[row]))
+        for i in range(n):
+            slope[i] += y[row] * A[row, i]
+    for row in range(len(g)):
+        total, terms = _residual(G, g, x, row)
+        over = max(over, total)
+        if lam[row] > 0.0:
+            gap -= lam[row] * total
+            held += lam[row] * max(-total, 0.0)
+            lost += tolerances.rounding * lam[row] * terms
+            for i in range(n):
+                slope[i] += lam[row] * G[row, i]
+    for column in range(n):
+        along = 0.0
+        left = max(left, abs(slope[column]))
+        for i in range(n):
+            along += J[i, column] * slope[i]
+        gap += 0.5 * along * along
+    reach = 1.0 + furthest
+    cost = (hardest * reach + steepest) * reach
+    worst = max(off / (tolerances.equality * (1.0 + largest_b)), over / (tolerances.bound * reach))
+    worst = max(worst, left / (tolerances.optimality * hardest * reach))
+    worst = max(worst, held / (tolerances.gain * cost + lost))
+    return max(worst, gap / (tolerances.gap * cost + lost))
+
+
+@plain
+def add_weak_row(row, rate, weight, H, c):
+    """Add ½ weight (row x − rate)² to a cost."""
+    for i in range(len(c)):
+        c[i] -= weight * rate * row[i]
+        for j in range(len(c)):
+            H[i, j] += weight * row[i] * row[j]
+
+
+@plain
+def largest_entry(H):
+    """The largest entry of a quadratic cost."""
+    largest = 0.0
+    for i in range(len(H)):
+        for j in range(len(H)):
+            largest = max(largest, abs(H[i, j]))
+    return largest if largest > 0.0 else 1.0
+
+
+@plain
+def cost_along(H, d, i):
+    """hᵢ = vᵢᵀ H vᵢ, the cost of moving along a direction."""
+    total, n = 0.0, d.rows.shape[1]
+    for j in range(n):
+        for k in range(n):
+            total += d.rows[i, j] * H[j, k] * d.rows[i, k]
+    return total / d.square[i] if d.square[i] > 0.0 else largest_entry(H)
+
+
+@inner
+def posed_program(H, c, d, scale, G, g, lower, upper, tolerances):
+    """The result of the program at a given scale."""
+    n, m, hard, at = len(c), len(d.rate), 0, 0
+    for i in range(m):
+        hard += d.slack[i] == 0.0
+    softer, cost, rows, rates = H.copy(), c.copy(), np.zeros((hard, n)), np.zeros(hard)
+    for i in range(m):
+        phi = weakness(d, i)
+        rate = (phi + scale * (1.0 - phi)) * d.rate[i]
+        if d.slack[i] > 0.0:
+            weight = cost_along(H, d, i) / d.slack[i]
+            add_weak_row(d.rows[i], rate, weight, softer, cost)
+        else:
+            rows[at, :], rates[at] = d.rows[i], rate
+            at += 1
+    return solve(softer, cost, rows, rates, G, g, lower, upper, tolerances)
+
+
+@inner
+def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
+    """The program with the scale: its result, s, and the price of s per unit of the last unknown.
+
+    ``c`` is already that in the null space of the directions d.
+    """
+    n, m, size = len(c), len(d.rate), largest_entry(H)
+    motion, speed, hard = np.zeros(n), 0.0, 0
+    for i in range(m):
+        if d.damped[i] > 0.0:
+            gain = d.rate[i] / d.damped[i]
+            for k in range(n):
+                motion[k] += gain * d.rows[i, k]
+        hard += d.slack[i] == 0.0
+    for i in range(n):
+        for j in range(n):
+            speed += motion[i] * H[i, j] * motion[j]
+    worth = (WORTH if smooth else LARGEST) * max(speed, LEAST_MOTION * size)
+    unit = math.sqrt(size / (CURVED * worth))
+    price = worth * (1.0 + CURVED) * unit
+    wide, cost = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
+    low, high = np.zeros(n + 1), np.zeros(n + 1)
+    for i in range(n):
+        cost[i], low[i], high[i] = c[i], lower[i], upper[i]
+        for j in range(n):
+            wide[i, j] = H[i, j]
+    wide[n, n], cost[n], high[n] = size, -price, 1.0 / unit
+    rows, rates, row, at = np.zeros((hard, n + 1)), np.zeros(hard), np.zeros(n + 1), 0
+    for i in range(m):
+        phi = weakness(d, i)
+        for k in range(n):
+            row[k] = d.rows[i, k]
+        row[n] = -(1.0 - phi) * d.rate[i] * unit
+        if d.slack[i] > 0.0:
+            weight = cost_along(H, d, i) / d.slack[i]
+            add_weak_row(row, phi * d.rate[i], weight, wide, cost)
+        else:
+            rows[at, :], rates[at] = row, phi * d.rate[i]
+            at += 1
+    wider = np.zeros((len(g), n + 1))
+    wider[:, :n] = G
+    found = solve(wide, cost, rows, rates, wider, g, low, high, tolerances)
+    return found, min(found.x[n] * unit, 1.0), price / unit
+
+
+@inner
+def relaxed_program(H, c, d, G, g, lower, upper, tolerances):
+    """The result of the program in which all directions yield."""
+    largest = 0.0
+    for i in range(len(d.rate)):
+        largest = max(largest, d.square[i])
+    softer, cost = H.copy(), c.copy()
+    for i in range(len(d.rate)):
+        slack = d.slack[i] + SOFT * max(largest, 1e-12)
+        add_weak_row(d.rows[i], d.rate[i], cost_along(H, d, i) / slack, softer, cost)
+    none = np.zeros((0, len(c)))
+    return solve(softer, cost, none, np.zeros(0), G, g, lower, upper, tolerances)
+
+
+@plain
+def _progress(d, scaled, relaxed):
+    """p_s/p_r: what a scaled solution makes of the task beside the relaxed one."""
+    slow, free, whole = 0.0, 0.0, 0.0
+    for i in range(len(d.rate)):
+        along = (1.0 - weakness(d, i)) * d.rate[i]
+        whole += d.rate[i] * d.rate[i]
+        for k in range(d.rows.shape[1]):
+            slow += along * d.rows[i, k] * scaled[k]
+            free += along * d.rows[i, k] * relaxed[k]
+    return slow / max(slow, free, _STILL * whole, 1e-300)
+
+
+@inner
+def _at_scale(H, c, d, scaled, scale, price, G, g, lower, upper, tolerances):
+    """The result at the largest scale less a share of 1e-8, clear of the very edge.
+
+    Of the multipliers those of the scale remain: what the cost alone would make of them is no more
+    than its own gradient.
+    """
+    slope = 0.0
+    for i in range(len(c)):
+        total = c[i]
+        for j in range(len(c)):
+            total += H[i, j] * scaled.x[j]
+        slope = max(slope, abs(total) / price)
+    for i in range(len(c)):
+        scaled.box[i] = scaled.box[i] if abs(scaled.box[i]) > OF_COSTS * slope else 0.0
+    for row in range(len(g)):
+        scaled.lam[row] = scaled.lam[row] if scaled.lam[row] > OF_COSTS * slope else 0.0
+    slower = scale * (1.0 - BACKOFF)
+    found = posed_program(H, c, d, slower, G, g, lower, upper, tolerances)
+    if found.status == OPTIMAL:
+        for i in range(len(c)):
+            scaled.x[i] = found.x[i]
+        scale = slower
+    return scaled, scale, 0.0
+
+
+@inner
+def first_level(H, c, d, G, g, lower, upper, whole, scales, smooth, tolerances):
+    """Solve a first level: its result, s, and the share of the relaxed result in it.
+
+    ``whole``: whether it has not been solved as posed before; ``smooth``: whether weak directions
+    are damped. If not, a level that does not fit at any scale is to be solved in order.
+
+    The result's status is ``EMPTY`` if no velocity keeps the limits. Multipliers of a scaled one
+    are those of s.
+    """
+    if whole:
+        posed = posed_program(H, c, d, 1.0, G, g, lower, upper, tolerances)
+        if posed.status == OPTIMAL:
+            return posed, 1.0, 0.0
+    scaled, scale = Result(EMPTY, c, c, g, c), 0.0
+    if scales:
+        scaled, scale, price = scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances)
+        if scaled.status == OPTIMAL:
+            for i in range(len(scaled.box)):
+                scaled.box[i] /= price
+            for row in range(len(g)):
+                scaled.lam[row] /= price
+            if not smooth:
+                return _at_scale(H, c, d, scaled, scale, price, G, g, lower, upper, tolerances)
+            if scale >= DEAD:
+                return scaled, scale, 0.0
+    if not smooth:
+        return scaled, 1.0, 1.0
+    relaxed = relaxed_program(H, c, d, G, g, lower, upper, tolerances)
+    if scaled.status != OPTIMAL:
+        return relaxed, 1.0, 1.0
+    share = 1.0 - max(scale, _progress(d, scaled.x, relaxed.x)) / DEAD
+    if share <= 0.0 or relaxed.status != OPTIMAL:
+        return scaled, scale, 0.0
+    for i in range(len(c)):
+        x = scaled.x[i] + share * (relaxed.x[i] - scaled.x[i])
+        relaxed.x[i] = min(max(x, lower[i]), upper[i])
+    return relaxed, 1.0, share

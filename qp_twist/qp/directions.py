@@ -1,0 +1,214 @@
+r"""The rows of a priority level in their singular directions, and which of them are weak.
+
+With A = Σ σᵢ uᵢ vᵢᵀ a level asks for :math:`\sigma_i v_i^T\dot{\mathbf q} = \beta_i`, with
+:math:`\beta_i = u_i^T\mathbf b`. Near a singularity or the edge of the reach a σᵢ vanishes, and an
+error that the arm cannot remove would be divided by it again and again. Such a direction is met by
+the damped inverse
+
+.. math::
+
+    v_i^T\dot{\mathbf q} = \frac{\sigma_i}{d_i}\beta_i, \qquad d_i = \sigma_i^2 + \lambda_i
+    = \max(\sigma_i^2,\ \varepsilon^2,\ t), \\
+    t = \max\bigl(\sigma_1^2\min(1, T/dt),\ \ell\,dt\,\lVert w_i\beta_i\rVert\bigr), \qquad
+    w_i = \max(0,\ 1 - \sigma_i^2/\sigma_1^2)^3
+
+(Nakamura and Hanafusa 1986; Maciejewski and Klein 1988 with damping in the singular directions
+only), and all others exactly. With the error that t grows with, a weak direction moves by at most
+σ/ℓ in one step, so that the arm does not leap over the singularity; ℓ bounds how fast a small
+singular value changes with the joints. In the program a weak direction is a cost,
+½ (σᵢvᵢᵀq̇ − βᵢ)²/λᵢ beside ½‖q̇‖², whose minimum the damped inverse is. At a singularity it
+vanishes, and the secondary has the direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.qp.verification import row_tolerance
+
+REGULAR = 0.05
+"""σ₁: singular value, m/rad or 1, from which on a direction is met exactly; 50 ε if that is less,
+and 2 ε at least. An arm of 1 m is 1.3 mm inside its reach there."""
+SMOOTHED = 0.005
+"""T, s: in a step of this length or a longer one a weak direction is damped by σ₁. In a shorter one
+an error, and its noise, is divided by less time."""
+BEND = 0.6
+"""ℓ as a share of the largest singular value: measured on arms of six and seven joints, no singular
+value below σ₁ changes faster with the joints."""
+HELD = 1e-10
+"""Directions above this share of a level's largest singular value are closed to the levels below;
+what is smaller is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class LostDirection:
+    """A direction of the task in which less is delivered than it asks.
+
+    Attributes:
+        sigma: Singular value of the task rows in this direction.
+        direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
+        share: Share of the speed asked for that is delivered.
+        missing: Speed that is not delivered, m/s or rad/s; of a scaled step: of the scaled speed.
+        where: The direction in words: a task, and its part of the twist in world axes.
+    """
+
+    sigma: float
+    direction: Array
+    share: float
+    missing: float
+    where: str = "a direction of the rows"
+
+    def __str__(self) -> str:
+        return f"{self.where} at σ = {self.sigma:.2g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """A level's rows, rotated to their singular directions.
+
+    Attributes:
+        left: U, (m, m).
+        sigma: σ, (m,), 0 beyond the n-th.
+        rows: σᵢ vᵢᵀ on what the levels above leave, (m, n).
+        rate: β, m/s and rad/s, (m,).
+        damped: d, (m,).
+        floor: max(σ², ε²), of rounding no smaller than 1e-10 of the largest σ, (m,).
+        size: The largest singular value of the rows as stated.
+        nulls: Orthonormal basis of what this level and those above leave, (n, p).
+        smooth: Whether the step has to change little with its data: see ``qp.one_program``.
+    """
+
+    left: Array
+    sigma: Array
+    rows: Array
+    rate: Array
+    damped: Array
+    floor: Array
+    size: float
+    nulls: Array
+    smooth: bool
+
+    @classmethod
+    def of(
+        cls,
+        A: Array,
+        b: Array,
+        dt: float,
+        threshold: float,
+        *,
+        damp: bool = True,
+        smooth: bool = True,
+        null: Array | None = None,
+        above: Array | None = None,
+    ) -> Directions:
+        """Rotate the rows A q̇ = b, (m, n).
+
+        Args:
+            A: Task rows.
+            b: Right-hand side, m/s and rad/s, (m,).
+            dt: Length of the step, s.
+            threshold: ε.
+            damp: Whether t counts; if not, directions from ε on are met exactly.
+            smooth: As the attribute.
+            null: Orthonormal basis of what the levels above leave, (n, p); all if ``None``.
+            above: Joint velocity by the levels above, (n,).
+        """
+        m, n = A.shape
+        if above is not None:
+            b = b - A @ above
+        left, sigma, right = np.linalg.svd(A if null is None else A @ null)
+        right = right if null is None else right @ null.T
+        rank = int((sigma > HELD * max(sigma.max(initial=0.0), 1e-300)).sum())
+        sigma[rank:] = 0.0
+        rows = np.zeros((m, n))
+        k = min(len(sigma), len(right))
+        rows[:k] = sigma[:k, None] * right[:k]
+        sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
+        size = float(np.linalg.norm(A, 2)) if m else 0.0
+        rate = left.T @ b
+        first = regular_from(threshold)
+        t = 0.0
+        if damp and first > 0.0:
+            weak = np.maximum(0.0, 1.0 - (sigma / first) ** 2) ** 3
+            far = BEND * size * dt * float(np.linalg.norm(weak * rate))
+            t = max(first**2 * min(1.0, SMOOTHED / dt), far)
+        floor = np.maximum(sigma**2, max(threshold, HELD * sigma.max(initial=0.0)) ** 2)
+        regular = bool((sigma >= (first if damp else threshold)).all())
+        damped = floor if regular else np.maximum(floor, t)
+        return cls(left, sigma, rows, rate, damped, floor, size, right[rank:].T.copy(), smooth)
+
+    @classmethod
+    def as_stated(cls, A: Array, b: Array) -> Directions:
+        """The rows as they are, all of them exact: where they contradict each other none is met."""
+        n, lengths = A.shape[1], np.linalg.norm(A, axis=1)
+        free = np.full(len(b), np.inf)  # rows that depend on each other leave no null space to say
+        return cls(np.eye(len(b)), lengths, A, b, lengths**2, free, 0.0, np.zeros((n, 0)), False)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether rows that depend on each other ask for different velocities."""
+        off = np.abs(self.rate[self.sigma == 0.0]).max(initial=0.0)
+        return bool(off > row_tolerance(self.rows, self.rate))
+
+    def of_rate(self, b: Array) -> Directions:
+        """The same directions with another right-hand side on what the levels above leave, (m,)."""
+        return replace(self, rate=self.left.T @ b)
+
+    @cached_property
+    def slack(self) -> Array:
+        """λ = d − σ², (m,): 0 of a direction that is met exactly."""
+        slack: Array = np.maximum(self.damped - self.sigma**2, 0.0)
+        return slack
+
+    @cached_property
+    def weakness(self) -> Array:
+        """φ = λ/d, (m,): 0 of a regular direction, 1 at a singularity."""
+        weakness: Array = self.slack / np.where(self.damped > 0.0, self.damped, 1.0)
+        return weakness
+
+    @property
+    def regular(self) -> bool:
+        """Whether every direction is met exactly."""
+        return not self.slack.any()
+
+    def motion(self) -> Array:
+        """Σ vᵢ σᵢ βᵢ/dᵢ, what the level alone makes of the joints, rad/s or m/s, (n,)."""
+        motion: Array = (self.rate / np.where(self.damped > 0.0, self.damped, 1.0)) @ self.rows
+        return motion
+
+    def free(self, c: Array) -> Array:
+        """N c, what the directions leave of a linear cost (n,): N = 1 − Σ σᵢ²vᵢvᵢᵀ/max(σᵢ², ε²)."""
+        n, along = self.rows.shape[1], np.where(self.floor > 0.0, self.floor, 1.0)
+        left = c.copy()
+        left[:n] -= ((self.rows @ c[:n]) / along) @ self.rows
+        return left
+
+
+def regular_from(threshold: float) -> float:
+    """σ₁ of a controller's ε."""
+    return max(2.0 * threshold, min(REGULAR, 50.0 * threshold))
+
+
+def lost_directions(
+    A: Array, b: Array, velocity: Array, threshold: float
+) -> tuple[LostDirection, ...]:
+    """Weak directions of the rows A q̇ = b in which a velocity (n,) delivers less than b asks."""
+    if not len(b):
+        return ()
+    left, sigma, _ = np.linalg.svd(A)
+    sigma = np.concatenate([sigma, np.zeros(len(b) - len(sigma))])
+    rate, reached = left.T @ b, left.T @ (A @ velocity)
+    missing = np.abs(rate - reached)
+    weak = sigma < max(regular_from(threshold), HELD * sigma[0])
+    found = np.flatnonzero(weak & (missing > row_tolerance(A, b)))
+    return tuple(
+        LostDirection(
+            float(sigma[i]), left[:, i].copy(),
+            float(np.clip(reached[i] / rate[i], 0.0, 1.0)) if rate[i] else 0.0, float(missing[i]),
+        )
+        for i in found
+    )  # fmt: skip

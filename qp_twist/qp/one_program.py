@@ -1,0 +1,249 @@
+r"""The program of a step whose first level does not fit, or is near a singularity.
+
+.. math::
+
+    \min\ & \tfrac12\dot{\mathbf q}^T\mathbf H\dot{\mathbf q}
+        + (\mathbf N\mathbf c)^T\dot{\mathbf q} + \tfrac12\sum_{\lambda_i > 0}\tfrac{h_i}{\lambda_i}
+          \bigl(\sigma_i v_i^T\dot{\mathbf q} - (\varphi_i + s(1-\varphi_i))\,\beta_i\bigr)^2
+        - g\,s + \tfrac12\delta\,g\,(1 - s)^2 \\
+    \text{s.t. } & \sigma_i v_i^T\dot{\mathbf q} = s\,\beta_i\ (\lambda_i = 0),\quad
+        lower \le \dot{\mathbf q} \le upper,\quad \mathbf G\dot{\mathbf q}\le\mathbf g,\quad
+        0 \le s \le 1
+
+with the directions of :mod:`qp_twist.qp.directions`, :math:`h_i = v_i^T\mathbf H v_i` and N the
+null space of the level's rows: what pulls along a row would not move a regular task. With s = 1 it
+is the step as posed, which is solved first; where that fits, nothing else is done. Weak directions
+are asked for at any scale, so that they do not hold the rest down.
+:math:`g = \gamma\,\dot{\mathbf p}^T\mathbf H\dot{\mathbf p}` is what the whole speed is worth,
+with ṗ the joints' motion by the task alone: s is as near to 1 as fits,
+less what only a joint motion many times that of the task would buy. The task may also give way in
+all directions (``relax``): λᵢ is then larger by a share of the largest σ², and there is no s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.qp.directions import Directions
+from qp_twist.qp.problem import QuadraticProgram
+from qp_twist.qp.scaling import largest_scale
+from qp_twist.qp.solve import Refused, Verified, solve
+
+WORTH = 50.0
+"""γ: full speed is worth 50 times the joint motion that the task asks for by itself. A larger one
+comes nearer to the largest scale, and joints at their limits reverse where it moves."""
+CURVED = 1e-2
+"""δ: share of g that makes the program strictly convex in s."""
+SOFT = 1e-4
+"""Share of the largest σ² by which all directions of a relaxed task yield: 1e-4 of an error stays
+in a step."""
+DEAD = 0.03
+"""η: share of the relaxed solution's progress below which the step passes over to it: a task that
+stops would wait for a limit that it can go around."""
+BACKOFF = 1e-8
+"""Share of the largest scale that is given up where the rows are then posed at it: on the very edge
+rounding would decide whether they have a solution."""
+_STILL = 1e-9
+"""Progress below this share of the whole is none, so that rounding decides nothing at rest."""
+LEAST_MOTION = 1e-12
+"""Square of a task's motion beside which s is not priced lower, (rad/s)²: rest has no scale."""
+
+
+class Found(NamedTuple):
+    """Solution of a first level."""
+
+    x: Array
+    """The unknowns of the step, (n,)."""
+    scale: float
+    """s; 1 if the task is relaxed."""
+    relaxed: float
+    """Share of the relaxed solution in it, 0 to 1."""
+    box: Array
+    """Multipliers of the bounds: of s by their width where it is scaled, (n,)."""
+    rows: Array
+    """The same of G x ≤ g, (k,)."""
+    solver: str
+
+
+def scaled_program(problem: QuadraticProgram, first: Directions) -> tuple[QuadraticProgram, float]:
+    """The program with the scale, and the scale's unit: s is the last unknown times it.
+
+    Args:
+        problem: The step's costs and limits; its equality rows do not count.
+        first: The directions of the first level.
+    """
+    n, nv = problem.n, first.rows.shape[1]
+    size, phi, beta = problem.steepest or 1.0, first.weakness, first.rate
+    motion = first.motion()
+    speed = float(motion @ problem.H[:nv, :nv] @ motion)
+    worth = WORTH * max(speed, LEAST_MOTION * size)
+    unit = math.sqrt(size / (CURVED * worth))
+    rows = np.zeros((len(beta), n + 1))
+    rows[:, :nv], rows[:, n] = first.rows, -(1.0 - phi) * beta * unit
+    H = np.zeros((n + 1, n + 1))
+    H[:n, :n], H[n, n] = problem.H, size
+    c = np.append(first.free(problem.c), -worth * (1.0 + CURVED) * unit)
+    H, c = with_weak_rows(H, c, rows, phi * beta, first.slack, costs_along(problem, first))
+    hard = first.slack == 0.0
+    return (
+        QuadraticProgram(
+            H, c, rows[hard], (phi * beta)[hard],
+            np.pad(problem.G, ((0, 0), (0, 1))), problem.g,
+            np.append(problem.lower, 0.0), np.append(problem.upper, 1.0 / unit),
+        ),
+        unit,
+    )  # fmt: skip
+
+
+def posed_program(
+    problem: QuadraticProgram, first: Directions, scale: float = 1.0
+) -> QuadraticProgram:
+    """The program at a given scale: directions are met as stated, but for the weak ones."""
+    rows, hard = _wide(first, problem.n), first.slack == 0.0
+    rate = (first.weakness + scale * (1.0 - first.weakness)) * first.rate
+    H, c = with_weak_rows(
+        problem.H, first.free(problem.c), rows, rate, first.slack, costs_along(problem, first)
+    )
+    return QuadraticProgram(
+        H, c, rows[hard], rate[hard], problem.G, problem.g, problem.lower, problem.upper
+    )
+
+
+def relaxed_program(problem: QuadraticProgram, first: Directions) -> QuadraticProgram:
+    """The program in which all directions yield."""
+    rows = _wide(first, problem.n)
+    slack = first.slack + SOFT * max(first.size, 1e-6) ** 2
+    H, c = with_weak_rows(
+        problem.H, first.free(problem.c), rows, first.rate, slack, costs_along(problem, first)
+    )
+    return QuadraticProgram(
+        H, c, rows[:0], first.rate[:0], problem.G, problem.g, problem.lower, problem.upper
+    )
+
+
+def costs_along(problem: QuadraticProgram, first: Directions) -> Array:
+    """hᵢ = vᵢᵀ H vᵢ, the cost of moving along each direction, (m,)."""
+    rows, square = _wide(first, problem.n), first.sigma**2
+    along: Array = np.einsum("ij,jk,ik->i", rows, problem.H, rows)
+    seen = square > 0.0
+    return np.where(seen, along / np.where(seen, square, 1.0), problem.steepest or 1.0)
+
+
+def _wide(first: Directions, n: int) -> Array:
+    """The directions' rows on n unknowns, (m, n)."""
+    return np.pad(first.rows, ((0, 0), (0, n - first.rows.shape[1])))
+
+
+def with_weak_rows(
+    H: Array, c: Array, rows: Array, rate: Array, slack: Array, cost: Array
+) -> tuple[Array, Array]:
+    """Add ½ hᵢ (rowᵢ x − rateᵢ)²/λᵢ of the rows with λᵢ > 0 to a cost."""
+    weak = slack > 0.0
+    weight = cost[weak] / slack[weak]
+    return (
+        H + rows[weak].T @ (weight[:, None] * rows[weak]),
+        c - (weight * rate[weak]) @ rows[weak],
+    )
+
+
+def first_level(
+    problem: QuadraticProgram,
+    first: Directions,
+    mode: str,
+    solver: str,
+    options: Mapping[str, Any] | None = None,
+    *,
+    whole: bool = True,
+) -> Found | Refused | None:
+    r"""Solve the first level, as posed or by ``mode``, "scale" or "relax".
+
+    ``None`` if no scale fits, and weak directions are not damped or no velocity keeps the limits:
+    then the levels are to be solved in order. Refused if the backend failed.
+
+    .. math::
+
+        \dot{\mathbf q} = \dot{\mathbf q}_s + \bigl(1 - \tfrac1\eta\max(s, p_s/p_r)\bigr)_+
+        (\dot{\mathbf q}_r - \dot{\mathbf q}_s), \qquad
+        p = \sum (1 - \varphi_i)\,\beta_i\,\sigma_i v_i^T\dot{\mathbf q}
+
+    Where limits stop the regular part of a scaled task and not that of a relaxed one, the step
+    passes over to the latter; both keep the limits, and so does what is between them.
+    """
+    n, nv = problem.n, first.rows.shape[1]
+    scaled: Found | None = None
+    if whole:
+        posed = solve(posed_program(problem, first), solver, options)
+        if isinstance(posed, Verified):
+            return Found(
+                posed.x, 1.0, 0.0, posed.multipliers.box, posed.multipliers.rows, posed.solver
+            )
+    if mode == "scale" and not first.smooth:
+        return _at_largest_scale(problem, first, solver, options)
+    if mode == "scale":
+        program, unit = scaled_program(problem, first)
+        found = solve(program, solver, options)
+        if isinstance(found, Verified):
+            scale, per_scale = min(float(found.x[n]) * unit, 1.0), unit / -float(program.c[n])
+            scaled = Found(
+                found.x[:n], scale, 0.0, per_scale * found.multipliers.box[:n],
+                per_scale * found.multipliers.rows, found.solver,
+            )  # fmt: skip
+            if scale >= DEAD:
+                return scaled
+        elif found.claimed or rest_fits(problem):
+            return found
+    if not first.smooth:
+        return None
+    relaxed = solve(relaxed_program(problem, first), solver, options)
+    if isinstance(relaxed, Refused):
+        return relaxed if relaxed.claimed or rest_fits(problem) else None
+    x, share = relaxed.x, 1.0
+    if scaled is not None:
+        along = ((1.0 - first.weakness) * first.rate) @ first.rows
+        slow, free = float(along @ scaled.x[:nv]), float(along @ x[:nv])
+        most = max(slow, free, _STILL * float(first.rate @ first.rate), 1e-300)
+        share = 1.0 - max(scaled.scale, slow / most) / DEAD
+        if share <= 0.0:
+            return scaled
+        x = scaled.x + share * (x - scaled.x)
+    x = np.clip(x, problem.lower, problem.upper)
+    return Found(x, 1.0, share, relaxed.multipliers.box, relaxed.multipliers.rows, relaxed.solver)
+
+
+def _at_largest_scale(
+    problem: QuadraticProgram,
+    first: Directions,
+    solver: str,
+    options: Mapping[str, Any] | None,
+) -> Found | Refused | None:
+    """The solution at the largest scale less a share of 1e-8, clear of the very edge.
+
+    Steps that are repeated until a waypoint is reached, and single ones, take the largest scale:
+    the limit of the scaled program for a large γ, here by linear programming.
+    """
+    rows, phi = _wide(first, problem.n), first.weakness
+    hard = first.slack == 0.0
+    stated = replace(problem, A=rows[hard], b=((1.0 - phi) * first.rate)[hard])
+    largest = largest_scale(stated, offset=(phi * first.rate)[hard])
+    if largest is None:
+        return None
+    scale = largest.scale * (1.0 - BACKOFF) if largest.scale < 1.0 else 1.0
+    found = solve(posed_program(problem, first, scale), solver, options)
+    if isinstance(found, Refused):
+        return found
+    return Found(
+        found.x, scale, 0.0, largest.box_multipliers, largest.row_multipliers, found.solver
+    )
+
+
+def rest_fits(problem: QuadraticProgram) -> bool:
+    """Whether joints at rest keep all limits: then a scaled and a relaxed task have a solution."""
+    return bool(
+        (problem.lower <= 0.0).all() and (problem.upper >= 0.0).all() and (problem.g >= 0.0).all()
+    )
