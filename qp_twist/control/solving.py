@@ -60,10 +60,7 @@ def solved_step(
     mode = "relax" if on_infeasible == "relax" else "scale"
     found = first_level(hard, first, mode, solver, options, whole=not tried)
     if isinstance(found, Refused):
-        raise SolverInaccurate(
-            f"{solver} did not solve a feasible step: {'; '.join(says + found.says)}.",
-            posed.problem,
-        )
+        raise _not_solved(posed, solver, says + found.says)
     if on_infeasible == "raise":
         _raise_if_short(posed, found)
     if found is not None and len(levels.directions) == 1:
@@ -144,10 +141,7 @@ def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, .
         status = Status.RELAXED
     result = solve_within(wide, cascade, solver)
     if isinstance(result, Refused):
-        raise SolverInaccurate(
-            f"{solver} did not solve a feasible step: {'; '.join(says + result.says)}.",
-            posed.problem,
-        )
+        raise _not_solved(posed, solver, says + result.says)
     if status is Status.PRIORITIZED and _lower_met(posed, result.x):
         status = Status.SOLVED
     multipliers = cascade.box_multipliers[: problem.n], np.array(cascade.row_multipliers), 0.0
@@ -159,6 +153,13 @@ def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, .
         result.x, status, result.solver, multipliers, scale=scale, refused=says + result.refused,
         gaps=gaps, proven=proven,
     )  # fmt: skip
+
+
+def _not_solved(posed: Posed, solver: str, says: tuple[str, ...]) -> SolverInaccurate:
+    """What is raised where the backend's results could not be verified."""
+    return SolverInaccurate(
+        f"{solver} did not solve a feasible step: {'; '.join(says)}.", posed.problem
+    )
 
 
 def _lower_met(posed: Posed, x: Array) -> bool:

@@ -11,7 +11,7 @@ r"""The program of a step whose first level does not fit, or is near a singulari
         0 \le s \le 1
 
 with the directions of :mod:`qp_twist.qp.directions`, :math:`h_i = v_i^T\mathbf H v_i` and N the
-null space of the level's rows: what pulls along a row would not move a regular task. With s = 1 it
+null space of the level's rows: a cost along a row would not move a regular task. With s = 1 it
 is the step as posed, which is solved first; where that fits, nothing else is done. Weak directions
 are asked for at any scale, so that they do not hold the rest down.
 :math:`g = \gamma\,\dot{\mathbf p}^T\mathbf H\dot{\mathbf p}` is what the whole speed is worth,
@@ -32,7 +32,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.qp.directions import Directions
 from qp_twist.qp.problem import QuadraticProgram
-from qp_twist.qp.scaling import largest_scale
+from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, Verified, solve
 
 WORTH = 50.0
@@ -46,9 +46,6 @@ in a step."""
 DEAD = 0.03
 """η: share of the relaxed solution's progress below which the step passes over to it: a task that
 stops would wait for a limit that it can go around."""
-BACKOFF = 1e-8
-"""Share of the largest scale that is given up where the rows are then posed at it: on the very edge
-rounding would decide whether they have a solution."""
 _STILL = 1e-9
 """Progress below this share of the whole is none, so that rounding decides nothing at rest."""
 LEAST_MOTION = 1e-12
@@ -233,7 +230,7 @@ def _at_largest_scale(
     largest = largest_scale(stated, offset=(phi * first.rate)[hard])
     if largest is None:
         return None
-    scale = largest.scale * (1.0 - BACKOFF) if largest.scale < 1.0 else 1.0
+    scale = largest.scale * (1.0 - SCALE_BACKOFF) if largest.scale < 1.0 else 1.0
     found = solve(posed_program(problem, first, scale), solver, options)
     if isinstance(found, Refused):
         return found

@@ -11,7 +11,8 @@ from qp_twist.qp.levels import Level, lexicographic
 from qp_twist.qp.problem import QuadraticProgram
 
 SCALE_BACKOFF = 1e-8
-"""Share of a scaled task that is given up, so that the scaled rows are not on the very edge."""
+"""Share of a scaled task that is given up where the rows are then posed at the scale: on the
+very edge rounding would decide whether they have a solution."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from qp_twist.constraints import stopping_share, stopping_speed
 from qp_twist.constraints.stopping_speed import BRAKING
 from qp_twist.kernel import directions as compiled_directions
 from qp_twist.kernel import one_program as compiled_program
-from qp_twist.qp import Directions, one_program
+from qp_twist.qp import Directions, one_program, scaling
 from qp_twist.qp import directions as read
 
 Array = npt.NDArray[np.float64]
@@ -131,7 +131,7 @@ def test_both_statements_have_the_same_constants() -> None:
         compiled_program.BACKOFF,
     ) == (
         one_program.WORTH, one_program.CURVED, one_program.SOFT, one_program.DEAD,
-        one_program.LEAST_MOTION, one_program.BACKOFF,
+        one_program.LEAST_MOTION, scaling.SCALE_BACKOFF,
     )  # fmt: skip
 
 
