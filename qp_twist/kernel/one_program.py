@@ -17,7 +17,7 @@ from qp_twist.kernel.dual_active_set import (
     row_lengths,
 )
 
-WORTH, LARGEST, CURVED, SOFT, DEAD = 50.0, 1e6, 1e-2, 1e-4, 0.03
+WORTH, BEYOND, LARGEST, CURVED, SOFT, DEAD = 50.0, 3.0, 1e6, 1e-2, 1e-4, 0.03
 LEAST_MOTION, BACKOFF, _STILL = 1e-12, 1e-8, 1e-9
 """γ, δ and the other constants of ``qp.one_program``; ``LARGEST`` is a γ for which s is the largest
 and the rest optimal (a linear program with a small quadratic cost: Mangasarian, Appl. Math. Optim.
@@ -189,9 +189,30 @@ def posed_program(H, c, d, scale, G, g, lower, upper, tolerances):
     return solve(softer, cost, rows, rates, G, g, lower, upper, tolerances)
 
 
+@plain
+def within_bounds(d, lower, upper, tolerances):
+    """``BEYOND`` times the largest s at which the bounds allow every exact direction, at most 1."""
+    longest, largest, share = 0.0, 0.0, 1.0
+    for i in range(len(d.rate)):
+        longest = max(longest, math.sqrt(d.square[i]))
+        largest = max(largest, abs(d.rate[i]) if d.slack[i] == 0.0 else 0.0)
+    for i in range(len(d.rate)):
+        if d.slack[i] > 0.0 or d.rate[i] == 0.0:
+            continue
+        room = tolerances.equality * (longest + largest)
+        for k in range(d.rows.shape[1]):
+            along = d.rows[i, k] if d.rate[i] > 0.0 else -d.rows[i, k]
+            if along > 0.0:
+                room += along * upper[k]
+            elif along < 0.0:
+                room += along * lower[k]
+        share = min(share, BEYOND * room / abs(d.rate[i]))
+    return max(share, 0.0)
+
+
 @inner
 def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
-    """The program with the scale: its result, s, and the price of s per unit of the last unknown.
+    """The program with the scale: its result, s, and what a unit of its multipliers is of s.
 
     ``c`` is already that in the null space of the directions d.
     """
@@ -206,16 +227,17 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
     for i in range(n):
         for j in range(n):
             speed += motion[i] * H[i, j] * motion[j]
-    worth = (WORTH if smooth else LARGEST) * max(speed, LEAST_MOTION * size)
-    unit = math.sqrt(size / (CURVED * worth))
-    price = worth * (1.0 + CURVED) * unit
+    most = within_bounds(d, lower, upper, tolerances)
+    worth = (WORTH if smooth else LARGEST) * max(most * most * speed, LEAST_MOTION * size)
+    whole = math.sqrt(CURVED * worth / size)
+    unit, price = most / whole, worth * (1.0 + CURVED) / whole
     wide, cost = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
     low, high = np.zeros(n + 1), np.zeros(n + 1)
     for i in range(n):
         cost[i], low[i], high[i] = c[i], lower[i], upper[i]
         for j in range(n):
             wide[i, j] = H[i, j]
-    wide[n, n], cost[n], high[n] = size, -price, 1.0 / unit
+    wide[n, n], cost[n], high[n] = size, -price, whole
     rows, rates, row, at = np.zeros((hard, n + 1)), np.zeros(hard), np.zeros(n + 1), 0
     for i in range(m):
         phi = weakness(d, i)
@@ -231,7 +253,7 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
     wider = np.zeros((len(g), n + 1))
     wider[:, :n] = G
     found = solve(wide, cost, rows, rates, wider, g, low, high, tolerances)
-    return found, min(found.x[n] * unit, 1.0), price / unit
+    return found, min(found.x[n] * unit, 1.0), unit / price
 
 
 @inner
@@ -262,7 +284,7 @@ def _progress(d, scaled, relaxed):
 
 
 @inner
-def _at_scale(H, c, d, scaled, scale, price, G, g, lower, upper, tolerances):
+def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances):
     """The result at the largest scale less a share of 1e-8, clear of the very edge.
 
     Of the multipliers those of the scale remain: what the cost alone would make of them is no more
@@ -273,7 +295,7 @@ def _at_scale(H, c, d, scaled, scale, price, G, g, lower, upper, tolerances):
         total = c[i]
         for j in range(len(c)):
             total += H[i, j] * scaled.x[j]
-        slope = max(slope, abs(total) / price)
+        slope = max(slope, abs(total) * per)
     for i in range(len(c)):
         scaled.box[i] = scaled.box[i] if abs(scaled.box[i]) > OF_COSTS * slope else 0.0
     for row in range(len(g)):
@@ -303,14 +325,14 @@ def first_level(H, c, d, G, g, lower, upper, whole, scales, smooth, tolerances):
             return posed, 1.0, 0.0
     scaled, scale = Result(EMPTY, c, c, g, c), 0.0
     if scales:
-        scaled, scale, price = scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances)
+        scaled, scale, per = scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances)
         if scaled.status == OPTIMAL:
             for i in range(len(scaled.box)):
-                scaled.box[i] /= price
+                scaled.box[i] *= per
             for row in range(len(g)):
-                scaled.lam[row] /= price
+                scaled.lam[row] *= per
             if not smooth:
-                return _at_scale(H, c, d, scaled, scale, price, G, g, lower, upper, tolerances)
+                return _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances)
             if scale >= DEAD:
                 return scaled, scale, 0.0
     if not smooth:

@@ -17,10 +17,17 @@ from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers
 
 # Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
-# its velocity limit, ProxQP stops at an error of 1e-3. DAQP's 1e-6 on bounds is a visible angle.
+# its velocity limit, ProxQP stops at an error of 1e-3, and without its duality gap at points with
+# 1e7 times the gradient allowed. DAQP's 1e-6 on bounds is a visible angle.
 SETTINGS: dict[str, dict[str, Any]] = {
     "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
-    "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 200},
+    "proxqp": {
+        "eps_abs": 1e-9,
+        "eps_rel": 0.0,
+        "max_iter": 200,
+        "check_duality_gap": True,
+        "eps_duality_gap_abs": 1e-9,
+    },
     "osqp": {"eps_abs": 1e-9, "eps_rel": 0.0, "max_iter": 20_000, "polishing": True},
     "clarabel": {"tol_feas": 1e-9, "tol_gap_abs": 1e-9, "tol_gap_rel": 1e-9},
     "piqp": {"eps_abs": 1e-10, "eps_rel": 0.0},

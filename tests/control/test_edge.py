@@ -126,12 +126,12 @@ def test_both_statements_have_the_same_constants() -> None:
         read.REGULAR, read.BEND, read.SMOOTHED, BRAKING,
     )  # fmt: skip
     assert (
-        compiled_program.WORTH, compiled_program.CURVED, compiled_program.SOFT,
-        compiled_program.DEAD, compiled_program.LEAST_MOTION,
+        compiled_program.WORTH, compiled_program.BEYOND, compiled_program.CURVED,
+        compiled_program.SOFT, compiled_program.DEAD, compiled_program.LEAST_MOTION,
         compiled_program.BACKOFF,
     ) == (
-        one_program.WORTH, one_program.CURVED, one_program.SOFT, one_program.DEAD,
-        one_program.LEAST_MOTION, scaling.SCALE_BACKOFF,
+        one_program.WORTH, one_program.BEYOND, one_program.CURVED, one_program.SOFT,
+        one_program.DEAD, one_program.LEAST_MOTION, scaling.SCALE_BACKOFF,
     )  # fmt: skip
 
 
