@@ -9,18 +9,8 @@ from typing import Annotated
 import tyro
 
 from qp_twist.checks import number
-from qp_twist.cli.app import (
-    Flag,
-    Json,
-    OptionalFile,
-    RobotName,
-    Task,
-    app,
-    fail,
-    load,
-    program_joints,
-    say,
-)
+from qp_twist.cli.app import Flag, Json, OptionalFile, RobotName, Task, app, fail, say
+from qp_twist.cli.path_tasks import load, program_joints
 from qp_twist.cli.progress import working
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE

@@ -19,12 +19,10 @@ from qp_twist.cli.app import (
     Weight,
     app,
     check_folder,
-    load,
-    method_names,
     say,
     show,
-    with_secondary,
 )
+from qp_twist.cli.path_tasks import load, method_names, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import Comparison, Interrupted, csv_table, notes, rich_table
 from qp_twist.comparison import compare as compare_methods

@@ -9,19 +9,8 @@ from typing import Annotated
 import tyro
 
 from qp_twist.checks import did_you_mean
-from qp_twist.cli.app import (
-    Flag,
-    Json,
-    OptionalFile,
-    RobotName,
-    app,
-    check_file,
-    fail,
-    failure,
-    load,
-    quiet,
-    say,
-)
+from qp_twist.cli.app import Flag, Json, OptionalFile, RobotName, app, check_file, fail, quiet, say
+from qp_twist.cli.path_tasks import failure, load
 from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, get_args, get_type_hints
 
 import tyro
@@ -18,19 +18,22 @@ _COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
 """tyro's own: scripts by which a shell completes commands and options."""
 
 
-def check_names(line: Sequence[str], commands: Mapping[str, Callable[..., Any]]) -> None:
+def check_names(
+    line: Sequence[str], commands: Sequence[str], function: Callable[[str], Callable[..., Any]]
+) -> None:
     """Refuse an unknown command or option, and suggest the nearest.
 
     All other checks of the arguments are tyro's.
 
     Args:
-        line: The words of the command line.
-        commands: The functions of the commands, by name.
+        line: The words of the command line, without ``--quiet``.
+        commands: The names of the commands.
+        function: The function of a command.
 
     Raises:
         InvalidInput: If the first word is not a command, or a word with ``--`` not an option.
     """
-    words = [word.partition("=")[0] for word in line if word != "--quiet"]
+    words = [word.partition("=")[0] for word in line]
     if not words or words[0] in ("-h", "--help", *_COMPLETION):
         return
     command, *rest = words
@@ -42,7 +45,7 @@ def check_names(line: Sequence[str], commands: Mapping[str, Callable[..., Any]])
         raise InvalidInput(
             f"there is no command {command!r}{hint} Commands: {', '.join(sorted(commands))}."
         )
-    known = options_of(commands[command])
+    known = options_of(function(command))
     for word in rest:
         if word.startswith("--") and word.replace("_", "-") not in known:
             hint = did_you_mean(word, known).replace("'", "")

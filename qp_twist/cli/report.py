@@ -14,11 +14,10 @@ from qp_twist.cli.app import (
     app,
     check_folder,
     fail,
-    load,
-    program_joints,
     say,
 )
 from qp_twist.cli.check import Degrees, Metres, TrajectoryFile
+from qp_twist.cli.path_tasks import load, program_joints
 from qp_twist.cli.progress import working
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE

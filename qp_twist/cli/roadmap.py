@@ -5,18 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from qp_twist.cli.app import (
-    Json,
-    Names,
-    OptionalFile,
-    Solver,
-    Task,
-    app,
-    check_file,
-    load,
-    method_names,
-    say,
-)
+from qp_twist.cli.app import Json, Names, OptionalFile, Solver, Task, app, check_file, say
+from qp_twist.cli.path_tasks import load, method_names
 from qp_twist.cli.progress import method_progress, working
 from qp_twist.comparison import compare as compare_methods
 from qp_twist.errors import InvalidInput

@@ -20,13 +20,10 @@ from qp_twist.cli.app import (
     check_file,
     check_folder,
     fail,
-    failure,
-    load,
-    program_joints,
     quiet,
     say,
-    with_secondary,
 )
+from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import compare, metrics
 from qp_twist.errors import InvalidInput

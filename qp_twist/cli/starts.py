@@ -10,7 +10,8 @@ import numpy as np
 import tyro
 from rich.table import Table
 
-from qp_twist.cli.app import Json, MethodName, Task, app, load, quiet, say, show
+from qp_twist.cli.app import Json, MethodName, Task, app, quiet, say, show
+from qp_twist.cli.path_tasks import load
 from qp_twist.cli.progress import sample_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, find_starts

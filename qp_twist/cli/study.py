@@ -8,19 +8,8 @@ from typing import Annotated, cast
 
 import tyro
 
-from qp_twist.cli.app import (
-    Folder,
-    Json,
-    Names,
-    Solver,
-    Task,
-    app,
-    load,
-    method_names,
-    quiet,
-    say,
-    show,
-)
+from qp_twist.cli.app import Folder, Json, Names, Solver, Task, app, quiet, say, show
+from qp_twist.cli.path_tasks import load, method_names
 from qp_twist.cli.progress import load_machine_code, sample_progress, working
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import PathTask

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, load, say
+from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, say
+from qp_twist.cli.path_tasks import load
 from qp_twist.paths import DEFAULT_METHOD
 
 Port = Annotated[int | None, tyro.conf.arg(metavar="N")]

@@ -21,6 +21,7 @@ import qp_twist as qt
 from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
+from qp_twist.cli.command import command as function_of
 from qp_twist.cli.names import options_of
 
 
@@ -177,7 +178,7 @@ def test_every_option_that_a_command_has_is_known(
     assert ended.value.code == 0
     lines = re.findall(r"^[│ ] ((?:-h, )?--[\w-]+(?:, --[\w-]+)?)", capsys.readouterr().out, re.M)
     listed = {option for line in lines for option in line.split(", ")}
-    assert listed == {*options_of(COMMANDS[command]), "-h"} - {"--quiet"}
+    assert listed == {*options_of(function_of(command)), "-h"} - {"--quiet"}
 
 
 class Output(io.TextIOWrapper):
@@ -474,7 +475,7 @@ def test_a_command_says_once_that_kernels_are_compiled(
     import numba
 
     from qp_twist.cli import tasks as module
-    from qp_twist.cli.app import load
+    from qp_twist.cli.path_tasks import load
 
     def computing(task: str) -> list[Path]:
         load(task)

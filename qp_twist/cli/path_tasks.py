@@ -1,0 +1,85 @@
+"""What commands about a task share: loading it, its methods, and how its programs are read."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from qp_twist.cli.app import quiet
+from qp_twist.cli.compiling import note_compiling
+from qp_twist.errors import InvalidInput
+from qp_twist.following import with_options
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import METHODS, PathTask, check_method, load_task
+from qp_twist.programs import SUFFIXES, dialect_of
+from qp_twist.robots import ControllerJoints
+from qp_twist.trajectories import Check, joints_of
+
+
+def with_secondary(
+    path_task: PathTask, methods: Sequence[str], gain: float | None, weight: str | None
+) -> PathTask:
+    """The task with --gain and --weight in place of the settings of the methods that use them."""
+    given = {"gain": gain, "weight": weight}
+    options = {name: value for name, value in given.items() if value is not None}
+    if not options:
+        return path_task
+    return with_options(path_task, methods, options, " and ".join(f"--{name}" for name in options))
+
+
+def failure(file: Path, check: Check, written: bool) -> str:
+    """The verdict on a file that does not pass, and whether it was written."""
+    if dialect_of(file) is None:
+        return f"{file}: {check.verdict}"
+    if written:
+        how = "written with a first line that stops a controller (--force)"
+    else:
+        how = "the program is not written (--force writes it, with a first line that stops a "
+        how += "controller)"
+        how += "; the file of this name is an older one" if file.exists() else ""
+    return f"{file}: {check.verdict}; {how}"
+
+
+def load(task: str, path: Path | None = None) -> PathTask:
+    """Load a task; print on standard error what its robot's and toolpath's files leave out.
+
+    A note follows there if the command has to compile kernels.
+    """
+    note_compiling(quiet=quiet.get())
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        path_task = load_task(task, path=path)
+    notes = [str(warning.message) for warning in caught]
+    if path_task.toolpath is not None:
+        notes += path_task.toolpath.notes
+    if not quiet.get():
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
+    return path_task
+
+
+def program_joints(
+    path: Path, path_task: PathTask, robot: str | None, as_modelled: bool
+) -> ControllerJoints | None:
+    """How the controller counts the joints, for a file that is a program; ``None`` for others."""
+    if dialect_of(path) is None:
+        if robot is not None or as_modelled:
+            raise InvalidInput(
+                f"{path}: --robot and --as-modelled are for programs ({', '.join(SUFFIXES)}); "
+                "other files have the model's joints."
+            )
+        return None
+    names = JointRanges.of(path_task.shown.model).names
+    return joints_of(path_task, names, robot=robot, as_modelled=as_modelled)
+
+
+def method_names(path_task: PathTask, methods: str | None) -> list[str]:
+    """The methods named in an argument; without it all applicable ones."""
+    if methods is None:
+        return path_task.method_names()
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    if not names:
+        raise InvalidInput(f"--methods {methods!r}: no name in it; known: {', '.join(METHODS)}.")
+    return [check_method(name) for name in names]
