@@ -270,11 +270,15 @@ def soft() -> Contender:
     return Contender("mink soft", make)
 
 
-def ours(mode: str, acceleration: float | None, solver: str | None, **options: Any) -> Contender:
+def ours(
+    mode: str, acceleration: float | None, solver: str | None, singularity: float | None = None
+) -> Contender:
     """The controller, with a light posture as its secondary."""
 
     def make(arm: Arm, configuration: mink.Configuration) -> tuple[Stepper, Callable[..., None]]:
-        controller = _controller(arm, mode, acceleration, solver=solver, **options)
+        controller = _controller(arm, mode, acceleration, solver=solver)
+        if singularity is not None:
+            controller.singularity = singularity
 
         def aim(poses: Sequence[Pose], twists: Sequence[Array] | None) -> None:
             for i, (task, pose) in enumerate(zip(controller.twist_tasks, poses, strict=True)):

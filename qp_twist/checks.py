@@ -200,6 +200,8 @@ def refusing_unknown_names(init: _Method) -> _Method:
     def checked_init(self: Any, *args: Any, **options: Any) -> None:
         for name in options.keys() - known:
             hint = did_you_mean(name, known)
+            if isinstance(getattr(type(self), name, None), property):
+                hint = f"; it is an attribute: set it afterwards, by ….{name} = {options[name]!r}"
             raise TypeError(f"{type(self).__name__}: there is no argument {name!r}{hint}")
         init(self, *args, **options)
 

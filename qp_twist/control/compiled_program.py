@@ -12,7 +12,8 @@ from qp_twist.checks import Array, Indices
 from qp_twist.constraints import Box, LimitRows, MinkRange, Named, RowsOf, kind_of
 from qp_twist.constraints.evaluated_limit import UNLIMITED
 from qp_twist.control.lazy_step import LazyStep, StepLabels
-from qp_twist.control.posing import STEEPEST, WeightedRows
+from qp_twist.control.mink_costs import WeightedRows
+from qp_twist.control.posing import STEEPEST
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import TOLERANCES
 from qp_twist.kernel.gather_bounds_and_rows import (

@@ -21,10 +21,12 @@ from qp_twist.constraints import (
     PositionLimit,
     is_mink_box,
 )
-from qp_twist.control.composition import BOXES, rows_known
+from qp_twist.control.composition import BOXES, damps_by_error, rows_known
 from qp_twist.control.displacement import EVERYTHING, Displacement
 from qp_twist.control.lazy_step import LazyStep, StepLabels
-from qp_twist.control.posing import in_words, mink_costs
+from qp_twist.control.lost_words import in_words
+from qp_twist.control.mink_costs import mink_costs
+from qp_twist.control.posing import free_rows
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import (
     TOLERANCES,
@@ -66,7 +68,6 @@ from qp_twist.kernel.verified_program import (
 )
 from qp_twist.kinematics import (
     BandRows,
-    FreeTwistCost,
     JointCentering,
     JointRanges,
     PostureReference,
@@ -106,13 +107,8 @@ class Composition(Protocol):
     smooth: bool
     braking: bool
     free_twist_costs: tuple[float, float]
-    free_costs: list[FreeTwistCost]
     solver: str
     on_infeasible: str
-
-    @property
-    def trusts(self) -> bool:
-        """Whether weak directions are damped by the length of the error."""
 
 
 class CompiledStep:
@@ -188,7 +184,7 @@ class CompiledStep:
         g.ends[:], g.types[:] = self._ends, types
         g.addresses[:nv], g.addresses[nv:] = self._ranges.qpos, -1
         g.tolerances[:] = TOLERANCES  # type: ignore[index]
-        g.free_costs[:], g.middle[:nv] = composed.free_twist_costs, self._ranges.middle
+        g.middle[:nv] = self._ranges.middle
         g.metric[:nv], g.metric[nv:], g.limits[:] = composed.metric, composed.metric.max(), table
         self._take_settings(composed)
         self._known_step_sizes = [_step_sizes(task) for task in self._tasks]
@@ -461,8 +457,7 @@ class CompiledStep:
                 self._inputs.python_forward[first:last] = 0.0
             self._inputs.python_rows[first:last, : A.shape[1]] = A
             if self.twist_space:
-                cost = composed.free_costs[number]
-                free = cost.cost[:, None] * cost.compute_jacobian(configuration)
+                free = free_rows(task.state(configuration), composed.free_twist_costs)
                 block = self._inputs.python_free[6 * number : 6 * number + 6]
                 block[:], block[: len(free), : free.shape[1]] = 0.0, free
         return True
@@ -580,9 +575,12 @@ class CompiledStep:
         self._brakes = self._smooth and composed.braking and limited
         settings = kernel_settings(
             composed.singularity, composed.joint_weight, _INFEASIBLE[composed.on_infeasible],
-            smooth=self._smooth, trusts=self._smooth and composed.trusts, braking=self._brakes,
+            smooth=self._smooth,
+            trusts=self._smooth and damps_by_error(self._limits, composed.on_infeasible),
+            braking=self._brakes,
         )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
+        self._inputs.free_costs[:] = composed.free_twist_costs
 
     def _update_state(self, composed: Composition) -> None:
         """Write changed settings, and the windows and previous velocity of limits."""
@@ -604,13 +602,10 @@ class CompiledStep:
         for before, motion in self._motions:
             before[:] = motion.velocity
 
-    def note(self, velocity: Array) -> None:
-        """As :meth:`~qp_twist.Controller.note`, for a velocity that the kernel has computed."""
-        for _, motion in self._motions:
-            motion.velocity = velocity.copy()
 
-
-_settings_of = attrgetter("singularity", "joint_weight", "on_infeasible", "smooth", "braking")
+_settings_of = attrgetter(
+    "singularity", "joint_weight", "on_infeasible", "smooth", "braking", "free_twist_costs"
+)
 """Settings of a controller that can change between two steps."""
 _step_sizes = attrgetter("gain", "max_linear_step", "max_angular_step")
 """A task's gain and largest linear and angular step."""

@@ -1,11 +1,19 @@
-"""Which controllers have a compiled step."""
+"""What follows from the tasks and limits that a controller is composed of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from qp_twist.constraints import BoxLimit, DisplacementWindow, MotionLimit, PositionLimit
+import numpy as np
+
+from qp_twist.constraints import (
+    BoxLimit,
+    DisplacementWindow,
+    MotionLimit,
+    PositionLimit,
+    kind_of,
+)
 from qp_twist.kinematics import TwistTask
 
 BOXES = (PositionLimit, MotionLimit, DisplacementWindow)
@@ -28,3 +36,17 @@ def rows_known(task: TwistTask) -> bool:
     It does for TwistTasks whose targets stand in the world, but not for classes derived from it.
     """
     return type(task) is TwistTask and task.relative_to is None
+
+
+def damps_by_error(limits: Sequence[Any], on_infeasible: str) -> bool:
+    """Whether weak directions are damped by the length of the error (``qp/directions.py``).
+
+    Without a limit of the joints' speed a step is that of the closed form, whatever its length.
+    """
+    limited = any(
+        bool(np.isfinite(v.max_velocity).any())
+        if isinstance(v, MotionLimit)
+        else kind_of(v) == "velocity"
+        for v in limits
+    )
+    return limited and on_infeasible != "raise"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import mink
 import mujoco
@@ -34,35 +34,23 @@ from qp_twist.constraints import (
     check_model,
     couplings_of,
     gather_limits,
-    kind_of,
 )
 from qp_twist.control.clear_velocity import clear_velocity
 from qp_twist.control.composition import composition_known
 from qp_twist.control.displacement import EVERYTHING, Displacement
-from qp_twist.control.posed import Posed
-from qp_twist.control.posing import (
-    FASTEST,
-    LevelItem,
-    check_magnitudes,
-    mink_costs,
-    pose_levels,
-    unseen,
-    with_soft_bands,
-)
+from qp_twist.control.posing import FASTEST, LevelItem, pose
 from qp_twist.control.solving import solved_step
 from qp_twist.control.step import Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import (
-    FreeTwistCost,
     SecondaryObjective,
     TwistTask,
     check_configuration,
     frame_pose,
     same_structure,
-    total_displacement,
 )
-from qp_twist.qp import NoSolutionFound, QuadraticProgram, check_solver
+from qp_twist.qp import NoSolutionFound, check_solver
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_step import CompiledStep
@@ -77,6 +65,8 @@ SINGULARITY = 1e-3
 """Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
 SMOOTH_SINGULARITY = 5e-3
 """The same of smooth steps: an arm that is stretched stays near enough to a bent one to return."""
+LARGEST_FREE_COST = 1e6
+"""Largest root of w: beyond it other costs are lost to rounding."""
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
 _CORRECTIONS = 10
@@ -85,6 +75,24 @@ _KEPT = 1e-7
 """By how much a step may lead below a clearance, m."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for (configuration, model, data) that no argument equals."""
+
+
+class _Sorted(NamedTuple):
+    """The limits of a controller, and those of three kinds."""
+
+    limits: list[mink.Limit]
+    clearances: list[Clearance]
+    motions: list[MotionLimit]
+    boxes: list[BoxLimit]
+
+    @classmethod
+    def of(cls, limits: Sequence[mink.Limit]) -> _Sorted:
+        return cls(
+            list(limits),
+            [limit for limit in limits if isinstance(limit, Clearance)],
+            [limit for limit in limits if isinstance(limit, MotionLimit)],
+            [limit for limit in limits if isinstance(limit, BoxLimit)],
+        )
 
 
 def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
@@ -103,10 +111,12 @@ def _flag(_: Any, name: str, value: Any) -> bool:
     return bool(value)
 
 
-def _singularity(_: Any, name: str, value: float) -> float:
-    """ε; what is too small to distinguish from rounding is 0."""
-    given = number(name, value, at_least=0.0, at_most=1.0)
-    return given if given >= SMALLEST_SINGULARITY else 0.0
+def _free_twist_costs(_: Any, name: str, value: tuple[float, float]) -> tuple[float, float]:
+    """Roots of w for the linear and the angular rows of 1 − T."""
+    linear, angular = finite_array(name, value, (2,)).tolist()
+    if not 0.0 <= min(linear, angular) <= max(linear, angular) <= LARGEST_FREE_COST:
+        raise InvalidInput(f"{name}: expected two numbers from 0 to {LARGEST_FREE_COST:g}.")
+    return linear, angular
 
 
 class Controller:
@@ -132,6 +142,21 @@ class Controller:
     (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h`.
 
     Attributes:
+        joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
+            secondary), 0.01 in twist space.
+        free_twist_costs: Square roots of w for the linear rows of 1 − T, s/m, and for the angular
+            ones, s/rad, (1, 1) by default; their ratio is the length in m that 1 rad/s counts for.
+        singularity: ε, singular value of the task rows below which a direction is left to the
+            secondary (``qp_twist/qp/directions.py``); 0, or less than 1e-9: never. By default 0.005
+            if ``smooth``, else 0.001. With speed limits smooth steps take directions below
+            50 ε, at most 0.05, in several steps.
+        smooth: Whether steps are smooth at the edge of the reach, through singularities and
+            where limits stop the task (the docs' page *At the edge*). ``False`` takes the
+            largest scale and the closest velocity instead, as the following of a path does,
+            which repeats a step until its waypoint is reached.
+        braking: Whether a smooth step asks, under an acceleration limit, for no more speed than
+            the joints can stop from at the target. A target that moves needs its twist then, or
+            is followed at its stopping distance.
         reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
             docs' page *Performance* lists the cases); all steps if the solver is not compiled.
 
@@ -151,7 +176,7 @@ class Controller:
     joint_weight: float = checked(
         lambda _, name, value: number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
     )
-    singularity: float = checked(_singularity)
+    free_twist_costs: tuple[float, float] = checked(_free_twist_costs)
     on_infeasible: str = checked(
         lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
     )
@@ -171,14 +196,8 @@ class Controller:
         solver: str | None = None,
         on_infeasible: Literal["scale", "relax", "raise"] = "scale",
         metric: npt.ArrayLike | None = None,
-        joint_weight: float | None = None,
-        free_linear_cost: float = 1.0,
-        free_angular_cost: float = 1.0,
-        singularity: float | None = None,
-        smooth: bool = True,
-        braking: bool = True,
     ) -> None:
-        """Compose a controller.
+        """Compose a controller. Its attributes, which few need to set, may change between steps.
 
         Args:
             model: The robot.
@@ -197,22 +216,6 @@ class Controller:
                 ``"relax"`` takes a close velocity, ``"raise"`` raises
                 :class:`~qp_twist.InfeasibleStep`. Lower levels are always relaxed.
             metric: Diagonal of M, positive, shape (nv,); ones if ``None``.
-            joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
-                secondary), 0.01 in twist space.
-            free_linear_cost: Square root of w for the linear rows of 1 − T, s/m.
-            free_angular_cost: Square root of w for the angular rows of 1 − T, s/rad; its ratio
-                to the linear one is the length in m that 1 rad/s counts for.
-            singularity: ε, singular value of the task rows below which a direction is left to the
-                secondary (``qp_twist/qp/edge.py``); 0, or less than 1e-9: never. By default 0.005
-                if ``smooth``, else 0.001. With speed limits smooth steps take directions below
-                50 ε, at most 0.05, in several steps.
-            smooth: Whether steps are smooth at the edge of the reach, through singularities and
-                where limits stop the task (the docs' page *At the edge*). ``False`` takes the
-                largest scale and the closest velocity instead, as the following of a path does,
-                which repeats a step until its waypoint is reached.
-            braking: Whether a smooth step asks, under an acceleration limit, for no more speed than
-                the joints can stop from at the target. A target that moves needs its twist then, or
-                is followed at its stopping distance.
 
         Raises:
             InvalidInput: If an argument has the wrong type, shape or range.
@@ -240,30 +243,19 @@ class Controller:
         self.solver = check_solver(solver)
         self.on_infeasible = on_infeasible
         self._check_types()
-        self._seen: tuple[list[mink.Limit], list[Clearance], list[MotionLimit]] = [], [], []
+        self._seen = _Sorted.of([])
         self._hardest: tuple[list[int], Array | None, Array | None] = [], None, None
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
-        self._identity = np.eye(model.nv)
         self.metric = (
             np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
         )
-        linear = number("free_linear_cost", free_linear_cost, at_least=0.0, at_most=1e6)
-        angular = number("free_angular_cost", free_angular_cost, at_least=0.0, at_most=1e6)
-        self.free_costs = [
-            FreeTwistCost(t, linear_cost=linear, angular_cost=angular)
-            for t in self.twist_tasks
-            if self.secondary_space == "twist"
-        ]
-        if joint_weight is None:
-            joint_weight = UNSEEN_WEIGHT
-            if self.secondary_space == "joint":
-                joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
-        if singularity is None:
-            singularity = SMOOTH_SINGULARITY if smooth else SINGULARITY
-        self.joint_weight, self.singularity = joint_weight, singularity
-        self.smooth, self.braking = smooth, braking
-        self.free_twist_costs = linear, angular
+        self.joint_weight = UNSEEN_WEIGHT
+        if self.secondary_space == "joint":
+            self.joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
+        self.free_twist_costs = 1.0, 1.0
+        self.smooth = self.braking = True
+        self._singularity: float | None = None
         self._prepared, self._free = self._compiled_step(), threading.Lock()
         self.reference_steps = 0
 
@@ -311,35 +303,30 @@ class Controller:
         h = EVERYTHING  # nearly always
         if use_secondary is not True or displacement is not None:
             h = Displacement.of(use_secondary, displacement, self.model.nv)
-        clearances = self._sorted_limits()[1]
+        clearances = self._sorted_limits().clearances
         if clearances:
             moving = self._moving()
             for clearance in clearances:
                 clearance.begin(configuration, *moving)
         try:
-            step, note = self._solved(configuration, dt, h)
+            step = self._solved(configuration, dt, h)
             if clearances:
-                step, note = self._kept_clear(step, note, configuration, dt, h)
+                step = self._kept_clear(step, configuration, dt, h)
         finally:
             for clearance in clearances:
                 clearance.has_begun = False
-        note(step.velocity)
+        self._note(step.velocity)
         return step
 
     def _kept_clear(
-        self,
-        step: Step,
-        note: Callable[[Array], None],
-        configuration: mink.Configuration,
-        dt: float,
-        h: Displacement,
-    ) -> tuple[Step, Callable[[Array], None]]:
-        """The step, or one that keeps its clearances, too; and what takes note of its velocity.
+        self, step: Step, configuration: mink.Configuration, dt: float, h: Displacement
+    ) -> Step:
+        """The step, or one that keeps its clearances, too.
 
         Their rows are linear in the step, distances are not: where it leads too near, rows of the
         distances there are added, and the step is computed again.
         """
-        clearances = self._sorted_limits()[1]
+        clearances = self._sorted_limits().clearances
         for correction in range(_CORRECTIONS + 1):
             lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
             if not lacking:
@@ -349,10 +336,10 @@ class Controller:
                 corrected |= clearance.correct(step.velocity, dt)
             if not corrected:
                 self._hold_clear(clearances, step.velocity, configuration, dt)
-            step, note = self._solved(configuration, dt, h)
+            step = self._solved(configuration, dt, h)
             if not corrected:
                 break
-        return step, note
+        return step
 
     def _hold_clear(
         self,
@@ -369,25 +356,23 @@ class Controller:
             for clearance in clearances:
                 clearance.in_step.hold(clear, dt)
 
-    def _solved(
-        self, configuration: mink.Configuration, dt: float, h: Displacement
-    ) -> tuple[Step, Callable[[Array], None]]:
-        """The step by the kernel, or else by the reference; and what takes note of its velocity."""
+    def _solved(self, configuration: mink.Configuration, dt: float, h: Displacement) -> Step:
+        """The step by the kernel, or else by the reference."""
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
         if self._prepared is not None and self._free.acquire(False):
             try:
                 plain = self._prepared(self, configuration, dt, h)
                 if plain is not None:
-                    return plain, self._prepared.note
+                    return plain
             finally:
                 self._free.release()
         self.reference_steps += 1
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below
-            posed = self._pose(configuration, dt, h)
-        return solved_step(posed, self.solver, self.on_infeasible), self._note
+            posed = pose(self, configuration, dt, h)
+        return solved_step(posed, self.solver, self.on_infeasible)
 
     def load(self, configuration: mink.Configuration, dt: float) -> None:
         """Load, or compile, all machine code of the steps, so that none waits for it.
@@ -405,13 +390,16 @@ class Controller:
 
     def note(self, velocity: npt.ArrayLike) -> None:
         """Set the current joint velocity (nv,), as :meth:`step` does."""
-        self._note(finite_array("velocity", velocity, (self.model.nv,)))
-
-    def _note(self, velocity: Array) -> None:
+        velocity = finite_array("velocity", velocity, (self.model.nv,))
         if largest(velocity) > FASTEST:
             raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
-        for limit in self.limits:
-            if isinstance(limit, BoxLimit):
+        self._note(velocity)
+
+    def _note(self, velocity: Array) -> None:
+        for limit in self._sorted_limits().boxes:
+            if type(limit) is MotionLimit:
+                limit.velocity = velocity.copy()  # its own method checks it once more
+            else:
                 limit.note(velocity)
 
     def _compiled_step(self) -> CompiledStep | None:
@@ -422,69 +410,30 @@ class Controller:
 
         return CompiledStep(self)
 
-    def _pose(self, configuration: mink.Configuration, dt: float, h: Displacement) -> Posed:
-        nv = self.model.nv
-        desired = np.zeros(nv)
-        if h.share > 0.0:
-            desired = h.share * total_displacement(self.secondary, configuration) / dt
-        if h.added is not None:
-            desired = desired + h.added / dt
-        limits = gather_limits(self.limits, configuration, dt)
-        smooth = self.smooth and self.singularity > 0.0
-        levels = pose_levels(
-            self.levels,
-            configuration,
-            dt,
-            self.singularity,
-            damp=smooth and self.trusts,
-            smooth=smooth,
-            acceleration=self._accelerations_and_speeds()[0] if smooth and self.braking else None,
-        )
-        A, b = levels.equality
-        if self.secondary_space == "joint":
-            weights = self.joint_weight * self.metric
-            H, c = self._identity * weights, -weights * desired
-        else:
-            free = np.vstack(
-                [
-                    np.zeros((0, nv)),
-                    *(f.cost[:, None] * f.compute_jacobian(configuration) for f in self.free_costs),
-                ]
-            )
-            cost = free.T @ free + self.joint_weight * unseen(np.vstack([A, free]), self.metric)
-            # AᵀA is constant where A x = b, so that it does not change the solution, but H is then
-            # close to JᵀJ instead of close to singular.
-            H, c = cost + A.T @ A, -cost @ desired
-        if self.soft_tasks:
-            hessian, linear = mink_costs(self.soft_tasks, configuration, dt)
-            H, c = H + hessian, c + linear
-        problem = QuadraticProgram(
-            H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper
-        )
-        check_magnitudes(problem, desired)
-        problem = with_soft_bands(problem, levels.soft_bands)
-        return Posed.of(problem, levels, limits)
+    @property
+    def singularity(self) -> float:
+        """ε."""
+        if self._singularity is None:
+            return SMOOTH_SINGULARITY if self.smooth else SINGULARITY
+        return self._singularity
+
+    @singularity.setter
+    def singularity(self, value: float) -> None:
+        given = number("singularity", value, at_least=0.0, at_most=1.0)
+        # What is too small to distinguish from rounding is 0.
+        self._singularity = given if given >= SMALLEST_SINGULARITY else 0.0
 
     @property
-    def trusts(self) -> bool:
-        """Whether weak directions are damped by the length of the error (``qp_twist/qp/edge.py``).
-
-        Without a limit of the joints' speed a step is that of the closed form, whatever its length.
-        """
-        limited = any(
-            bool(np.isfinite(v.max_velocity).any())
-            if isinstance(v, MotionLimit)
-            else kind_of(v) == "velocity"
-            for v in self.limits
-        )
-        return limited and self.on_infeasible != "raise"
+    def hardest(self) -> Array | None:
+        """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ``None`` without."""
+        return self._accelerations_and_speeds()[0]
 
     def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
         """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
 
         The arrays stay the same objects until a limit changes.
         """
-        motions = self._sorted_limits()[2]
+        motions = self._sorted_limits().motions
         known, hardest, fastest = self._hardest
         revisions = [limit.revision for limit in motions]
         if revisions != known:
@@ -493,12 +442,10 @@ class Controller:
             self._hardest = revisions, hardest, fastest
         return hardest, fastest
 
-    def _sorted_limits(self) -> tuple[list[mink.Limit], list[Clearance], list[MotionLimit]]:
-        """The limits, which may have changed since the last step, and those of two kinds."""
-        if self.limits != self._seen[0]:
-            clearances = [limit for limit in self.limits if isinstance(limit, Clearance)]
-            motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
-            self._seen = list(self.limits), clearances, motions
+    def _sorted_limits(self) -> _Sorted:
+        """The limits, which may have changed since the last step, by kind."""
+        if self.limits != self._seen.limits:
+            self._seen = _Sorted.of(self.limits)
             self._hardest = [], None, None
         return self._seen
 
@@ -549,7 +496,7 @@ class Controller:
                 f"controller's nq = {self.model.nq}, nv = {self.model.nv} and {self.model.nbody}, "
                 "or their names or joints differ; use a configuration of the same model."
             )
-        for clearance in self._sorted_limits()[1]:
+        for clearance in self._sorted_limits().clearances:
             clearance.check_model("step", configuration.model)
         finite_array("configuration.q", configuration.q, (self.model.nq,))
         self._checked = configuration, configuration.model, configuration.data

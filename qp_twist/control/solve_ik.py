@@ -6,7 +6,6 @@ import inspect
 import logging
 import math
 from collections.abc import Iterable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import mink
@@ -35,20 +34,21 @@ from qp_twist.constraints import (
     range_of,
     speeds_of,
 )
-from qp_twist.control.posed import Posed
-from qp_twist.control.posing import (
-    FASTEST,
-    PosedLevels,
-    TaskRows,
+from qp_twist.control.mink_costs import (
     WeightedRows,
     as_rows,
     check_cost,
-    check_magnitudes,
-    check_speed,
     check_target,
-    lost_where,
     mink_cost,
     name_of,
+)
+from qp_twist.control.posing import (
+    FASTEST,
+    Posed,
+    PosedLevel,
+    TaskRows,
+    check_magnitudes,
+    check_speed,
     stacked,
 )
 from qp_twist.control.solving import solved_step
@@ -338,8 +338,6 @@ def _by_reference(
         evaluated.dt,
         {i: bounds for i, bounds in enumerate(evaluated.bounds) if isinstance(bounds, LimitRows)},
     )
-    A, b = stacked([(rows.A, rows.b) for rows in evaluated.rows], configuration.model.nv)
-    none = np.zeros((0, configuration.model.nv)), np.zeros(0)
     whole = [
         Directions.of(rows.A, rows.b, evaluated.dt, threshold, damp=False, smooth=False)
         for rows in evaluated.rows
@@ -353,15 +351,15 @@ def _by_reference(
     directions = Directions.of(A, b, evaluated.dt, threshold, damp=False, smooth=False)
     if directions.contradicts:  # none of the constraints gives way: all are scaled together
         directions = Directions.as_stated(A, b)
-    levels = PosedLevels(
-        [(A, b)], [directions], [none], [],
-        [evaluated.rows], [], threshold, 1.0, None,
-        partial(lost_where, evaluated.constraints, evaluated.rows, configuration),
-    )  # fmt: skip
+    level = PosedLevel(evaluated.rows, A, b, directions, A[:0], b[:0])
     problem = QuadraticProgram(*cost, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
-    check_magnitudes(problem, problem.c[:0])
+    check_magnitudes(problem)
+    posed = Posed(
+        problem, [level], limits, list(limits.sources), evaluated.constraints, configuration,
+        threshold,
+    )  # fmt: skip
     try:
-        return solved_step(Posed.of(problem, levels, limits), solver, on_infeasible, options)
+        return solved_step(posed, solver, on_infeasible, options)
     except InvalidInput as error:  # the backend does not know an option
         parameters = inspect.signature(ik_step).parameters
         meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in options)

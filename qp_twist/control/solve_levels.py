@@ -123,7 +123,7 @@ def solve_levels(
     cascade = lexicographic(parsed, low, high, start, refine=True)
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
-        raise SolverInaccurate(f"solve_levels: {'; '.join(result.says)}.", problem)
+        raise SolverInaccurate(f"solve_levels: {result.says}.", problem)
     gaps = cascade.gaps(result.x)
     return Solution(
         result.x,

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.control.posed import Posed
+from qp_twist.constraints import BindingLimit, binding_limits
+from qp_twist.control.posing import Posed
 from qp_twist.control.step import NOT_THE_LIMITS, Status, Step
 from qp_twist.qp import (
-    Directions,
     Found,
     InfeasibleStep,
     Level,
@@ -23,9 +23,9 @@ from qp_twist.qp import (
     costs_along,
     first_level,
     lexicographic,
-    lost_directions,
     solve,
     solve_within,
+    widened,
 )
 
 WHOLE = 1.0 - 1e-8
@@ -48,34 +48,90 @@ def solved_step(
             that it needs, and ``on_infeasible`` is ``"raise"``.
         SolverInaccurate: If the backend's result could not be verified.
     """
-    levels, says = posed.levels, tuple[str, ...]()
-    if levels.regular:
+    first, alone = posed.levels[0].directions, len(posed.levels) == 1
+    regular = all(level.directions.regular for level in posed.levels)
+    if regular:
         result = solve(posed.problem, solver, options)
         if isinstance(result, Verified):
-            multipliers = result.multipliers.box, result.multipliers.rows, 1.0
-            return posed.step(result.x, Status.SOLVED, result.solver, multipliers)
-        says = result.says
-    first, hard = levels.directions[0], posed.hard(1)
-    tried = levels.regular and len(levels.directions) == 1
+            box, rows = result.multipliers.box, result.multipliers.rows
+            return _step(posed, result.x, Status.SOLVED, result.solver, (box, rows, 1.0))
     mode = "relax" if on_infeasible == "relax" else "scale"
-    found = first_level(hard, first, mode, solver, options, whole=not tried)
+    whole = not (regular and alone)  # else it has just been tried
+    found = first_level(posed.hard(1), first, mode, solver, options, whole=whole)
     if isinstance(found, Refused):
-        raise _not_solved(posed, solver, says + found.says)
+        raise _not_solved(posed, solver, found)
     if on_infeasible == "raise":
         _raise_if_short(posed, found)
-    if found is not None and len(levels.directions) == 1:
-        status = Status.RELAXED if found.relaxed > 0.0 else Status.SCALED
-        if found.scale >= WHOLE and found.relaxed == 0.0:
-            status, found = Status.SOLVED, found._replace(scale=1.0)
-        multipliers = found.box, found.rows, 0.0
-        return posed.step(
-            found.x, status, found.solver, multipliers, scale=found.scale, refused=says
-        )
-    return _in_order(posed, found, solver, says)
+    if found is None or not alone:
+        return _in_order(posed, found, solver)
+    status, scale = Status.SCALED, found.scale
+    if found.relaxed > 0.0:
+        status = Status.RELAXED
+    elif scale >= WHOLE:
+        status, scale = Status.SOLVED, 1.0
+    return _step(posed, found.x, status, found.solver, (found.box, found.rows, 0.0), scale)
+
+
+def _step(
+    posed: Posed,
+    x: Array,
+    status: Status,
+    solver: str,
+    multipliers: tuple[Array, Array, float],
+    scale: float = 1.0,
+    gaps: tuple[float, ...] = (),
+    proven: bool = True,
+) -> Step:
+    """The step of a solution x, with multipliers as arguments of :func:`_binding`."""
+    velocity = x[: len(posed.limits.lower)].copy()  # of the joints alone
+    lost = () if posed.levels[0].directions.regular else posed.lost(velocity, scale)
+    if status is Status.SOLVED and lost:
+        status = Status.DEGRADED
+    elif posed.braked < 1.0 and status in (Status.SOLVED, Status.PRIORITIZED):
+        status = Status.SCALED
+    elif posed.braking is not None and status is Status.SOLVED:
+        status = Status.PRIORITIZED
+    return Step.of(
+        {
+            "binding": partial(_binding, posed, *multipliers),
+            "residuals": partial(_residuals, posed, velocity.copy(), scale),
+            "sigma_min": posed.sigma_min,
+        },
+        velocity=velocity,
+        scale=scale * posed.braked,
+        status=status,
+        solver=solver,
+        problem=posed.problem,
+        lost=lost,
+        recovering=posed.limits.recovering,
+        gaps=gaps,
+        proven=proven,
+    )
+
+
+def _residuals(posed: Posed, velocity: Array, scale: float) -> tuple[Array, ...]:
+    """A q̇ − s b of each task; s = 1 below the first level, b of the first one as braked."""
+    return tuple(
+        rows.A @ velocity - (1.0 if index else scale) * rows.b
+        for index, level in enumerate(posed.levels)
+        for rows in level.tasks
+    )
+
+
+def _binding(posed: Posed, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
+    """The limits with a multiplier above ``floor``: of bounds (n,) and of rows (k,)."""
+    limits = posed.limits
+    kinds = limits.box.lower_kind, limits.box.upper_kind
+    names, nv = limits.names, len(limits.lower)
+    found = binding_limits(box[:nv], rows, floor, names, kinds, posed.sources)
+    if posed.braking is not None and not found:
+        dof, side = posed.braking
+        return (BindingLimit(names[dof], "acceleration", side, 1.0),)
+    return found
 
 
 def _raise_if_short(posed: Posed, found: Found | None) -> None:
-    levels = posed.levels
+    """Raise if the first level is not met as it is stated."""
     if found is None or found.relaxed == 1.0:
         why = "; ".join(posed.limits.recovering)
         raise InfeasibleStep(
@@ -83,10 +139,7 @@ def _raise_if_short(posed: Posed, found: Found | None) -> None:
             f"{f': {why}' if why else ''}. Use on_infeasible='scale' for the closest step.",
             posed.problem,
         )
-    A, b = levels.rows[0]
-    lost = levels.where(
-        lost_directions(A, found.scale * b, found.x[: A.shape[1]], levels.threshold)
-    )
+    lost = posed.lost(found.x[: len(posed.limits.lower)], found.scale)
     if lost:
         raise InfeasibleStep(
             f"infeasible step: {NOT_THE_LIMITS}: {', '.join(map(str, lost))}. Use "
@@ -94,7 +147,7 @@ def _raise_if_short(posed: Posed, found: Found | None) -> None:
             posed.problem,
         )
     if found.relaxed > 0.0 or found.scale < WHOLE:
-        binding = posed.binding(found.box, found.rows)
+        binding = _binding(posed, found.box, found.rows)
         names = ", ".join(str(limit) for limit in binding)
         why = f"binding: {names}" if names else NOT_THE_LIMITS
         raise InfeasibleStep(
@@ -105,7 +158,14 @@ def _raise_if_short(posed: Posed, found: Found | None) -> None:
         )
 
 
-def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, ...]) -> Step:
+def _not_solved(posed: Posed, solver: str, refused: Refused) -> SolverInaccurate:
+    """What is raised where the backend's result could not be verified."""
+    return SolverInaccurate(
+        f"{solver} did not solve a feasible step: {refused.says}.", posed.problem
+    )
+
+
+def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:
     r"""The levels one after the other, then the cost on what they leave.
 
     Weak directions of every level have a slack of their own, :math:`\sigma_i v_i^T\dot{\mathbf q}
@@ -114,10 +174,10 @@ def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, .
     """
     levels, problem = posed.levels, posed.hard(0)
     status, scale = Status.PRIORITIZED, 1.0
-    first, pairs = levels.directions[0], zip(levels.directions, levels.rows, strict=True)
+    first = levels[0].directions
     # Rows as stated, with what they see of the motion of the levels above.
-    stated = [(level.left.T @ A, level.left.T @ b) for level, (A, b) in pairs]
-    rates = [b for _, b in stated]
+    stated = [level.directions.left.T @ level.A for level in levels]
+    rates = [level.directions.left.T @ level.b for level in levels]
     if found is None:
         status = Status.RELAXED
     elif found.relaxed > 0.0:
@@ -127,10 +187,10 @@ def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, .
     elif found.scale < WHOLE:
         status, scale = Status.SCALED, found.scale
         rates[0] = (first.weakness + scale * (1.0 - first.weakness)) * rates[0]
-    rows, wide = _with_slacks(problem, levels.directions, [A for A, _ in stated])
+    rows, wide = _with_slacks(posed, problem, stated)
     blocks = [
-        Level(A, b, np.pad(G, ((0, 0), (0, wide.n - problem.n))), g)
-        for A, b, (G, g) in zip(rows, rates, posed.inequalities, strict=True)
+        Level(A, b, widened(level.G, wide.n), level.g)
+        for A, b, level in zip(rows, rates, levels, strict=True)
     ]
     hard = Level(np.zeros((0, wide.n)), np.zeros(0), wide.G, wide.g)
     start = np.zeros(wide.n)
@@ -141,60 +201,34 @@ def _in_order(posed: Posed, found: Found | None, solver: str, says: tuple[str, .
         status = Status.RELAXED
     result = solve_within(wide, cascade, solver)
     if isinstance(result, Refused):
-        raise _not_solved(posed, solver, says + result.says)
-    if status is Status.PRIORITIZED and _lower_met(posed, result.x):
+        raise _not_solved(posed, solver, result)
+    velocity = result.x[: len(posed.limits.lower)]
+    below = (Level(level.A, level.b, level.G, level.g) for level in levels[1:])  # as stated
+    if status is Status.PRIORITIZED and all(level.met(velocity) for level in below):
         status = Status.SOLVED
-    multipliers = cascade.box_multipliers[: problem.n], np.array(cascade.row_multipliers), 0.0
+    multipliers = cascade.box_multipliers, np.array(cascade.row_multipliers), 0.0
     if status is Status.SCALED and found is not None:
-        multipliers = found.box, np.append(found.rows, np.zeros(_own_rows(posed))), 0.0
+        own = np.zeros(sum(len(level.g) for level in levels[1:]))
+        multipliers = found.box, np.append(found.rows, own), 0.0
     gaps = cascade.gaps(result.x)[1:]
     proven = all(level.proven(gap) for level, gap in zip(blocks, gaps, strict=True))
-    return posed.step(
-        result.x, status, result.solver, multipliers, scale=scale, refused=says + result.refused,
-        gaps=gaps, proven=proven,
-    )  # fmt: skip
-
-
-def _not_solved(posed: Posed, solver: str, says: tuple[str, ...]) -> SolverInaccurate:
-    """What is raised where the backend's results could not be verified."""
-    return SolverInaccurate(
-        f"{solver} did not solve a feasible step: {'; '.join(says)}.", posed.problem
-    )
-
-
-def _lower_met(posed: Posed, x: Array) -> bool:
-    """Whether the levels below the first are met as they are stated."""
-    below = zip(posed.levels.rows[1:], posed.levels.inequalities[1:], strict=True)
-    return all(Level(A, b, G, g).met(x[: A.shape[1]]) for (A, b), (G, g) in below)
-
-
-def _own_rows(posed: Posed) -> int:
-    """Number of inequality rows of the levels below the first."""
-    return sum(len(g) for _, g in posed.levels.inequalities[1:])
+    return _step(posed, result.x, status, result.solver, multipliers, scale, gaps, proven)
 
 
 def _with_slacks(
-    problem: QuadraticProgram, directions: list[Directions], stated: list[Array]
+    posed: Posed, problem: QuadraticProgram, stated: list[Array]
 ) -> tuple[list[Array], QuadraticProgram]:
     """The rows of all levels with a slack for each weak direction, and the program with these."""
-    counts = [int((level.slack > 0.0).sum()) for level in directions]
-    n, k = problem.n, sum(counts)
+    directions = [level.directions for level in posed.levels]
+    weak = [np.flatnonzero(level.slack > 0.0) for level in directions]
+    n, wide = problem.n, problem.widened(sum(map(len, weak)))
     rows, at, c = list[Array](), n, problem.c
-    for level, A, count in zip(directions, stated, counts, strict=True):
-        wide = np.zeros((len(level.rate), n + k))
-        wide[:, : A.shape[1]] = A
-        weak = np.flatnonzero(level.slack > 0.0)
-        wide[weak, range(at, at + count)] = -np.sqrt(level.slack[weak])
-        at += count
-        rows.append(wide)
+    for level, A, places in zip(directions, stated, weak, strict=True):
+        A_wide, slacks = widened(A, wide.n), range(at, at + len(places))
+        A_wide[places, slacks] = -np.sqrt(level.slack[places])
+        wide.H[slacks, slacks] = costs_along(problem, level)[places]
+        at += len(places)
+        rows.append(A_wide)
         c = level.free(c)
-    cost = np.concatenate([costs_along(problem, v)[v.slack > 0.0] for v in directions])
-    H = np.zeros((n + k, n + k))
-    H[:n, :n] = problem.H
-    H[range(n, n + k), range(n, n + k)] = cost
-    free = np.full(k, np.inf)
-    return rows, replace(
-        problem, H=H, c=np.append(c, np.zeros(k)), A=np.zeros((0, n + k)),
-        G=np.pad(problem.G, ((0, 0), (0, k))), lower=np.append(problem.lower, -free),
-        upper=np.append(problem.upper, free),
-    )  # fmt: skip
+    wide.c[:n] = c
+    return rows, wide

@@ -55,7 +55,6 @@ class Step:
         sigma_min: Smallest singular value of the first level's task rows; ∞ without rows.
         lost: Directions of the first level in which the robot is singular and is slowed down.
         recovering: Sentences about joints that are outside their limits and returning.
-        refused: Results of other attempts, and why they failed the verification.
         gaps: If the step was solved level by level: for each level, a bound of its residual's
             length above the optimum, m/s and rad/s. Empty if one program contains all rows.
         proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows
@@ -72,7 +71,6 @@ class Step:
     sigma_min: float
     lost: tuple[LostDirection, ...] = ()
     recovering: tuple[str, ...] = ()
-    refused: tuple[str, ...] = ()
     gaps: tuple[float, ...] = ()
     proven: bool = True
 

@@ -201,8 +201,8 @@ class QpResolver(Resolver):
             solver=solver,
             metric=None if settings.metric == "1" else JointRanges.of(model).metric,
             limits=limits.limits,
-            smooth=False,
         )
+        self.controller.smooth = False
 
     def lead(self, configuration: mink.Configuration) -> Array | None:
         """The displacement to the plan, clipped to the limits; the steps correct the task error.

@@ -119,7 +119,8 @@ def corrected_start(
     if holds_limits:
         _refuse_pairs_never_apart(path_task, configuration.q)
         limits = [PositionLimit(path_task.model), *path_task.constraints]
-        controller = Controller(path_task.model, [task], limits=limits, smooth=False)
+        controller = Controller(path_task.model, [task], limits=limits)
+        controller.smooth = False
     binding: Sequence[BindingLimit] = ()
     on_waypoint: Array | None = None
     least, nearest_at = np.inf, 0

@@ -16,6 +16,7 @@ from .one_program import Found as Found
 from .one_program import costs_along as costs_along
 from .one_program import first_level as first_level
 from .problem import QuadraticProgram as QuadraticProgram
+from .problem import widened as widened
 from .scaling import SCALE_BACKOFF as SCALE_BACKOFF
 from .scaling import LargestScale as LargestScale
 from .scaling import largest_scale as largest_scale

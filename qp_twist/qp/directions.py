@@ -121,14 +121,16 @@ class Directions:
         if above is not None:
             b = b - A @ above
         left, sigma, right = np.linalg.svd(A if null is None else A @ null)
-        right = right if null is None else right @ null.T
-        rank = int((sigma > HELD * max(sigma.max(initial=0.0), 1e-300)).sum())
+        size = float(sigma.max(initial=0.0))
+        if null is not None:
+            right = right @ null.T
+            size = float(np.linalg.norm(A, 2)) if m else 0.0
+        rank = int(np.count_nonzero(sigma > HELD * max(sigma.max(initial=0.0), 1e-300)))
         sigma[rank:] = 0.0
         rows = np.zeros((m, n))
         k = min(len(sigma), len(right))
         rows[:k] = sigma[:k, None] * right[:k]
         sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
-        size = float(np.linalg.norm(A, 2)) if m else 0.0
         rate = left.T @ b
         first = regular_from(threshold)
         t = 0.0

@@ -52,15 +52,6 @@ class Level:
     G: Array
     g: Array
 
-    def padded(self, n: int) -> Level:
-        """The same rows for n unknowns, with zero columns for the added ones."""
-        more = n - self.A.shape[1]
-        if more == 0:
-            return self
-        return Level(
-            np.pad(self.A, ((0, 0), (0, more))), self.b, np.pad(self.G, ((0, 0), (0, more))), self.g
-        )
-
     def proven(self, gap: float) -> bool:
         """Whether a gap counts as zero: at most ten times the :func:`row_tolerance`."""
         A, b = np.vstack([self.A, self.G]), np.concatenate([self.b, self.g])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -52,9 +52,14 @@ class QuadraticProgram:
         """max |c|, the size of the linear one."""
         return largest(self.c)
 
-    def with_rows(self, b: Array) -> QuadraticProgram:
-        """The same program with another right-hand side of the equality rows."""
-        return replace(self, b=b)
+    def widened(self, k: int) -> QuadraticProgram:
+        """The program with k more unknowns, which have neither costs nor bounds nor entries."""
+        n, free = self.n + k, np.full(k, np.inf)
+        return QuadraticProgram(
+            widened(widened(self.H, n).T, n), np.append(self.c, np.zeros(k)),
+            widened(self.A, n), self.b, widened(self.G, n), self.g,
+            np.append(self.lower, -free), np.append(self.upper, free),
+        )  # fmt: skip
 
     def save(self, path: str | Path) -> None:
         """Write the arrays to a ``.npz`` file, so that a step can be sent to somebody."""
@@ -85,3 +90,10 @@ class QuadraticProgram:
                     f"{refusal}: {name} should be numbers of shape {shape}, and has {array.shape}."
                 )
         return cls(**arrays)
+
+
+def widened(rows: Array, n: int) -> Array:
+    """A copy of rows (m, k) with zero columns, (m, n)."""
+    wide = np.zeros((len(rows), n))
+    wide[:, : rows.shape[1]] = rows
+    return wide

@@ -24,13 +24,11 @@ class Verified:
         x: The unknowns, inside the bounds to the last bit, (n,).
         solver: The backend that gave it.
         multipliers: The multipliers that prove it optimal.
-        refused: What was tried before, and what it returned.
     """
 
     x: Array
     solver: str
     multipliers: Multipliers
-    refused: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -38,11 +36,11 @@ class Refused:
     """No backend gave a result that satisfies the problem.
 
     Attributes:
-        says: For each backend tried, what it returned.
-        claimed: Whether any of them called its result solved.
+        says: What was tried, and what it returned.
+        claimed: Whether the backend called its result solved.
     """
 
-    says: tuple[str, ...]
+    says: str
     claimed: bool
 
 
@@ -57,11 +55,11 @@ def solve(
         options: Of the backend, in place of ours.
     """
     if np.count_nonzero(problem.lower > problem.upper):
-        return Refused(("the bounds leave no room",), False)
+        return Refused("the bounds leave no room", False)
     result = verified(problem, solve_raw(problem, solver, options), solver)
     if not isinstance(result, str):
         return result
-    return Refused((f"{solver} returned {result}",), not result.startswith("no solution"))
+    return Refused(f"{solver} returned {result}", not result.startswith("no solution"))
 
 
 def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verified | str:
@@ -91,7 +89,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
         The result, with the multipliers of C z ≤ d.
     """
     if not cascade.optimal:
-        return Refused(("a priority level ran out of iterations",), False)
+        return Refused("a priority level ran out of iterations", False)
     x, basis = cascade.x, cascade.basis
     n, p = basis.shape
     held = QuadraticProgram(
@@ -120,7 +118,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
         return result
     moved = feasible(held, np.clip(x + basis @ result.x, cascade.lower, cascade.upper))
     if isinstance(moved, str):
-        return Refused((*result.refused, f"{result.solver} returned {moved}"), True)
+        return Refused(f"{result.solver} returned {moved}", True)
     return replace(result, x=moved.x)
 
 
@@ -144,5 +142,5 @@ def _by_active_set(problem: QuadraticProgram, before: Refused) -> Verified | Ref
     claimed = Multipliers(np.zeros(0), found.multipliers, np.zeros(problem.n))
     result = verified(problem, RawSolution(found.z, found.optimal, claimed), "active set")
     if isinstance(result, str):
-        return Refused((*before.says, f"active set returned {result}"), False)
-    return replace(result, refused=before.says)
+        return Refused(f"{before.says}; active set returned {result}", False)
+    return result

@@ -109,6 +109,10 @@ def load_program(content: Any) -> qt.QuadraticProgram:
     return qt.QuadraticProgram.load(content)
 
 
+def assigned(name: str, value: Any) -> None:
+    setattr(qt.Controller(MODEL, [task()]), name, value)
+
+
 CALLS: dict[str, Callable[[Any], Any]] = {
     "Projector(kind)": lambda x: qt.Projector(x, np.eye(3)),
     "Projector(basis)": lambda x: qt.Projector(qt.Projector.full().kind, x),
@@ -133,7 +137,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "Controller(levels)": lambda x: step(tasks=[], levels=x),
     "Controller(levels=[…])": lambda x: step(tasks=[], levels=[x]),
     "Controller(levels=[[…]])": lambda x: step(tasks=[], levels=[[task()], [x]]),
-    "Controller(singularity)": lambda x: step(singularity=x),
+    "Controller.singularity": lambda x: assigned("singularity", x),
     "step(velocity)": lambda x: step(velocity=x),
     "limit's G": lambda x: step(limits=[OddLimit(G=x)]),
     "limit's h": lambda x: step(limits=[OddLimit(h=x)]),
@@ -226,8 +230,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "Controller(solver)": lambda x: step(solver=x),
     "Controller(on_infeasible)": lambda x: step(on_infeasible=x),
     "Controller(metric)": lambda x: step(metric=x),
-    "Controller(joint_weight)": lambda x: step(joint_weight=x),
-    "Controller(free_linear_cost)": lambda x: step(free_linear_cost=x, secondary_space="twist"),
+    "Controller.joint_weight": lambda x: assigned("joint_weight", x),
+    "Controller.free_twist_costs": lambda x: assigned("free_twist_costs", (x, 1.0)),
     "step(configuration)": lambda x: step(configuration=x),
     "step(dt)": lambda x: step(dt=x),
     "load_task": qt.load_task,
@@ -316,12 +320,13 @@ def test_a_controller_takes_any_numbers_or_says_why_not(data: st.DataObject) -> 
                 mink.VelocityLimit(MODEL, {MODEL.joint(i).name: speed for i in range(6)}),
             ],
             on_infeasible=mode,
-            **{
-                k: odd[k]
-                for k in ("metric", "joint_weight", "singularity", "free_linear_cost")
-                if k in odd
-            },
+            metric=odd.get("metric"),
         )
+        for name in ("joint_weight", "singularity"):
+            if name in odd:
+                setattr(controller, name, odd[name])
+        if "free_linear_cost" in odd:
+            controller.free_twist_costs = odd["free_linear_cost"], 1.0
         q = np.array(odd.get("q", DEBURRING.start))
         with np.errstate(all="ignore"):  # MuJoCo's kinematics of 1e300 rad are mink's affair
             configuration = mink.Configuration(MODEL, q)

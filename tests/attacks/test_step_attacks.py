@@ -177,7 +177,7 @@ def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
     [
         ("joint_weight", 0.0), ("joint_weight", np.inf), ("joint_weight", "a"),
         ("singularity", np.inf), ("singularity", "no"), ("metric", np.ones(3)),
-        ("metric", np.zeros(6)), ("metric", None),
+        ("metric", np.zeros(6)), ("metric", None), ("free_twist_costs", (1.0, -1.0)),
     ],
 )  # fmt: skip
 def test_a_controller_checks_what_it_is_assigned(name: str, value: Any) -> None:

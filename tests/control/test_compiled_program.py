@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from qp_twist.constraints import Box, LimitRows
 from qp_twist.control.compiled_program import CompiledProgram
-from qp_twist.control.posing import WeightedRows
+from qp_twist.control.mink_costs import WeightedRows
 from qp_twist.kernel.program_step import keep_independent
 
 DT = 0.01

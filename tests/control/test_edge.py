@@ -146,7 +146,7 @@ def planar_step(
     solver: str | None = None,
     dt: float = DT,
     before: Array | None = None,
-    **options: Any,
+    singularity: float | None = None,
 ) -> qt.Step:
     """A 3R arm with its second joint at q2 (straight at 0) and its target further along x.
 
@@ -167,8 +167,9 @@ def planar_step(
     controller = qt.Controller(
         model, [task], limits=limits, solver=solver, on_infeasible=mode,  # type: ignore[arg-type]
         secondary=[qt.PostureReference(model, np.array([-0.4, 0.8, 0.4]), gain=0.01)],
-        **options,
     )  # fmt: skip
+    if singularity is not None:
+        controller.singularity = singularity
     return controller.step(configuration, dt, velocity=before)
 
 
@@ -514,7 +515,8 @@ def test_a_braked_step_names_the_joint_that_could_not_stop() -> None:
     (limit_named,) = step.binding[:1]
     assert limit_named.kind == "acceleration"
     np.testing.assert_allclose(A @ step.velocity, step.scale * b, atol=1e-7)
-    free = qt.Controller(SEVEN, [task], limits=[], solver="daqp", braking=False)
+    free = qt.Controller(SEVEN, [task], limits=[], solver="daqp")
+    free.braking = False
     assert free.step(configuration, DT).status is qt.Status.SOLVED
 
 

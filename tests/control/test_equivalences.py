@@ -221,8 +221,8 @@ def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
     def velocity(cost: float, limits: list[mink.Limit]) -> np.ndarray:
         controller = qt.Controller(
             s.model, [s.task], secondary=[s.posture], secondary_space="twist", limits=limits,
-            free_angular_cost=cost,
         )  # fmt: skip
+        controller.free_twist_costs = 1.0, cost
         step = controller.step(s.configuration, DT)
         assume(step.status is qt.Status.SOLVED)
         return step.velocity

@@ -416,8 +416,9 @@ def test_a_controllers_levels_are_solve_levels_on_the_same_rows(name: str, seed:
     secondary = qt.JointCentering(arm.model, gain=0.2)
     controller = qt.Controller(
         arm.model, levels=levels, limits=limits, secondary=[secondary],
-        on_infeasible="relax", singularity=0.0,
+        on_infeasible="relax",
     )  # fmt: skip
+    controller.singularity = 0.0
     step = controller.step(arm.configuration, dt)
     bounds = gather_limits(limits, arm.configuration, dt)
     rows = [
@@ -581,9 +582,8 @@ def test_a_collision_limit_can_stand_at_any_level() -> None:
         return float((constraint.h - constraint.G @ step.velocity * dt).min())
 
     def act(levels: Any, limits: Any) -> qt.Step:
-        made = qt.Controller(
-            model, levels=levels, limits=limits, on_infeasible="relax", smooth=False
-        )
+        made = qt.Controller(model, levels=levels, limits=limits, on_infeasible="relax")
+        made.smooth = False
         return made.step(configuration, dt)
 
     above = act([[collision], [task]], [])

@@ -23,7 +23,10 @@ TWO_LINKS = planar_arm([0.5, 0.4])
 
 
 def stretched(
-    q2: float, pull: tuple[float, float] = (0.05, 0.02), **options: object
+    q2: float,
+    pull: tuple[float, float] = (0.05, 0.02),
+    singularity: float | None = None,
+    **options: object,
 ) -> tuple[qt.Step, Array, Array]:
     """A step of a 2R arm at elbow angle ``q2``, its Jacobian's plane rows, and the rate asked."""
     model = TWO_LINKS
@@ -34,6 +37,8 @@ def stretched(
     tangential = np.array([-np.sin(0.3), np.cos(0.3), 0.0])
     task.set_target(mink.SE3.from_translation(tip + pull[0] * radial + pull[1] * tangential))
     controller = qt.Controller(model, tasks=[task], limits=[], **options)  # type: ignore[arg-type]
+    if singularity is not None:
+        controller.singularity = singularity
     step = controller.step(configuration, 0.1)
     A, b = task.velocity_rows(configuration, 0.1)
     return step, A, b
@@ -131,9 +136,8 @@ def test_a_scaled_step_at_a_singularity_is_off_in_the_lost_direction_only(seed: 
     away = np.append(0.3 * rng.normal(size=2), 0.0)
     task.set_target(mink.SE3.from_translation(tip + away))
     speeds = {model.joint(i).name: float(rng.uniform(0.01, 0.2)) for i in range(count)}
-    controller = qt.Controller(
-        model, tasks=[task], limits=[mink.VelocityLimit(model, speeds)], smooth=False
-    )
+    controller = qt.Controller(model, tasks=[task], limits=[mink.VelocityLimit(model, speeds)])
+    controller.smooth = False
     step = controller.step(configuration, 0.02)
     if step.status is not qt.Status.SCALED:
         return

@@ -32,6 +32,7 @@ class Composition:
         configuration: Where it is.
         dt: Length of the step, s.
         options: Keyword arguments of :class:`qp_twist.Controller`.
+        settings: Attributes of it that are set afterwards.
         velocity: Joint velocity before the step, (nv,), or ``None``.
         use_secondary: As in :meth:`qp_twist.Controller.step`.
         words: What it is made of, for a person who looks for the cause of a difference.
@@ -43,11 +44,19 @@ class Composition:
     options: dict[str, Any]
     velocity: Array | None
     use_secondary: bool
+    settings: dict[str, Any]
     words: list[str] = field(default_factory=list)
+
+    def controller(self, solver: str, *, smooth: bool = False) -> qt.Controller:
+        """The controller, with a solver."""
+        controller = qt.Controller(self.model, solver=solver, **self.options)
+        for name, value in ({"smooth": smooth} | self.settings).items():
+            setattr(controller, name, value)
+        return controller
 
     def step(self, solver: str, nudge: Array | None = None, *, smooth: bool = False) -> qt.Step:
         """The step by a solver; ``nudge`` (nv,) moves the configuration a little before it."""
-        controller = qt.Controller(self.model, solver=solver, smooth=smooth, **self.options)
+        controller = self.controller(solver, smooth=smooth)
         configuration = self.configuration
         if nudge is not None:
             configuration = mink.Configuration(self.model, configuration.q.copy())
@@ -102,18 +111,19 @@ def composition(seed: int) -> Composition:
     options["secondary"] = _secondary(rng, model, q, tasks)
     if rng.random() < 0.5:
         options["metric"] = rng.uniform(0.3, 3.0, model.nv)
+    chosen: dict[str, Any] = {}
     if rng.random() < 0.2:
-        options["joint_weight"] = 10.0 ** rng.uniform(-4, 1)
+        chosen["joint_weight"] = 10.0 ** rng.uniform(-4, 1)
     if rng.random() < 0.2:
-        options |= {"free_linear_cost": rng.uniform(0, 3), "free_angular_cost": rng.uniform(0, 3)}
+        chosen["free_twist_costs"] = rng.uniform(0, 3), rng.uniform(0, 3)
     if rng.random() < 0.1:
-        options["singularity"] = float(rng.choice([0.0, 1e-2, 5e-2]))
+        chosen["singularity"] = float(rng.choice([0.0, 1e-2, 5e-2]))
     velocity = None
     if rng.random() < 0.5:
         velocity = 0.3 * rng.normal(size=model.nv)
     dt = float(rng.choice([0.002, 0.01, 0.05, 0.2]))
     return Composition(
-        model, configuration, dt, options, velocity, bool(rng.random() < 0.85), words
+        model, configuration, dt, options, velocity, bool(rng.random() < 0.85), chosen, words
     )
 
 

@@ -7,7 +7,7 @@ satisfies them; those without contain rows that miss what the bounds allow by a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +93,7 @@ def _contradicting(by: float) -> Case:
     problem = _redundant().problem
     b = problem.b.copy()
     b[-1] += by * np.linalg.norm(problem.A[-1])
-    return Case(problem.with_rows(b), False)
+    return Case(replace(problem, b=b), False)
 
 
 def _tiny_rows(length: float) -> Case:
