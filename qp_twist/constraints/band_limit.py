@@ -18,7 +18,7 @@ class BandLimit(mink.Limit):
     limit cannot have; :class:`~qp_twist.Controller` reads both kinds from the task itself.
 
     Attributes:
-        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
+        kind: Its name in messages and in :class:`~qp_twist.constraints.BindingLimit`.
         task: The task whose bands these are.
     """
 

@@ -40,7 +40,7 @@ class BoxLimit(mink.Limit):
     """Base of the limits lower ≤ q̇ ≤ upper; also a plain :class:`mink.Limit`.
 
     Attributes:
-        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
+        kind: Its name in messages and in :class:`~qp_twist.constraints.BindingLimit`.
     """
 
     kind: str = "box"

@@ -32,7 +32,7 @@ class Constraint(mink.Limit):
     by ``dataclasses.replace(path_task, constraints=(…,))``, to a controller by ``limits``.
 
     Attributes:
-        kind: Its name in messages and in :class:`~qp_twist.BindingLimit`.
+        kind: Its name in messages and in :class:`~qp_twist.constraints.BindingLimit`.
         names: Name of each of the k margins.
         units: Unit of each margin, ``"m"`` or ``"rad"``.
         recovery_speed: Largest speed at which a step returns from outside, m/s or rad/s.

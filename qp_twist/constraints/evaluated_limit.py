@@ -17,7 +17,7 @@ from qp_twist.constraints.position_limit import NOTICEABLE
 from qp_twist.errors import InvalidInput
 
 RowName = tuple[str, str]
-"""Name and kind of an inequality row, as in :class:`~qp_twist.BindingLimit`."""
+"""Name and kind of an inequality row, as in :class:`~qp_twist.constraints.BindingLimit`."""
 
 
 class Named(Protocol):

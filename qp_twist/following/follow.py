@@ -55,8 +55,8 @@ def follow(
     so has fewer rows than the path has waypoints; without ``slow_down`` it goes on, and
     :attr:`Trajectory.ending <qp_twist.Trajectory.ending>` says where it left the path.
 
-    Where the task's projector changes (:class:`~qp_twist.Segment`), the first iteration blends from
-    one to the other, and the others correct the rows common to both.
+    Where the task's projector changes (:class:`~qp_twist.paths.Segment`), the first iteration
+    blends from one to the other, and the others correct the rows common to both.
 
     Where the task has joint moves, each stretch between them is followed by itself, from the start
     to which the joints move soonest of those from which the method keeps the stretch. The rows of

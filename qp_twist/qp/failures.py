@@ -17,7 +17,7 @@ class NoSolutionFound(QpTwistError, mink.NoSolutionFound):
     Attributes:
         problem: The quadratic program that was posed (save it with ``problem.save("step.npz")``).
         binding: The limits that stand in the way, as whoever raises it names them (a controller:
-            as :class:`~qp_twist.BindingLimit`); empty where they are not known.
+            as :class:`~qp_twist.constraints.BindingLimit`); empty where they are not known.
     """
 
     def __init__(

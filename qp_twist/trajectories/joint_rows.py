@@ -29,7 +29,7 @@ class JointRows:
         velocities: rad/s or m/s, (N, n); ``None`` if joints are interpolated linearly.
         metadata: Data of the task of these rows, if the file has them.
         accelerations: rad/s² or m/s², (N, n); ``None`` if joints move on cubics. With accelerations
-            they move on quintics (:class:`~qp_twist.JointMotion`).
+            they move on quintics (:class:`~qp_twist.trajectories.JointMotion`).
         notes: What else the file has, and what of it is not looked at.
         sources: Whose figures the positions depend on, e.g. the zero positions of a known robot.
         own_ramps: Whether joints move straight between the rows of a program, whose controller

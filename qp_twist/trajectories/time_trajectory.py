@@ -142,7 +142,7 @@ def time_trajectory(
     * without acceleration limits every joint moves at constant speed from waypoint to waypoint, the
       piece takes :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`;
     * with acceleration limits every joint moves on a cubic in time
-      (:class:`~qp_twist.JointMotion`), from rest to rest, its velocity continuous;
+      (:class:`~qp_twist.trajectories.JointMotion`), from rest to rest, its velocity continuous;
       ``speed_profile`` computes the fastest motion that keeps velocity and acceleration limits
       everywhere, not only at the waypoints.
 

@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist import closed_form
+from qp_twist.constraints import DisplacementWindow
+from qp_twist.geometry import twist_error
 
 JUNK: list[Any] = [
     None, "abc", "", b"x", True, 0, -1, 1.5, float("nan"), float("inf"), 1e308, 10**400, 1 + 2j,
@@ -154,10 +156,10 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "resolved": lambda x: DEBURRING.projector.resolved(body=x),
     "task_redundancy(operational)": lambda x: qt.task_redundancy(x, FULL),
     "task_redundancy(task)": lambda x: qt.task_redundancy(FULL, x),
-    "twist_error(rotation)": lambda x: qt.twist_error(x, np.zeros(3), np.eye(3), np.zeros(3), FULL),
-    "twist_error(position)": lambda x: qt.twist_error(np.eye(3), x, np.eye(3), np.zeros(3), FULL),
-    "twist_error(target)": lambda x: qt.twist_error(np.eye(3), np.zeros(3), x, np.zeros(3), FULL),
-    "twist_error(projector)": lambda x: qt.twist_error(
+    "twist_error(rotation)": lambda x: twist_error(x, np.zeros(3), np.eye(3), np.zeros(3), FULL),
+    "twist_error(position)": lambda x: twist_error(np.eye(3), x, np.eye(3), np.zeros(3), FULL),
+    "twist_error(target)": lambda x: twist_error(np.eye(3), np.zeros(3), x, np.zeros(3), FULL),
+    "twist_error(projector)": lambda x: twist_error(
         np.eye(3), np.zeros(3), np.eye(3), np.zeros(3), x
     ),
     "rmr(jacobian)": lambda x: closed_form.resolved_motion_rate(x, TWIST),
@@ -195,8 +197,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "set_dt": lambda x: task().set_dt(x),
     "compute_error": lambda x: task().compute_error(x),
     "velocity_rows(dt)": lambda x: task().velocity_rows(CONFIGURATION, x),
-    "FreeTwistCost(task)": qt.FreeTwistCost,
-    "FreeTwistCost(objectives)": lambda x: qt.FreeTwistCost(task(), x),
+    "FreeTwistCost(task)": qt.kinematics.FreeTwistCost,
+    "FreeTwistCost(objectives)": lambda x: qt.kinematics.FreeTwistCost(task(), x),
     "JointCentering(model)": second("model", kind=qt.JointCentering),
     "JointCentering(weight)": second("weight", kind=qt.JointCentering, model=MODEL),
     "JointCentering(gain)": second("gain", kind=qt.JointCentering, model=MODEL),
@@ -214,10 +216,18 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     ),
     "MotionLimit.note": qt.MotionLimit(MODEL).note,
     "DisplacementWindow(q_ref)": second(
-        "q_ref", kind=qt.DisplacementWindow, model=MODEL, half_width=np.ones(6), place="limits"
+        "q_ref",
+        kind=DisplacementWindow,
+        model=MODEL,
+        half_width=np.ones(6),
+        place="limits",
     ),
     "DisplacementWindow(half_width)": second(
-        "half_width", kind=qt.DisplacementWindow, model=MODEL, q_ref=WISH, place="limits"
+        "half_width",
+        kind=DisplacementWindow,
+        model=MODEL,
+        q_ref=WISH,
+        place="limits",
     ),
     "Controller(model)": lambda x: step(model=x),
     "Controller(tasks)": lambda x: step(tasks=x),

@@ -26,7 +26,7 @@ STILL = "window.IntersectionObserver = class { observe() {} };"
 class Made:
     """A report, and the motion that it is about."""
 
-    report: qt.MotionReport
+    report: qt.reporting.MotionReport
     task: qt.PathTask
     page: str
 

@@ -25,11 +25,11 @@ LINE = np.column_stack([SIDE, 0.0 * SIDE])
 TASK = joint_path(slider(2), LINE, evenly(21, 0.1), acceleration=1e6).path_task
 
 
-def checked(q: Array, step: float = 0.1) -> qt.Check:
+def checked(q: Array, step: float = 0.1) -> qt.trajectories.Check:
     return qt.check_trajectory(qt.JointRows(NAMES, q, step * np.arange(len(q))), TASK)
 
 
-def value(check: qt.Check, name: str) -> float:
+def value(check: qt.trajectories.Check, name: str) -> float:
     [finding] = [f for f in check.findings if f.name == name]
     return finding.value
 

@@ -574,7 +574,7 @@ def test_what_counts_as_fixed_is_fixed(seed: int) -> None:
     plane = qt.TwistProjector(
         linear=qt.Projector.full(), angular=qt.Projector.plane(e), frame=frame
     )
-    assert np.linalg.norm(qt.twist_error(*pair[:4], plane)) < 1e-9
+    assert np.linalg.norm(qt.geometry.twist_error(*pair[:4], plane)) < 1e-9
     across = np.cross(e, a) / np.linalg.norm(np.cross(e, a))
     held = math.acos(e @ a)
     for band in (

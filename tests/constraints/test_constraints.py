@@ -62,7 +62,7 @@ def test_the_example_states_its_derivative_and_bounds_its_change(seed: int) -> N
         assert least <= margins.min() + 1e-9
 
 
-@pytest.mark.parametrize("kind", [qt.PositionLimit, qt.DisplacementWindow])
+@pytest.mark.parametrize("kind", [qt.PositionLimit, qt.constraints.DisplacementWindow])
 def test_the_limits_of_joints_state_the_same_as_their_bounds_do(kind: type) -> None:
     model = BANDS.model
     q = BANDS.start

@@ -59,7 +59,7 @@ def joined(run_in: Array, run_out: Array) -> Array:
     return np.vstack([run_in, LINE, run_out])
 
 
-def failed(check: qt.Check) -> list[str]:
+def failed(check: qt.trajectories.Check) -> list[str]:
     return [finding.name for finding in check.findings if not finding.passes]
 
 

@@ -225,7 +225,7 @@ def test_a_joint_at_its_limit_may_stand_still_and_never_goes_over_by_rounding() 
 def test_a_window_shares_one_allowance_among_the_iterations_of_a_waypoint() -> None:
     arm = Arm(5, away=2.0)
     begin = arm.configuration.q.copy()
-    window = qt.DisplacementWindow(arm.model, begin, np.full(7, 0.03))
+    window = qt.constraints.DisplacementWindow(arm.model, begin, np.full(7, 0.03))
     controller = qt.Controller(arm.model, [arm.task], limits=[window])
     controller.smooth = False
     for _ in range(6):

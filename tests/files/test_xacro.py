@@ -61,7 +61,7 @@ def arm(tmp_path: Path) -> Path:
     return folder / "arm.urdf.xacro"
 
 
-def heights(robot: qt.Robot) -> dict[str, float]:
+def heights(robot: qt.robots.Robot) -> dict[str, float]:
     data = mujoco.MjData(robot.model)
     mujoco.mj_kinematics(robot.model, data)
     bodies = range(1, robot.model.nbody)

@@ -279,7 +279,7 @@ def _limits(
             )
         )  # fmt: skip
     if rng.random() < 0.2 and scalar:
-        limits.append(qt.DisplacementWindow(model, q, rng.uniform(0.0, 0.3, model.nv)))
+        limits.append(qt.constraints.DisplacementWindow(model, q, rng.uniform(0.0, 0.3, model.nv)))
     if rng.random() < 0.25:
         limits.append(mink.ConfigurationLimit(model, gain=float(rng.uniform(0.3, 1.0))))
     if rng.random() < 0.25:

@@ -194,7 +194,7 @@ def relative_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task
 def free_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
     task = twist(c, rng)
     assert isinstance(task, qt.TwistTask)
-    return qt.FreeTwistCost(task, [qt.PostureReference(c.model, c.q, gain=0.1)])
+    return qt.kinematics.FreeTwistCost(task, [qt.PostureReference(c.model, c.q, gain=0.1)])
 
 
 def gaze(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import qp_twist as qt
 from qp_twist.comparison.roadmap_figure import roadmap_figure
 from qp_twist.following.blending import Ramp, towards
-from qp_twist.paths import shipped_folder
+from qp_twist.paths import Segment, shipped_folder
 
 pytestmark = pytest.mark.numerical
 TASK = "approach_contact_retreat"
@@ -99,7 +99,7 @@ def test_a_pose_moved_by_a_share_has_the_rest_of_its_error(
     T = twist("full", kind, frame, rng.normal(size=3))
 
     def error(pose: mink.SE3) -> np.ndarray:
-        return qt.twist_error(
+        return qt.geometry.twist_error(
             pose.rotation().as_matrix(), pose.translation(),
             target.rotation().as_matrix(), target.translation(), T,
         )  # fmt: skip
@@ -134,7 +134,7 @@ def run(method: str, blend: int, way: str = "shipped") -> qt.Trajectory:
             task,
             waypoints=waypoints[: EDGE + 15] if way == "on an edge" else waypoints,
             projector=by_rank[begin],
-            segments=tuple(qt.Segment(first, by_rank[rank], blend) for rank, first in changes),
+            segments=tuple(Segment(first, by_rank[rank], blend) for rank, first in changes),
         ),
         method,
     )
@@ -170,7 +170,7 @@ def test_rows_that_are_acquired_come_in_at_rest(method: str) -> None:
     task = run("minimum_norm", 10, "back").path_task
     angles = {}
     for n in (0, blend):
-        segment = qt.Segment(first, task.segments[0].projector, n)
+        segment = Segment(first, task.segments[0].projector, n)
         short = dataclasses.replace(task, waypoints=task.waypoints[:30], segments=(segment,))
         trajectory = qt.follow(short, method)
         axes = np.array([pose(trajectory, i)[0][:, 2] for i in range(30)])
@@ -241,7 +241,7 @@ def test_limits_hold_through_a_blend(method: str) -> None:
         task,
         waypoints=task.waypoints[keep],
         projector=task.segments[0].projector,
-        segments=(qt.Segment(12, task.segments[1].projector, 10),),
+        segments=(Segment(12, task.segments[1].projector, 10),),
         durations=durations,
         velocity_limits=0.01 * task.velocity_limits,
         start=start,
@@ -360,6 +360,6 @@ def test_segments_of_ones_own_are_checked() -> None:
     with pytest.raises(qt.InvalidInput, match=r"segments\[1\]\.first: .* up to 100"):
         dataclasses.replace(task, waypoints=short)
     with pytest.raises(qt.InvalidInput, match=r"Segment\(first=…\): expected a int"):
-        qt.Segment(1.5, task.projector)  # type: ignore[arg-type]
+        Segment(1.5, task.projector)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match=r"segments\[0\]: expected a Segment"):
         dataclasses.replace(task, segments=(3,))

@@ -144,7 +144,7 @@ def test_the_file_says_which_rows_are_a_joint_move(run: TaskRun, tmp_path: Path)
 def test_a_check_finds_the_wall_on_a_straight_joint_move(run: TaskRun, task: qt.PathTask) -> None:
     rows = run.trajectory
     via = np.array(rows.path_task.joint_moves[:-1])
-    motion = qt.JointMotion(
+    motion = qt.trajectories.JointMotion(
         np.arange(len(rows.q) - len(via), dtype=float), np.delete(rows.q, via, axis=0)
     )
     straight = dataclasses.replace(task, durations=None)
@@ -260,12 +260,12 @@ def test_what_the_tool_works_on_is_not_touched_on_the_way() -> None:
     points = (q[:-1] + u * np.diff(q, axis=0)).reshape(-1, 2)
     beside = np.maximum(np.abs(points) - [0.2, 0.3], 0.0)
     assert np.linalg.norm(beside, axis=1).min() >= 0.03 - 1.1e-5
-    straight = qt.JointMotion(np.arange(2.0), rows)
+    straight = qt.trajectories.JointMotion(np.arange(2.0), rows)
     found = {f.name: f for f in qt.referee.examine(task, straight)}
     assert not found["outside clearance on joint moves"].passes
     # In the middle the box is 0.2 m deep, the ball's radius is 0.02 m.
     assert found["outside clearance on joint moves"].value == pytest.approx(0.23, abs=1e-3)
-    around = qt.JointMotion(np.arange(float(len(q))), q)
+    around = qt.trajectories.JointMotion(np.arange(float(len(q))), q)
     passing = qt.referee.Passing(around.times[[0, -1]], False, False)
     found = {f.name: f for f in qt.referee.examine(task, around, passing=passing)}
     assert found["outside clearance on joint moves"].passes

@@ -395,7 +395,7 @@ def check(plan: qt.Plan, max_step: float = np.inf) -> None:
     for row, waypoint, projector in zip(q, task.waypoints, task.in_force, strict=True):
         configuration.update(row)
         rotation, position = frame_pose(configuration, task.frame_name, task.frame_type)
-        error = qt.twist_error(
+        error = qt.geometry.twist_error(
             rotation, position, waypoint.rotation().as_matrix(), waypoint.translation(), projector
         )
         assert np.abs(error).max() < 1e-8

@@ -113,7 +113,7 @@ def check_kept(
     ranges = qt.JointRanges.of(task.model)
     R, p = poses(task, q)
     for k, (waypoint, projector) in enumerate(zip(task.waypoints, task.in_force, strict=True)):
-        error = qt.twist_error(
+        error = qt.geometry.twist_error(
             R[k], p[k], waypoint.rotation().as_matrix(), waypoint.translation(), projector
         )
         assert np.abs(error).max() < 1e-8
@@ -505,7 +505,7 @@ def test_a_start_outside_a_band_is_refused() -> None:
 def test_a_band_that_a_later_segment_contradicts_is_refused() -> None:
     whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
     task = every(BANDS, 20, bands=(qt.RollBand(Z, 0.2, 0.4),),
-                 segments=(qt.Segment(3, whole),))  # fmt: skip
+                 segments=(qt.paths.Segment(3, whole),))  # fmt: skip
     with pytest.raises(qt.InvalidInput, match="holds the value at 0°"):
         qt.plan(task)
 

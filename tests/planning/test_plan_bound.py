@@ -84,7 +84,7 @@ def missed(task: qt.PathTask, index: int, q: Array) -> tuple[Array, Array]:
     rotation, position = frame_pose(configuration, task.frame_name, task.frame_type)
     goal, projector = task.waypoints[index], task.in_force[index]
     target = goal.rotation().as_matrix()
-    error = qt.twist_error(rotation, position, target, goal.translation(), projector)
+    error = qt.geometry.twist_error(rotation, position, target, goal.translation(), projector)
     U = projector.resolved(body=rotation, target=target).basis
     J = frame_jacobian(configuration, task.frame_name, task.frame_type)
     return U.T @ error, -U.T @ J
