@@ -136,7 +136,8 @@ class MotionLimit(PositionLimit):
         if np.count_nonzero(braked > 0.0):  # a joint that can stop in this step is not late
             room = self._room(configuration.q)
             within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
-            for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):
+            late = (braked > within) & (room >= -NOTICEABLE)
+            for side, dof in np.argwhere(late) if np.count_nonzero(late) else ():
                 sentences.append(
                     f"{names[dof]} moves at {speed[side, dof]:.3g} {units[dof]}/s and cannot stop "
                     f"within the {room[side, dof]:.3g} {units[dof]} to the "

@@ -428,6 +428,11 @@ class Controller:
         """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ``None`` without."""
         return self._accelerations_and_speeds()[0]
 
+    @property
+    def fastest(self) -> Array | None:
+        """The least velocity limit of each joint, rad/s or m/s, (nv,); ``None`` without."""
+        return self._accelerations_and_speeds()[1]
+
     def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
         """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
 

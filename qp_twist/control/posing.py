@@ -18,6 +18,7 @@ from qp_twist.control.lost_words import in_words
 from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement
+from qp_twist.kinematics.twist_task import AT_REST
 from qp_twist.qp import Directions, LostDirection, QuadraticProgram, lost_directions
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ def _with_levels(
         level = Directions.of(A, b, dt, threshold, damp=damp, smooth=smooth, null=null, above=above)
         if acceleration is not None and len(b):
             ahead = _feedforward(items, rows, configuration)
-            motion = level.of_rate(b - ahead - A @ above).motion()
+            motion = level.motion(b - ahead - A @ above)
             slower = stopping_share(dt * motion, acceleration, dt)
             if slower < 1.0:
                 b = slower * (b - ahead) + ahead
@@ -245,11 +246,11 @@ def _feedforward(
     stating = [item for item in items if not isinstance(item, mink.Limit)]
     for item, row in zip(stating, rows, strict=True):
         part = np.zeros(len(row.b))
-        if isinstance(item, TwistTask) and item.feedforward.any():
+        if isinstance(item, TwistTask) and item.feedforward is not AT_REST:
             state = item.state(configuration)
             part = state.basis.T @ state.feedforward
         parts.append(part)
-    return np.concatenate(parts) if parts else np.zeros(0)
+    return np.concatenate(parts)
 
 
 def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:

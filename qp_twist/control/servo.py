@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
-from qp_twist.constraints import MotionLimit
 from qp_twist.control.controller import Controller
 from qp_twist.control.forward_time import ForwardTime
 from qp_twist.control.newest_inputs import Input, NewestInputs
@@ -23,12 +22,8 @@ from qp_twist.control.tick import ServoState, Tick
 from qp_twist.control.tick_times import TickTimes
 from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
 from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.kinematics import (
-    GazeTask,
-    PostureReference,
-    TwistTask,
-    check_configuration,
-)
+from qp_twist.kinematics import GazeTask, PostureReference, TwistTask, check_configuration
+from qp_twist.kinematics.joint_ranges import joint_names
 
 _NOTICEABLE = 1e-3, 1e-2
 """m and rad. Whoever is slowed for a tick while accelerating is not behind by as much."""
@@ -356,7 +351,8 @@ class Servo:
             step = self._joint_step(wanted)
             velocity = step.velocity
         except (QpTwistError, mink.MinkError):
-            change = self.period * _hardest(self.controller)
+            hardest = self.controller.hardest
+            change = np.inf if hardest is None else self.period * hardest
             velocity = np.copysign(np.maximum(np.abs(self._velocity) - change, 0.0), self._velocity)
         self.controller.note(velocity)
         if np.isfinite(self.configuration.q).all():
@@ -391,25 +387,16 @@ def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:
     return float(both[0]), float(both[1])
 
 
-def _hardest(controller: Controller) -> Array:
-    """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ∞ where there is none."""
-    hardest = np.full(controller.model.nv, np.inf)
-    for limit in controller.limits:
-        if isinstance(limit, MotionLimit):
-            hardest = np.minimum(hardest, limit.max_acceleration)
-    return hardest
-
-
 def _check_stopping(controller: Controller, within: float) -> None:
-    for limit in controller.limits:
-        if not isinstance(limit, MotionLimit):
-            continue
-        with np.errstate(invalid="ignore"):
-            needed = limit.max_velocity / limit.max_acceleration
-        slowest = int(np.argmax(np.where(np.isfinite(needed), needed, 0.0)))
-        if needed[slowest] > within:
-            raise InvalidInput(
-                f"Servo: {limit.ranges.names[slowest]} needs {needed[slowest]:.3g} s to stop from "
-                f"its velocity limit at its acceleration limit; stop_within is {within:g} s. Give "
-                f"stop_within={math.ceil(100.0 * needed[slowest]) / 100.0:g} or more."
-            )
+    fastest, hardest = controller.fastest, controller.hardest
+    if fastest is None or hardest is None:
+        return
+    with np.errstate(invalid="ignore"):
+        needed = fastest / hardest
+    slowest = int(np.argmax(np.where(np.isfinite(needed), needed, 0.0)))
+    if needed[slowest] > within:
+        raise InvalidInput(
+            f"Servo: {joint_names(controller.model)[slowest]} needs {needed[slowest]:.3g} s to "
+            f"stop from its velocity limit at its acceleration limit; stop_within is {within:g} s. "
+            f"Give stop_within={math.ceil(100.0 * needed[slowest]) / 100.0:g} or more."
+        )

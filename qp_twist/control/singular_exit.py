@@ -9,7 +9,6 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import MotionLimit
 from qp_twist.control.controller import Controller
 from qp_twist.control.step import Step
 from qp_twist.kinematics import JointRanges, TwistTask
@@ -85,17 +84,11 @@ class SingularExit:
         """d with its length for one step, rad or m, (nv,); ``None`` where there is none."""
         if self._direction is None:
             return None
-        with np.errstate(divide="ignore"):
-            fastest = float((_SHARE * self._fastest() / np.abs(self._direction)).min())
-        return self.share * min(_SPEED, fastest) * self._period * self._direction
-
-    def _fastest(self) -> Array:
-        """The least velocity limit of each joint, rad/s or m/s, (nv,); ∞ where there is none."""
-        fastest = np.full(self._controller.model.nv, np.inf)
-        for limit in self._controller.limits:
-            if isinstance(limit, MotionLimit):
-                fastest = np.minimum(fastest, limit.max_velocity)
-        return fastest
+        speed, fastest = _SPEED, self._controller.fastest
+        if fastest is not None:
+            with np.errstate(divide="ignore"):
+                speed = min(speed, float((_SHARE * fastest / np.abs(self._direction)).min()))
+        return self.share * speed * self._period * self._direction
 
     def look(self, configuration: mink.Configuration, step: Step | None) -> None:
         """Decide on the motion of the next tick.

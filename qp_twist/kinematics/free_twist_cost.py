@@ -21,8 +21,8 @@ class FreeTwistCost(mink.Task):
         \rVert_{\mathbf w}^2
 
     A :class:`mink.Task` with 6 − r rows VᵀJ, where V spans the range of 1 − T. Beside its
-    :class:`TwistTask` as an equality it makes the QP whose solution, while no limit is active, is
-    J†TΔt + J†(1 − T)Jh for a regular square J.
+    :class:`~qp_twist.TwistTask` as an equality it makes the QP whose solution, while no limit is
+    active, is J†TΔt + J†(1 − T)Jh for a regular square J.
 
     Attributes:
         task: The task whose complement 1 − T is used.

@@ -177,9 +177,13 @@ class Directions:
         """Whether every direction is met exactly."""
         return not self.slack.any()
 
-    def motion(self) -> Array:
-        """Σ vᵢ σᵢ βᵢ/dᵢ, what the level alone makes of the joints, rad/s or m/s, (n,)."""
-        motion: Array = (self.rate / np.where(self.damped > 0.0, self.damped, 1.0)) @ self.rows
+    def motion(self, b: Array | None = None) -> Array:
+        """Σ vᵢ σᵢ βᵢ/dᵢ, what the level alone makes of the joints, rad/s or m/s, (n,).
+
+        ``b``, (m,), takes the place of the right-hand side on what the levels above leave.
+        """
+        rate = self.rate if b is None else self.left.T @ b
+        motion: Array = (rate / np.where(self.damped > 0.0, self.damped, 1.0)) @ self.rows
         return motion
 
     def free(self, c: Array) -> Array:

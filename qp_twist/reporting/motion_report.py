@@ -56,7 +56,7 @@ _STILL_PX = 1100
 
 
 class MotionReport(NamedTuple):
-    """What :func:`report` made.
+    """What :func:`~qp_twist.report` made.
 
     Attributes:
         path: The page.

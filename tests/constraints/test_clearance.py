@@ -756,7 +756,7 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
             motion.velocity = velocity
             compiled, controller._prepared = controller._prepared, None
             clearance.has_begun = True  # with the rows of the step
-            expected = controller._solved(configuration, 0.005, EVERYTHING)[0]
+            expected = controller._solved(configuration, 0.005, EVERYTHING)
             clearance.has_begun, controller._prepared = False, compiled
             motion.velocity = step.velocity
             assert step.status is expected.status
