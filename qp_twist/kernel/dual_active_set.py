@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from qp_twist.kernel.compiling import entry, part, plain
+from qp_twist.kernel.compiling import part, plain
 from qp_twist.kernel.null_space import reflection
 
 SOLVED, NO_ROOM, NOT_CONVEX, ENDLESS = 0, 1, 2, 3
-"""Status of :func:`dual_active_set`: solved; the constraints are infeasible; H is not positive
+"""Status of :func:`active_set`: solved; the constraints are infeasible; H is not positive
 definite; the iteration limit was reached."""
 _PARALLEL = 1e-14
 """A normal depends on the active ones if the squared length of its remainder is below this
@@ -366,11 +366,9 @@ def row_lengths(G, lengths):
         lengths[row] = math.sqrt(square) if square > 0.0 else 1.0
 
 
-@entry
-def dual_active_set(
-    H, c, A, b, G, g, lower, upper, active, before, x, u, J, R, held, work, lengths
-):  # fmt: skip
-    r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper.
+@plain
+def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work):
+    r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, for a known J, JJᵀ = H⁻¹.
 
     Goldfarb and Idnani, *A numerically stable dual method for solving strictly convex quadratic
     programs*, Mathematical Programming 27 (1983): equality rows enter first, then one at a time the
@@ -384,39 +382,25 @@ def dual_active_set(
     is the initial active set (warm start); its members are used if they still fit.
 
     Args:
-        H: Positive definite, (n, n).
         c: (n,).
         A: (m, n); dependent rows are left out, and checked at the end.
         b: (m,).
         G: (k, n).
         g: (k,).
-        lower: (n,), −∞ without a bound.
-        upper: (n,), ∞ without a bound.
+        lengths: Those of the rows of G, in which violations are measured, (k,).
+        lower: (n,), −∞ without a bound; (0,) for no bounds.
+        upper: (n,), ∞ without a bound; or (0,).
         active: Numbers of the active constraints, input and result, those of A first, (n,).
         before: Size of the initial active set.
         x: Result, (n,).
         u: Their multipliers, result, (n + 1,).
-        J: Workspace, (n, n); JJᵀ = H⁻¹ on return.
+        J: Changed, (n, n); JJᵀ = H⁻¹ on return, too.
         R: Workspace, (n, n).
         held: Workspace, (m + k + 2n,).
         work: Workspace, (3, n + 1).
-        lengths: Workspace, (k,), for the lengths of the rows of G.
 
     Returns:
         The status, and the number of active constraints.
-    """
-    if not cholesky_inverse(H, J):
-        return NOT_CONVEX, 0
-    row_lengths(G, lengths)
-    return active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work)
-
-
-@plain
-def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work):
-    """:func:`dual_active_set` for a known J with JJᵀ = H⁻¹, which is overwritten.
-
-    ``lower`` and ``upper`` may be empty, (0,), for no bounds. Violations of rows of G are measured
-    in units of ``lengths``, (k,).
     """
     n, m, k, d = c.shape[0], b.shape[0], g.shape[0], work[0]
     for i in range(len(held)):

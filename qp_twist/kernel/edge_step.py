@@ -19,7 +19,7 @@ from qp_twist.kernel.directions import (
     stopping_share,
     weakness,
 )
-from qp_twist.kernel.levels import in_order, size_of_rows
+from qp_twist.kernel.levels import in_order, missed, size_of_rows
 from qp_twist.kernel.null_space import row_space, times_q, times_q_transposed
 from qp_twist.kernel.one_program import OPTIMAL, Result, cost_along, first_level
 from qp_twist.kernel.step_kernel import (
@@ -202,15 +202,10 @@ def edge_step(g, w, qpos, dt, use_secondary, twist_space, is_infeasible):
 def _lower_met(w, ends, tolerances):
     """Whether the levels below the first are met as they are stated."""
     for level in range(1, len(ends)):
-        A, b, square = w.A[ends[level - 1] : ends[level]], w.b[ends[level - 1] : ends[level]], 0.0
+        A, b = w.A[ends[level - 1] : ends[level]], w.b[ends[level - 1] : ends[level]]
         longest, largest = size_of_rows(A, b)
-        for row in range(len(b)):
-            total = -b[row]
-            for k in range(len(w.x)):
-                total += A[row, k] * w.x[k]
-            square += total * total
         longest = longest if longest > 0.0 else 1.0
-        if math.sqrt(square) > tolerances.equality * (longest + largest):
+        if missed(A, b, w.x) > tolerances.equality * (longest + largest):
             return False
     return True
 

@@ -17,7 +17,7 @@ from qp_twist.kernel.dual_active_set import (
     resumed_active_set,
     row_lengths,
 )
-from qp_twist.kernel.one_program import FAILED, OPTIMAL, Result, excess_of, multipliers_of
+from qp_twist.kernel.one_program import FAILED, OPTIMAL, Result, excess_of, minimum
 
 _PROXIMAL = 1e-4
 """Proximal weight ε, as a share of the longest row."""
@@ -42,7 +42,7 @@ def size_of_rows(A, b):
 
 
 @plain
-def _missed(A, b, x):
+def missed(A, b, x):
     """‖A x − b‖."""
     square = 0.0
     for row in range(len(b)):
@@ -184,7 +184,7 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps, tolerances):
         count, left = _closest(
             rows, sides, E[:held], e[:held], G, g, lengths, lower, upper, x, active, u
         )
-        length = _missed(rows, sides, x)
+        length = missed(rows, sides, x)
         gaps[level] = _gap(x, lower, upper, left, length)
         if count < 0 or not gaps[level] <= 10.0 * tolerance:
             return named, met
@@ -194,9 +194,7 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps, tolerances):
             named, gave_way,
         )  # fmt: skip
         gave_way = gave_way or length > tolerance
-    status = _least_cost(
-        H, c, E[:held], e[:held], G, g, lengths, lower, upper, low, high, x, tolerances
-    )
+    status = _least_cost(H, c, E[:held], e[:held], G, g, lower, upper, low, high, x, tolerances)
     return Result(status, x, named.y, named.lam, named.box), met
 
 
@@ -208,7 +206,7 @@ def _sizes(A, b, x, tolerances):
     for i in range(len(x)):
         furthest = max(furthest, 1.0 + abs(x[i]))
     terms = longest * furthest + largest
-    negligible = longest * (tolerances.held * _missed(A, b, x) + tolerances.dust * terms)
+    negligible = longest * (tolerances.held * missed(A, b, x) + tolerances.dust * terms)
     return tolerances.equality * (longest + largest), negligible
 
 
@@ -247,21 +245,13 @@ def _hold(
 
 
 @inner
-def _least_cost(H, c, E, e, G, g, lengths, lower, upper, low, high, x, tolerances):
+def _least_cost(H, c, E, e, G, g, lower, upper, low, high, x, tolerances):
     """Move x to the point of least cost on the held rows, verified with the held bounds fixed."""
-    n, k, held = len(c), len(g), len(e)
-    J, R = np.empty((n, n)), np.empty((n, n))
-    active, u, work = np.zeros(n, dtype=np.int64), np.zeros(n + 1), np.zeros((3, n + 1))
-    marks = np.zeros(held + k + 2 * n, dtype=np.int64)
-    if not cholesky_inverse(H, J):
-        return FAILED
-    status, count = active_set(
-        c, E, e, G, g, lengths, lower, upper, active, 0, x, u, J, R, marks, work
-    )
+    status, found, J = minimum(H, c, E, e, G, g, lower, upper)
     if status != SOLVED:
         return FAILED
-    y, lam, box = multipliers_of(active[:count], u, held, k, n)
-    for i in range(n):
-        x[i] = min(max(x[i], low[i]), high[i])
+    for i in range(len(x)):
+        x[i] = min(max(found.x[i], low[i]), high[i])
+    y, lam, box = found.y, found.lam, found.box
     excess = excess_of(H, c, E, e, G, g, low, high, x, y, lam, box, J, tolerances)
     return OPTIMAL if excess <= 1.0 else FAILED

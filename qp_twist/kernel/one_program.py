@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.compiling import inner, kernel, plain
 from qp_twist.kernel.directions import weakness
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
+    NOT_CONVEX,
     SOLVED,
     active_set,
     cholesky_inverse,
@@ -39,30 +40,57 @@ class Result(NamedTuple):
     box: Any
 
 
+class ProgramSolution(NamedTuple):
+    """A solution that nobody has verified, with its multipliers, named as in qpsolvers."""
+
+    found: Any
+    x: Any
+    y: Any
+    z: Any
+    z_box: Any
+
+
 @inner
-def solve(H, c, A, b, G, g, lower, upper, tolerances):
-    """Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, and verify the result."""
+def minimum(H, c, A, b, G, g, lower, upper):
+    """Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, from a cold start.
+
+    Returns:
+        The status of the active-set method, the result, and J with JJᵀ = H⁻¹.
+    """
     n, m, k = len(c), len(b), len(g)
     J, R = np.empty((n, n)), np.empty((n, n))
     x, u, active = np.zeros(n), np.zeros(n + 1), np.zeros(n, dtype=np.int64)
-    y, lam, box = np.zeros(m), np.zeros(k), np.zeros(n)
     if not cholesky_inverse(H, J):
-        return Result(FAILED, x, y, lam, box)
-    lengths = np.empty(k)
+        return NOT_CONVEX, Result(FAILED, x, np.zeros(m), np.zeros(k), np.zeros(n)), J
+    lengths, held, work = np.empty(k), np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1))
     row_lengths(G, lengths)
-    held, work = np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1))
     status, count = active_set(
         c, A, b, G, g, lengths, lower, upper, active, 0, x, u, J, R, held, work
     )
+    y, lam, box = multipliers_of(active[:count], u, m, k, n)
+    return status, Result(FAILED, x, y, lam, box), J
+
+
+@kernel
+def solve_program(H, c, A, b, G, g, lower, upper):
+    """:func:`minimum`, for Python."""
+    status, found, _ = minimum(H, c, A, b, G, g, lower, upper)
+    return ProgramSolution(status == SOLVED, found.x, found.y, found.lam, found.box)
+
+
+@inner
+def solve(H, c, A, b, G, g, lower, upper, tolerances):
+    """:func:`minimum`, inside the bounds and verified."""
+    status, found, J = minimum(H, c, A, b, G, g, lower, upper)
+    x, y, lam, box = found.x, found.y, found.lam, found.box
     if status == NO_ROOM:
         return Result(EMPTY, x, y, lam, box)
     finite = status == SOLVED
-    for i in range(n):
+    for i in range(len(x)):
         x[i] = min(max(x[i], lower[i]), upper[i])
         finite = finite and math.isfinite(x[i])
     if not finite:
         return Result(FAILED, x, y, lam, box)
-    y, lam, box = multipliers_of(active[:count], u, m, k, n)
     excess = excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances)
     return Result(OPTIMAL if excess <= 1.0 else FAILED, x, y, lam, box)
 

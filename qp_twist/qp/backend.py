@@ -124,9 +124,9 @@ def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> A
     """The backend's answer to a program of these arrays."""
     H, c, A, b, G, g, lower, upper = posed
     if solver == COMPILED:
-        from qp_twist.kernel.quadratic_program import solve_program  # with numba
+        from qp_twist.kernel.one_program import solve_program  # with numba
 
-        return solve_program(*posed)
+        return solve_program(*map(np.ascontiguousarray, posed))
     problem = qpsolvers.Problem(
         H,
         c,
