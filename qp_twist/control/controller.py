@@ -286,7 +286,7 @@ class Controller:
             mink.TargetNotSet: If a task has no target.
             InfeasibleStep: If the first level is infeasible within the limits, or the robot is
                 singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
-            SolverInaccurate: If every installed backend failed on a feasible step.
+            SolverInaccurate: If the backend's result of a feasible step could not be verified.
         """
         dt = number("dt", dt, above=0.0)
         # The user may replace the configuration's model or data between two steps; the compiled

@@ -9,7 +9,7 @@ import mink
 import numpy as np
 
 from qp_twist.checks import Array, are_rows, finite_array, float_array, largest, within
-from qp_twist.errors import InvalidTarget
+from qp_twist.errors import InvalidInput, InvalidTarget
 
 LARGEST_ROW = 1e12
 """Largest entry of a task's rows: beyond it the others are lost in the arithmetic."""
@@ -44,6 +44,20 @@ def check_target(task: Any) -> None:
         finite_array(f"{name_of(task)}: its target", target.wxyz_xyz, (7,), error=InvalidTarget)
 
 
+def refuse_elastic(task: Any) -> None:
+    """Refuse an elastic task of a newer mink: its rows are neither a cost nor equations.
+
+    Raises:
+        InvalidInput: If the task has a true attribute ``elastic``.
+    """
+    if getattr(task, "elastic", False):
+        raise InvalidInput(
+            f"{name_of(task)} is elastic: its rows may be missed at a price (mink after 1.3), "
+            "which qp_twist would ignore. Give the same task with elastic=False, for a cost or an "
+            "equation, or a lower level of a qt.Controller to a task that may give way."
+        )
+
+
 def mink_cost(
     task: mink.tasks.BaseTask, configuration: mink.Configuration
 ) -> WeightedRows | mink.Objective:
@@ -54,6 +68,7 @@ def mink_cost(
     Raises:
         InvalidInput: If it is anything else.
     """
+    refuse_elastic(task)
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
         return _objective(name_of(task), task.compute_qp_objective(configuration), nv)

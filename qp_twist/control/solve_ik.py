@@ -41,6 +41,7 @@ from qp_twist.control.mink_costs import (
     check_target,
     mink_cost,
     name_of,
+    refuse_elastic,
 )
 from qp_twist.control.posing import (
     FASTEST,
@@ -94,8 +95,7 @@ def solve_ik(
     If the constraints are feasible within the limits, s is 1 and the velocity is mink's. If not,
     mink raises; here the constraints are met at the largest feasible s (``"scale"``; 0 if they
     contradict each other) or in least squares (``"relax"``). The result of the backend is verified;
-    if it is not a solution, the other backends are tried. :func:`ik_step` also returns scale,
-    status and binding limits.
+    what is none is an error. :func:`ik_step` also returns scale, status and binding limits.
 
     Args:
         configuration: Configuration of the robot; not modified.
@@ -111,7 +111,7 @@ def solve_ik(
         on_infeasible: What to do if the constraints are infeasible.
         singularity: Singular value of the constraints' rows below which a direction is slowed down,
             as in :class:`~qp_twist.Controller`.
-        kwargs: Options of the backend; they replace this package's in the first attempt.
+        kwargs: Options of the backend; they replace this package's.
 
     Returns:
         q̇, rad/s and m/s, shape (nv,).
@@ -122,7 +122,7 @@ def solve_ik(
         InvalidInput: If an argument has the wrong type or range, or a task is not finite.
         InfeasibleStep: If the constraints are infeasible and ``on_infeasible`` is ``"raise"``; a
             subclass of :class:`mink.NoSolutionFound`, as :class:`SolverInaccurate` is.
-        SolverInaccurate: If every installed backend failed.
+        SolverInaccurate: If the backend's result could not be verified.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -380,6 +380,7 @@ def _damping(damping: Any, nv: int) -> float | Array:
 
 def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) -> TaskRows:
     """Rows J q̇ = −k e/dt of a constraint."""
+    refuse_elastic(task)
     if _has_joint_evaluation(task):
         return TaskRows(*task.velocity_rows(configuration, dt))
     jacobian, error = task.compute_jacobian(configuration), task.compute_error(configuration)
