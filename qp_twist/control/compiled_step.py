@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import mink
 import mujoco
@@ -71,7 +71,6 @@ from qp_twist.kinematics import (
     JointCentering,
     JointRanges,
     PostureReference,
-    SecondaryObjective,
     TwistTask,
     checked_displacement,
 )
@@ -81,6 +80,9 @@ from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
 from qp_twist.qp import LostDirection, lost_directions
 
+if TYPE_CHECKING:
+    from qp_twist.control.controller import Controller
+
 _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
 _STATUSES = {
@@ -89,26 +91,6 @@ _STATUSES = {
 }  # fmt: skip
 _AS_POSED = BRAKED, BRAKED_BELOW, FADED
 """Outcomes of a program that was solved as posed, for less than the tasks ask."""
-
-
-class Composition(Protocol):
-    """The parts of a :class:`~qp_twist.Controller` that the kernel reads."""
-
-    model: mujoco.MjModel
-    twist_tasks: tuple[TwistTask, ...]
-    secondary: tuple[SecondaryObjective, ...]
-    secondary_space: str
-    limits: list[mink.Limit]
-    levels: tuple[tuple[Any, ...], ...]
-    soft_tasks: tuple[mink.tasks.BaseTask, ...]
-    metric: Array
-    joint_weight: float
-    singularity: float
-    smooth: bool
-    braking: bool
-    free_twist_costs: tuple[float, float]
-    solver: str
-    on_infeasible: str
 
 
 class CompiledStep:
@@ -123,7 +105,7 @@ class CompiledStep:
         twist_space: ``True`` for the twist-space cost, else ``None``: see ``step_kernel``.
     """
 
-    def __init__(self, composed: Composition) -> None:
+    def __init__(self, composed: Controller) -> None:
         """Allocate the arrays for a composition that ``composition_known`` accepts."""
         model, tasks, limits = composed.model, composed.twist_tasks, list(composed.limits)
         self._model, self._tasks, self._limits = model, tasks, limits
@@ -144,8 +126,7 @@ class CompiledStep:
         self._ranks = tuple(task.projector.rank for task in tasks)
         self._row_ends: list[int] = np.cumsum(self._ranks).tolist()
         self._levels = composed.levels
-        ranks = [sum(task.projector.rank for task in level) for level in self._levels]
-        self._ends = np.cumsum(ranks)
+        self._ends = np.array([0, *self._row_ends])[np.cumsum([len(v) for v in self._levels])]
         numbers = numbers_of_kinds(limits)
         self._labels = StepLabels(
             self._ranks, int(self._ends[0]), ranges.names,
@@ -157,7 +138,7 @@ class CompiledStep:
         ]
         self._lay_out(composed, 0)
 
-    def _lay_out(self, composed: Composition, capacity: int) -> None:
+    def _lay_out(self, composed: Controller, capacity: int) -> None:
         """Allocate the two arrays for up to ``capacity`` inequality rows, and make views."""
         nv, limits = composed.model.nv, self._limits
         # Each soft band has a slack ε ≥ 0: an additional unknown that moves no joint.
@@ -258,7 +239,7 @@ class CompiledStep:
 
     def __call__(
         self,
-        composed: Composition,
+        composed: Controller,
         configuration: mink.Configuration,
         dt: float,
         h: Displacement,
@@ -298,7 +279,7 @@ class CompiledStep:
         return step
 
     def _update(
-        self, composed: Composition, configuration: mink.Configuration, h: Displacement
+        self, composed: Controller, configuration: mink.Configuration, h: Displacement
     ) -> None:
         """Write all inputs but the inequality rows."""
         if configuration.data is not self._data:
@@ -322,7 +303,7 @@ class CompiledStep:
         """Whether a band is relaxed with its level, which the kernel treats as a limit."""
         return status in (RELAXED, PRIORITIZED) and (len(self._levels) > 1 or not self._smooth)
 
-    def _make_room(self, composed: Composition, k: int) -> None:
+    def _make_room(self, composed: Controller, k: int) -> None:
         """Lay out the step for ``k`` inequality rows."""
         if k > self._capacity:
             self._lay_out(composed, 2 * k)
@@ -333,7 +314,7 @@ class CompiledStep:
         live_edge_step(self._floats, self._integers, 1.0, False, self.twist_space, False)
 
     def _describe_losses(
-        self, step: LazyStep, composed: Composition, configuration: mink.Configuration
+        self, step: LazyStep, composed: Controller, configuration: mink.Configuration
     ) -> None:
         """Record how the directions are computed in which the step delivers less than is asked."""
         first, nv = int(self._ends[0]), self._model.nv
@@ -354,7 +335,7 @@ class CompiledStep:
 
         step.set_lost(lost)
 
-    def _is_of(self, composed: Composition) -> bool:
+    def _is_of(self, composed: Controller) -> bool:
         return (
             composed.limits == self._limits
             and composed.secondary is self._secondary
@@ -366,7 +347,7 @@ class CompiledStep:
         )
 
     def _update_rows(
-        self, composed: Composition, configuration: mink.Configuration, dt: float
+        self, composed: Controller, configuration: mink.Configuration, dt: float
     ) -> Sequence[Named] | None:
         """Evaluate limits of other classes, bands and other tasks' costs into the arrays.
 
@@ -419,7 +400,7 @@ class CompiledStep:
         return evaluated, costs
 
     def _write_rows(
-        self, rows: list[EvaluatedLimit | BandRows], composed: Composition, hardest: float
+        self, rows: list[EvaluatedLimit | BandRows], composed: Controller, hardest: float
     ) -> None:
         """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
         nv, metric = composed.model.nv, self._inputs.metric
@@ -440,7 +421,7 @@ class CompiledStep:
             first = end
 
     def _update_python_rows(
-        self, composed: Composition, configuration: mink.Configuration, dt: float
+        self, composed: Controller, configuration: mink.Configuration, dt: float
     ) -> bool:
         """Write the rows of tasks evaluated in Python; return whether their number is unchanged."""
         for number in self._python_tasks:
@@ -463,7 +444,7 @@ class CompiledStep:
         return True
 
     def of_any_configuration(
-        self, composed: Composition
+        self, composed: Controller
     ) -> tuple[tuple[npt.NDArray[Any], ...], Array] | None:
         """Arrays laid out as ``step_record``, and the tasks' own targets (T, 18).
 
@@ -564,7 +545,7 @@ class CompiledStep:
             self._inputs.targets[number, 12:] = task.feedforward
             self._moving[number] = moves
 
-    def _take_settings(self, composed: Composition) -> None:
+    def _take_settings(self, composed: Controller) -> None:
         self._taken = _settings_of(composed)
         self._smooth = composed.smooth and composed.singularity > 0.0
         limited = any(
@@ -582,7 +563,7 @@ class CompiledStep:
         self._inputs.settings[:] = settings  # type: ignore[index]
         self._inputs.free_costs[:] = composed.free_twist_costs
 
-    def _update_state(self, composed: Composition) -> None:
+    def _update_state(self, composed: Controller) -> None:
         """Write changed settings, and the windows and previous velocity of limits."""
         changed = _settings_of(composed) != self._taken
         for number, (table, limit) in enumerate(self._ranged):

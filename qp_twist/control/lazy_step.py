@@ -17,26 +17,17 @@ from qp_twist.qp import LostDirection, QuadraticProgram
 _NO_INTEGERS = np.zeros(0, dtype=np.int64)
 
 
-class StepLabels:
-    """Names and row counts, common to all steps of a controller.
+class StepLabels(NamedTuple):
+    """Names and row counts, common to all steps of a controller."""
 
-    Attributes:
-        ranks: Number of rows of each task.
-        first: Number of rows of the first level.
-        names: Joint name of each degree of freedom.
-        kinds: Names of the kinds of bounds, by their numbers in ``kernel.bounds``.
-    """
-
-    def __init__(
-        self,
-        ranks: tuple[int, ...],
-        first: int,
-        names: tuple[str, ...],
-        kinds: dict[float, str],
-    ) -> None:
-        """Store the attributes."""
-        self.ranks, self.first = ranks, first
-        self.names, self.kinds = names, kinds
+    ranks: tuple[int, ...]
+    """Number of rows of each task."""
+    first: int
+    """Number of rows of the first level."""
+    names: tuple[str, ...]
+    """Joint name of each degree of freedom."""
+    kinds: dict[float, str]
+    """Names of the kinds of bounds, by their numbers in ``kernel.bounds``."""
 
 
 class LazyStep(Step):

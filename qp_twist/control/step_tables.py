@@ -33,7 +33,7 @@ from qp_twist.kernel.bounds import (
 )
 from qp_twist.kernel.step_kernel import RAISE, Settings
 from qp_twist.kernel.verified_program import SolverTolerances
-from qp_twist.qp import SCALE_BACKOFF, levels, verification
+from qp_twist.qp import levels, verification
 
 _TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
 _KINDS = {
@@ -47,7 +47,6 @@ TOLERANCES = SolverTolerances(
     gap=verification.GAP_TOLERANCE,
     rounding=verification.ROUNDING,
     bound=verification.BOUND_TOLERANCE,
-    backoff=SCALE_BACKOFF,
     held=levels.HELD,
     dust=levels.ROUNDING,
 )

@@ -25,7 +25,7 @@ than the task asks of weak directions.
 
 
 class SolverTolerances(NamedTuple):
-    """Tolerances of ``qp.verification``, ``qp.scaling`` and ``qp.levels``; described there."""
+    """Tolerances of ``qp.verification`` and ``qp.levels``; described there."""
 
     equality: float
     optimality: float
@@ -33,7 +33,6 @@ class SolverTolerances(NamedTuple):
     gap: float
     rounding: float
     bound: float
-    backoff: float
     held: float
     dust: float
 
