@@ -83,7 +83,8 @@ class _Sorted(NamedTuple):
     limits: list[mink.Limit]
     clearances: list[Clearance]
     motions: list[MotionLimit]
-    boxes: list[BoxLimit]
+    following: list[BoxLimit]
+    """Those that have to know the joints' velocity."""
 
     @classmethod
     def of(cls, limits: Sequence[mink.Limit]) -> _Sorted:
@@ -91,7 +92,7 @@ class _Sorted(NamedTuple):
             list(limits),
             [limit for limit in limits if isinstance(limit, Clearance)],
             [limit for limit in limits if isinstance(limit, MotionLimit)],
-            [limit for limit in limits if isinstance(limit, BoxLimit)],
+            [v for v in limits if isinstance(v, BoxLimit) and type(v).note is not BoxLimit.note],
         )
 
 
@@ -396,7 +397,7 @@ class Controller:
         self._note(velocity)
 
     def _note(self, velocity: Array) -> None:
-        for limit in self._sorted_limits().boxes:
+        for limit in self._sorted_limits().following:
             if type(limit) is MotionLimit:
                 limit.velocity = velocity.copy()  # its own method checks it once more
             else:
