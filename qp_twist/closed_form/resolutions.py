@@ -1,8 +1,10 @@
 r"""The paper's resolutions of one step, as plain functions of arrays.
 
-All take displacements: Δt (6,) is the twist to the target, in m and rad, and the result Δθ (n,) the
-joint displacement of one step. J is 6 × n, rows (linear, angular) in world axes; T is a
-:class:`~qp_twist.geometry.TwistProjector` in world axes or its 6 × 6 matrix.
+All take displacements: Δt (6,) is the twist to the target, in m and rad, the result Δθ (n,) the
+joint displacement of one step, and h (n,) a desired one. J is 6 × n, rows (linear, angular) in
+world axes; T, the projector of the task, is a :class:`~qp_twist.geometry.TwistProjector` in world
+axes or its 6 × 6 matrix. What has another shape, is not finite or not in world axes raises
+:class:`~qp_twist.InvalidInput`.
 
 The paper's J† = Jᵀ(JJᵀ)⁻¹ needs full row rank, which the 6 × 3 Jacobian of a planar arm lacks. Here
 J† is the Moore–Penrose inverse of T_O J, the operational rows: the same matrix where the paper's
@@ -41,10 +43,7 @@ def projector_matrix(name: str, projector: ProjectorLike | None) -> Array:
 def task_rows(
     jacobian: npt.ArrayLike, projector: ProjectorLike | None, twist: npt.ArrayLike
 ) -> tuple[Array, Array]:
-    """A and b of the task A Δθ = b.
-
-    With a projector A = T J (6, n) and b = TΔt (6,); without one any rows A = J (m, n), b = Δt
-    (m,).
+    """A and b of the task A Δθ = b: T J and TΔt, or any rows J (m, n) and Δt (m,) without T.
 
     Raises:
         InvalidInput: If a shape is wrong, an entry is not finite, or T is not in world axes.
@@ -64,28 +63,15 @@ def resolved_motion_rate(
 
     .. math:: \Delta\theta = \mathbf J^{-1}\Delta\mathbf t
 
-    Args:
-        jacobian: J, shape (6, n).
-        twist: Δt, shape (6,).
-        operational: T_O; full if ``None``.
-
-    Returns:
-        Δθ, shape (n,). For n > n_o it is the minimum-norm solution, for n < n_o least squares.
+    The minimum-norm solution for n > n_o, least squares for n < n_o; T_O is full if ``None``.
     """
     return minimum_norm(jacobian, projector_matrix("operational", operational), twist)
 
 
 def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.ArrayLike) -> Array:
-    r"""The minimum-norm joint displacement of the task.
+    r"""The minimum-norm joint displacement of the task: the first term of eq. *general*.
 
     .. math:: \Delta\theta = (\mathbf T\mathbf J)^\dagger \mathbf T\Delta\mathbf t
-
-    The first term of the paper's eq. *general* on the task's rows.
-
-    Args:
-        jacobian: J, shape (6, n).
-        projector: T of the task.
-        twist: Δt, shape (6,).
     """
     A, b = task_rows(jacobian, projector, twist)
     return np.linalg.pinv(A) @ b
@@ -94,7 +80,7 @@ def minimum_norm(jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.A
 def gradient_projection(
     jacobian: npt.ArrayLike, projector: ProjectorLike, twist: npt.ArrayLike, h: npt.ArrayLike
 ) -> Array:
-    r"""Minimum norm plus h projected on the null space of the task's rows (paper, eq. *general*).
+    r"""Minimum norm plus h (n,) projected on the null space of the rows (paper, eq. *general*).
 
     .. math::
 
@@ -103,12 +89,6 @@ def gradient_projection(
 
     The projector is orthogonal, so a step along h = −∇z never raises z to first order (Liégeois,
     IEEE Trans. SMC 7(12), 1977).
-
-    Args:
-        jacobian: J, shape (6, n).
-        projector: T of the task.
-        twist: Δt, shape (6,).
-        h: Desired joint displacement, shape (n,).
     """
     A, b = task_rows(jacobian, projector, twist)
     desired = finite_array("h", h, (A.shape[1],))
@@ -145,13 +125,8 @@ def twa(
     where TJ keeps its rank. For n < n_o a twist inside T is in general out of the arm's reach, and
     the first term is the least-squares answer over all operational rows.
 
-    Args:
-        jacobian: J, shape (6, n).
-        projector: T of the task.
-        twist: Δt, shape (6,).
-        h: Desired joint displacement, shape (n,).
-        operational: T_O; full if ``None``. J† is the inverse of T_O J, and 1 − T is T_O − T.
-        manipulator_redundancy: Add (1 − J†J) h.
+    With an operational T_O, which is full if ``None``, J† is the inverse of T_O J, and 1 − T is
+    T_O − T.
     """
     j = finite_array("jacobian", jacobian, (6, None))
     dt = finite_array("twist", twist, (6,))

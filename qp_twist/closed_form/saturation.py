@@ -71,15 +71,16 @@ def saturation_in_null_space(
 
     Both are computed by increasing s from 0
     (:func:`~qp_twist.closed_form.saturation.saturation_path`): when the joint that allows the least
-    s is held, Δθ at this s does not change, so each trial continues where the previous one ended.
+    s is held, Δθ at this s does not change.
 
     For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse. A
     task whose residual due to bounds is at most 1e-8 (longest row of A + max |b|) counts as met.
+    Without a projector (``None``) A and b are any rows J (m, n) and Δt (m,).
 
     Args:
-        jacobian: J, shape (6, n); (m, n) without a projector.
-        projector: T of the task; ``None`` for all rows.
-        twist: Δt, shape (6,); (m,) without a projector.
+        jacobian: J, shape (6, n).
+        projector: T of the task.
+        twist: Δt, shape (6,).
         lower: Smallest displacement of each joint, at most 0, −∞ without a bound, shape (n,).
         upper: Largest displacement of each joint, at least 0, +∞ without a bound, shape (n,).
         optimal: The optimal form instead of the basic one.
@@ -144,15 +145,8 @@ def saturation_path(
     J. Robust and Nonlinear Control 18(8), 2008). With several corners at one s it might cycle in
     theory; it stops after ``CORNERS`` corners.
 
-    Args:
-        Q: Orthonormal rows, (r, n).
-        c: Right-hand side, (r,).
-        lower: At most 0, (n,).
-        upper: At least 0, (n,).
-        release: Whether held joints are released.
-
-    Returns:
-        x (n,), s, the joints held at a bound, and whether s is proven to be the largest.
+    Q (r, n) has orthonormal rows, and lower ≤ 0 ≤ upper, (n,) each. Returned are x (n,), s, the
+    joints held at a bound, and whether s is proven to be the largest.
     """
     n = Q.shape[1]
     negligible = NEGLIGIBLE * float(np.linalg.norm(c))

@@ -34,16 +34,9 @@ def weighted_least_norm(
     Automation 11(2), 1995. With :func:`joint_limit_weights` a joint that approaches a limit is
     slowed down; it still crosses the limit if the task requires it.
 
-    The inverse is Moore–Penrose: rows that contradict each other are met in least squares.
-
-    Args:
-        jacobian: J, shape (6, n); (m, n) without a projector.
-        projector: T of the task; ``None`` for all rows.
-        twist: Δt, shape (6,); (m,) without a projector.
-        weight: Diagonal of W, positive, shape (n,).
-
-    Returns:
-        Δθ, shape (n,).
+    The inverse is Moore–Penrose: rows that contradict each other are met in least squares. Without
+    a projector (``None``) A and b are any rows J (m, n) and Δt (m,). The weights, the diagonal of
+    W (n,), are positive.
 
     Raises:
         InvalidInput: If a shape is wrong, an entry is not finite, or a weight is not positive.
@@ -121,18 +114,9 @@ def joint_limit_weights(
     Unlimited joints have weight 1. That of a joint at a limit or beyond it is finite, above 10⁷
     over its range in rad or m (:func:`joint_limit_gradient`).
 
-    Args:
-        q: Joint positions θ, rad or m, shape (n,).
-        lower: θ_min, shape (n,); −∞ where there is none.
-        upper: θ_max, shape (n,); +∞ where there is none.
-        previous_gradient: ∂H/∂θ at the last step, shape (n,); ``None`` at the first step, where
-            every joint counts as approaching the nearer limit.
-
-    Returns:
-        Diagonal of W, at least 1, shape (n,).
-
-    Raises:
-        InvalidInput: As :func:`joint_limit_gradient`.
+    Arguments and errors are those of :func:`joint_limit_gradient`; the result is the diagonal of W,
+    at least 1, (n,). ``previous_gradient`` is ∂H/∂θ at the last step, (n,); ``None`` at the first
+    step, where every joint counts as approaching the nearer limit.
     """
     slope = np.abs(joint_limit_gradient(q, lower, upper))
     if previous_gradient is None:

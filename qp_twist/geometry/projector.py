@@ -75,7 +75,8 @@ class Projector:
     def plane(cls, normal: npt.ArrayLike) -> Projector:
         """P = 1 − e eᵀ: the plane perpendicular to ``normal`` (rank 2)."""
         e = unit_vector("normal", normal)
-        return cls(ProjectorKind.PLANE, _perpendicular_pair(e), e)
+        u = perpendicular(e)
+        return cls(ProjectorKind.PLANE, np.column_stack([u, cross(e, u)]), e)
 
     @classmethod
     def line(cls, direction: npt.ArrayLike) -> Projector:
@@ -126,13 +127,10 @@ class Projector:
         return Projector.none()
 
     def rotated(self, rotation: npt.ArrayLike) -> Projector:
-        """The projector R M Rᵀ, rotated by ``rotation`` (3, 3).
+        """The projector R M Rᵀ, rotated by a rotation matrix (3, 3).
 
         The basis rotates with it, so that the rows of a task stay continuous along a motion. Full
         and none do not change.
-
-        Raises:
-            InvalidInput: If it is not a rotation matrix (3, 3).
         """
         return self.turned(rotation_matrix("rotation", rotation))
 
@@ -143,21 +141,12 @@ class Projector:
         """
         if self.axis is None:
             return self
-        return _unchecked(self.kind, rotation @ self.basis, rotation @ self.axis)
+        made = object.__new__(Projector)
+        made.__dict__.update(
+            kind=self.kind, basis=rotation @ self.basis, axis=rotation @ self.axis
+        )  # fmt: skip
+        return made
 
     def __repr__(self) -> str:
         argument = "" if self.axis is None else str(np.round(self.axis, 6).tolist())
         return f"Projector.{self.kind.name.lower()}({argument})"
-
-
-def _unchecked(kind: ProjectorKind, basis: Array, axis: Array) -> Projector:
-    """A projector from another one's arrays."""
-    made = object.__new__(Projector)
-    made.__dict__.update(kind=kind, basis=basis, axis=axis)
-    return made
-
-
-def _perpendicular_pair(e: Array) -> Array:
-    """Two orthonormal columns perpendicular to the unit vector ``e``, shape (3, 2)."""
-    u = perpendicular(e)
-    return np.column_stack([u, cross(e, u)])

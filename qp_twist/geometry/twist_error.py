@@ -24,13 +24,7 @@ def angular_error(
     The swing is a geodesic. If e moves with the body, it rotates e to R_e e, the desired direction
     of e. If e is fixed in space, it rotates R_eᵀ e to e, where R_eᵀ e is the present direction of
     the body axis that is e in the target. The two agree without roll; with roll each makes one full
-    step exact.
-
-    Args:
-        rotation: R, from the controlled frame to the world, (3, 3), or of many poses.
-        target: R_d, from the target frame to the world, likewise.
-        projector: Angular projector in world axes.
-        moves_with_body: Whether the projector's axis is fixed to the controlled frame.
+    step exact. Rotations are one (3, 3) each, or many; the projector is in world axes.
     """
     error = target @ rotation.swapaxes(-1, -2)
     if projector.kind is ProjectorKind.NONE:
@@ -66,8 +60,8 @@ def twist_error(
     Args:
         rotation: R of the controlled frame to the world, (3, 3).
         position: Its origin in the world, m, (3,).
-        target_rotation: R_d of the target frame to the world, (3, 3).
-        target_position: Its origin in the world, m, (3,).
+        target_rotation: R_d of the target, likewise.
+        target_position: Its origin, likewise.
         projector: T, fixed to any frame.
 
     Raises:

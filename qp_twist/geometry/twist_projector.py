@@ -112,14 +112,13 @@ class TwistProjector:
     def resolved(
         self, body: npt.ArrayLike | None = None, target: npt.ArrayLike | None = None
     ) -> TwistProjector:
-        """The same projector in world axes, for the current rotations.
+        """The same projector in world axes.
 
-        Args:
-            body: Rotation of the controlled frame to the world, (3, 3); needed for ``"body"``.
-            target: Rotation of the target frame to the world, (3, 3); needed for ``"target"``.
+        It needs the rotation to the world, (3, 3), of the frame that it is fixed to: the controlled
+        one (``body``) or the target.
 
         Raises:
-            InvalidInput: If the rotation that this projector's frame needs is missing.
+            InvalidInput: If that is missing.
         """
         if self.frame == "world":
             return self
@@ -148,10 +147,7 @@ class TwistProjector:
 def distinct_projectors(
     projectors: Sequence[TwistProjector | None],
 ) -> tuple[list[TwistProjector], Indices]:
-    """The distinct projectors, and the index of each entry's projector.
-
-    The index is −1 for ``None``. Projectors are distinct if they are distinct objects.
-    """
+    """The distinct objects among projectors, and the index of each entry's, −1 for ``None``."""
     distinct = list({id(t): t for t in projectors if t is not None}.values())
     place = {id(t): k for k, t in enumerate(distinct)}
     return distinct, np.array([place.get(id(t), -1) for t in projectors], dtype=np.intp)
@@ -160,10 +156,7 @@ def distinct_projectors(
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).
 
-    Args:
-        operational: T_O of the robot (full for a spatial arm; the plane's three directions for a
-            planar one).
-        task: T_T of the task; its range lies within that of T_O.
+    T_O is full for a spatial arm, and has the plane's three directions for a planar one.
 
     Raises:
         InvalidInput: If the task needs a direction which the operational space does not have.

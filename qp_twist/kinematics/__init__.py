@@ -9,6 +9,9 @@ from .frame import relative_jacobian as relative_jacobian
 from .frame import same_structure as same_structure
 from .frame import together as together
 from .frame_pair import FramePair as FramePair
+from .frame_pair import Stretch as Stretch
+from .frame_pair import angle_of_chord as angle_of_chord
+from .frame_pair import turn_about as turn_about
 from .free_twist_cost import FreeTwistCost as FreeTwistCost
 from .gaze_task import GazeTask as GazeTask
 from .joint_centering import JointCentering as JointCentering
@@ -24,9 +27,6 @@ from .serial_chain import SerialChain as SerialChain
 from .serial_chain import largest_reach as largest_reach
 from .slab_band import BoxBand as BoxBand
 from .slab_band import SlabBand as SlabBand
-from .stretch import Stretch as Stretch
-from .stretch import angle_of_chord as angle_of_chord
-from .stretch import turn_about as turn_about
 from .target_twist import target_twist as target_twist
 from .tolerance_band import BandRows as BandRows
 from .tolerance_band import ToleranceBand as ToleranceBand

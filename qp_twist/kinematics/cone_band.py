@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, number, unit_vector
 from qp_twist.geometry import ProjectorKind, TwistProjector, cross, geodesic, perpendicular
-from qp_twist.kinematics.frame_pair import FramePair
-from qp_twist.kinematics.stretch import Stretch, angle_of_chord
+from qp_twist.kinematics.frame_pair import FramePair, Stretch, angle_of_chord
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 FACES = 16
@@ -49,8 +48,7 @@ class ConeBand(ToleranceBand):
         upper: Largest angle, rad, up to π.
         lower: Smallest angle, rad.
         frame: The frame that the reference is fixed to.
-        weight: ``None`` for a hard band, else the weight of the soft one.
-        recovery_speed: Outside the band, the largest required speed of return, rad/s.
+        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, rad/s.
 
     Raises:
         InvalidInput: If an argument has the wrong type or range.
@@ -147,17 +145,15 @@ class ConeBand(ToleranceBand):
 
 
 def _disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:
-    """Rows on ω (16, 3) that keep the angle between u and n below a radius, and rooms (16,).
+    """Rows on ω (16, 3) that keep the angle between u and the fixed n below a radius, rooms (16,).
 
-    Args:
-        u: Unit vector that rotates with ω, (3,), or many.
-        n: Fixed unit vector.
-        radius: Largest angle, rad.
-        reach: Largest required return, rad: from further outside the disc shrinks by this much.
+    ``reach`` is the largest required return, rad: from further outside the disc shrinks by it.
     """
     k, e, angle = _swing(u, n)
     within = np.maximum(radius, angle - reach)
-    sideways = angle[..., None] * n - _cotangent(angle)[..., None] * e
+    swung = angle > _NO_SWING
+    cotangent = np.where(swung, angle / np.tan(np.where(swung, angle, 1.0)), 1.0)  # θ cot θ
+    sideways = angle[..., None] * n - cotangent[..., None] * e
     rows = _COSINES[:, None] * k[..., None, :] + _SINES[:, None] * sideways[..., None, :]
     rooms = within[..., None] - angle[..., None] * _COSINES
     # Beyond 90° a sideways motion moves u closer to n: the row along e is sufficient.
@@ -174,9 +170,3 @@ def _swing(u: Array, n: Array) -> tuple[Array, Array, Array]:
     if undefined.any():
         k[undefined] = perpendicular(n[undefined])
     return k, cross(k, n), angle
-
-
-def _cotangent(angle: Array) -> Array:
-    """θ cot θ, which is 1 at 0."""
-    swung = angle > _NO_SWING
-    return np.where(swung, angle / np.tan(np.where(swung, angle, 1.0)), 1.0)

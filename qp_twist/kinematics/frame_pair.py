@@ -1,10 +1,11 @@
-"""A frame and its target."""
+"""A frame and its target, and bounds for the motion of both from one pose to the next."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, read_only
 
@@ -36,3 +37,110 @@ class FramePair(NamedTuple):
     def error(self) -> Array:
         """E = R R_dᵀ, (3, 3)."""
         return self.rotation @ self.target_rotation.swapaxes(-1, -2)
+
+
+class Stretch(NamedTuple):
+    r"""Bounds of the motion from one pose to the next, with s from 0 to 1; (K,) each.
+
+    The target moves on a straight line and rotates about a fixed axis, both at constant speed. It
+    may differ from the target that a pose is measured against, by bounded distances. A vector x(s)
+    differs from the chord between its ends by at most max‖x″‖/8.
+    """
+
+    turn: Array
+    """‖ω‖ of the frame, rad."""
+    turn_change: Array
+    """Σ|q̈| of the hinges, rad."""
+    bend: Array
+    """‖p″‖, m."""
+    target_turn: Array
+    """‖ω_d‖, rad."""
+    slip: Array
+    """Bound of the distance to the target that a pose is measured against, m."""
+    slip_turn: Array
+    """The same for its orientation, rad."""
+
+    @property
+    def curl(self) -> Array:
+        """Bound of the second derivative of a unit vector that turns with the frame, rad."""
+        return self.turn**2 + self.turn_change
+
+    def apart(self, before: FramePair, after: FramePair) -> tuple[Array, Array]:
+        """Bounds of ‖p_d − p‖ and of its first derivative, m, (K,) each."""
+        ends = [pair.target_position - pair.position for pair in (before, after)]
+        largest = np.maximum(*(np.linalg.norm(end, axis=1) for end in ends))
+        change = np.linalg.norm(ends[1] - ends[0], axis=1)
+        return largest + self.bend / 8.0, change + self.bend / 2.0
+
+    def off_chord(self, before: FramePair, after: FramePair, frame: str) -> Array:
+        """Bound of the deviation of p_d − p, in the axes of a frame, from its chord, m, (K,)."""
+        second = self.bend
+        if frame != "world":
+            apart, change = self.apart(before, after)
+            body = frame == "body"
+            turn = self.turn if body else self.target_turn
+            curl = self.curl if body else self.target_turn**2
+            second = second + curl * apart + 2.0 * turn * change
+        off: Array = second / 8.0
+        return off
+
+    def slipped(self, before: FramePair, after: FramePair, frame: str) -> Array:
+        """Bound of the change of p_d − p by another target, in the axes of a frame, m, (K,)."""
+        if frame != "target":
+            return self.slip
+        slipped: Array = self.slip + self.apart(before, after)[0] * self.slip_turn
+        return slipped
+
+    def off_chord_of_angle(self, *, target: bool) -> Array:
+        """Bound for a unit vector of the frame minus one of the target or world, (K,)."""
+        if not target:
+            return self.curl / 8.0
+        off: Array = (self.curl + self.target_turn**2) / 8.0 + self.slip_turn
+        return off
+
+
+def turn_about(
+    axis: Array, frame: str, before: FramePair, after: FramePair, stretch: Stretch
+) -> tuple[Array, Array, Array]:
+    """The angle φ of a frame's rotation about an axis relative to its target, on K motions.
+
+    With the quaternion (η, ε) of the relative rotation φ/2 is the direction of (η, a·ε) in the
+    plane. That vector stays near its chord; φ is bounded while the chord keeps away from 0.
+
+    Returns:
+        φ at both ends, continuous between them, and the bound of its deviation, rad, (K,) each.
+    """
+    one, two = (
+        Rotation.from_matrix(
+            pair.error if frame == "world" else pair.target_rotation.swapaxes(1, 2) @ pair.rotation
+        ).as_quat()
+        for pair in (before, after)
+    )
+    two[(one * two).sum(axis=1) < 0.0] *= -1.0
+    a, b = (np.column_stack([q[:, 3], q[:, :3] @ axis]) for q in (one, two))
+    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    begin = 2.0 * np.arctan2(a[:, 1], a[:, 0])
+    total = stretch.turn + stretch.target_turn
+    away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
+    near = _nearest_to_zero(a, b)
+    # Up to half a turn in total, the quaternion at the end is the one that the motion reaches.
+    held = (total < np.pi) & (away < near)
+    sine = np.divide(away, near, out=np.ones_like(away), where=held)
+    begin = begin - 2.0 * np.pi * np.round(begin / (2.0 * np.pi))
+    return begin, begin + 2.0 * turn, np.where(held, 2.0 * np.arcsin(sine), np.inf)
+
+
+def angle_of_chord(chord: Array) -> Array:
+    """The angle with a chord on the unit circle, rad."""
+    angle: Array = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+    return angle
+
+
+def _nearest_to_zero(a: Array, b: Array) -> Array:
+    """Least length on the chord from each a (K, 2) to b (K, 2)."""
+    way = b - a
+    square = np.einsum("ki,ki->k", way, way)
+    along = -np.einsum("ki,ki->k", a, way)
+    share = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    least: Array = np.linalg.norm(a + share[:, None] * way, axis=1)
+    return least

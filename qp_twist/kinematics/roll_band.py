@@ -9,9 +9,8 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Mask, unit_vector
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, rotate
-from qp_twist.kinematics.frame_pair import FramePair
-from qp_twist.kinematics.stretch import Stretch, turn_about
+from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, rotate, twist_angle
+from qp_twist.kinematics.frame_pair import FramePair, Stretch, turn_about
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 SWUNG_OVER = 1e-3
@@ -23,28 +22,24 @@ class RollBand(ToleranceBand):
     r"""Keep the roll of the frame relative to its target in a range.
 
     The roll φ is the twist angle of :math:`\mathbf E = \mathbf R\mathbf R_d^T` about the axis a.
-    With w the vector of the skew part :math:`\mathbf E - \mathbf E^T`,
+    With the quaternion (η, ε) of E,
 
     .. math::
 
-        \varphi = \mathrm{atan2}(\mathbf a\cdot\mathbf w,\;
-        \mathrm{tr}\,\mathbf E - \mathbf a\cdot\mathbf E\mathbf a), \qquad
+        \varphi = 2\,\mathrm{atan2}(\mathbf a\cdot\boldsymbol\varepsilon,\; \eta), \qquad
         \nabla_\omega\varphi = \frac{\mathbf a + \mathbf E\mathbf a}
         {1 + \mathbf a\cdot\mathbf E\mathbf a}
 
-    (with the quaternion (η, ε) of E and s = a·ε it is 2 atan2(s, η); differentiate η̇ = −½ ω·ε,
-    ε̇ = ½(ηω + ω×ε)). The gradient's length is 1/cos(swing/2): it is a as long as the frame is
-    aligned with its target except for the roll. An axis fixed to the body and one fixed to the
-    target have the same roll. If the axis has swung by a half turn, the roll is undefined, and the
-    band has no rows.
+    (differentiate η̇ = −½ ω·ε, ε̇ = ½(ηω + ω×ε)). The gradient's length is 1/cos(swing/2). An axis
+    fixed to the body and one fixed to the target have the same roll. If the axis has swung by a
+    half turn, the roll is undefined, and the band has no rows.
 
     Args:
         axis: a, shape (3,).
         lower: Smallest roll, rad. The range may lie across π, e.g. from 150° to 210°.
         upper: Largest roll, rad.
         frame: The frame that the axis is fixed to.
-        weight: ``None`` for a hard band, else the weight of the soft one.
-        recovery_speed: Outside the band, the largest required speed of return, rad/s.
+        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, rad/s.
 
     Raises:
         InvalidInput: If an argument has the wrong type or range, or the range is a whole turn.
@@ -81,11 +76,7 @@ class RollBand(ToleranceBand):
 
     def values(self, pair: FramePair) -> Array:
         """φ, within half a turn of the middle of the range, rad, (1,)."""
-        a, E = self._axis(pair), pair.error
-        skew = E - E.swapaxes(-1, -2)
-        w = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-        trace = E[..., 0, 0] + E[..., 1, 1] + E[..., 2, 2]
-        roll = np.arctan2((a * w).sum(axis=-1), trace - (a * rotate(E, a)).sum(axis=-1))
+        roll = np.asarray(twist_angle(pair.error, self._axis(pair)))
         wrapped: Array = roll - self._turns(roll)
         return wrapped[..., None]
 

@@ -7,8 +7,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, unit_vector
 from qp_twist.geometry import ProjectorFrame, ProjectorKind, TwistProjector, cross, rotate
-from qp_twist.kinematics.frame_pair import FramePair
-from qp_twist.kinematics.stretch import Stretch
+from qp_twist.kinematics.frame_pair import FramePair, Stretch
 from qp_twist.kinematics.tolerance_band import Range, ToleranceBand, keeps
 
 
@@ -74,8 +73,7 @@ class SlabBand(_Slabs):
         lower: Smallest distance, m.
         upper: Largest distance, m.
         frame: The frame that the normal is fixed to.
-        weight: ``None`` for a hard band, else the weight of a soft one.
-        recovery_speed: Outside the band, the largest required speed of return, m/s.
+        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, m/s.
 
     Raises:
         InvalidInput: If an argument has the wrong type or range, or lower is above upper.
@@ -118,8 +116,7 @@ class BoxBand(_Slabs):
         lower: One corner of the box, relative to the target, m, shape (3,).
         upper: The opposite corner, m, shape (3,).
         frame: The frame that the axes are fixed to.
-        weight: ``None`` for a hard band, else the weight of a soft one.
-        recovery_speed: Outside the box, the largest required speed of return per axis, m/s.
+        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, m/s along each axis.
 
     Raises:
         InvalidInput: If an argument has the wrong type or range, or lower is above upper.

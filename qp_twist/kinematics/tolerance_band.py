@@ -12,8 +12,7 @@ import numpy as np
 from qp_twist.checks import Array, Mask, number, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.kinematics.frame_pair import FramePair
-from qp_twist.kinematics.stretch import Stretch
+from qp_twist.kinematics.frame_pair import FramePair, Stretch
 
 HEAVIEST = 1e12
 """Largest weight of a soft band: beyond it the other costs are lost in rounding."""
