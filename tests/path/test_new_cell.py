@@ -19,7 +19,7 @@ import pytest
 import trimesh
 
 import qp_twist as qt
-from qp_twist.authoring import Request, new_task
+from qp_twist.authoring import NewTask, Request, new_task
 from qp_twist.authoring.solids import read_solid
 from qp_twist.authoring.touching import watched
 from qp_twist.cli import main
@@ -49,30 +49,46 @@ def bracket(file: Path) -> Path:
     return file
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
+def line(folder: Path) -> Path:
     """A line of 20 mm along x, its normals up."""
     rows = [f"{x};0;0;0;0;1" for x in (-10, 0, 10)]
-    file = tmp_path / "line.csv"
+    file = folder / "line.csv"
     file.write_text("\n".join(["x [mm];y [mm];z [mm];nx;ny;nz", *rows]), encoding="utf-8")
     return file
 
 
 @pytest.fixture
-def request_(path: Path, tmp_path: Path) -> Request:
+def path(tmp_path: Path) -> Path:
+    return line(tmp_path)
+
+
+def whole_cell(folder: Path) -> Request:
+    """Tool, part and fixture around a line."""
     return Request(
         SEVEN,
-        path,
+        line(folder),
         frame="tool",
         place=PLACE,
         place_rpy_deg=(0.0, 0.0, 90.0),
-        tool_mesh=box(tmp_path / "cutter.stl", (20, 20, 60), (0, 0, 30)),
+        tool_mesh=box(folder / "cutter.stl", (20, 20, 60), (0, 0, 30)),
         tcp=(0.0, 0.0, 0.06, 0.0, 0.0, 45.0),
-        part_mesh=box(tmp_path / "block.obj", (60, 40, 50), (0, 0, -25)),
-        fixture_meshes=(box(tmp_path / "plate.stl", (300, 200, 20), (0, 0, -400)),),
+        part_mesh=box(folder / "block.obj", (60, 40, 50), (0, 0, -25)),
+        fixture_meshes=(box(folder / "plate.stl", (300, 200, 20), (0, 0, -400)),),
         mesh_unit="mm",
         search_seconds=20.0,
     )
+
+
+@pytest.fixture
+def request_(tmp_path: Path) -> Request:
+    return whole_cell(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> NewTask:
+    """The whole cell, made once for all tests that look at it."""
+    folder = tmp_path_factory.mktemp("whole")
+    return new_task(whole_cell(folder), folder / "cell.toml")
 
 
 def corners(model: mujoco.MjModel, name: str) -> np.ndarray:
@@ -99,14 +115,11 @@ def at_random(
         yield here, there
 
 
-def test_a_cell_has_everything_where_the_meshes_and_the_options_say(
-    request_: Request, tmp_path: Path
-) -> None:
-    made = new_task(request_, tmp_path / "cell.toml")
-    assert made.runs, made.notes
-    task = qt.load_task(tmp_path / "cell.toml")
+def test_a_cell_has_everything_where_the_meshes_and_the_options_say(cell: NewTask) -> None:
+    assert cell.runs, cell.notes
+    task = qt.load_task(cell.path)
     model = task.model
-    assert task.scene == tmp_path / "cell_cell" / "scene.xml"
+    assert task.scene == cell.path.parent / "cell_cell" / "scene.xml"
     # The toolpath's frame is turned by 90°: the part is 40 mm wide along x, and 60 mm along y.
     at = np.array(PLACE)
     expected = at + 1e-3 * np.array([[-20, -30, -50], [20, 30, 0]])
@@ -126,27 +139,24 @@ def test_a_cell_has_everything_where_the_meshes_and_the_options_say(
     assert (task.frame_name, task.frame_type) == ("tcp", "site")
 
 
-def test_tool_and_part_may_touch_and_everything_else_keeps_5_mm(
-    request_: Request, tmp_path: Path
-) -> None:
-    made = new_task(request_, tmp_path / "cell.toml")
-    stated = tomllib.loads((tmp_path / "cell.toml").read_text("utf-8"))["clearance"]
+def test_tool_and_part_may_touch_and_everything_else_keeps_5_mm(cell: NewTask) -> None:
+    stated = tomllib.loads(cell.path.read_text("utf-8"))["clearance"]
     assert stated["distance"] == 0.005
     assert ["tool", "part"] in stated["ignore"]
-    assert "# the tool works on the part" in (tmp_path / "cell.toml").read_text("utf-8")
-    (clearance,) = (c for c in made.path_task.constraints if isinstance(c, qt.Clearance))
+    assert "# the tool works on the part" in cell.path.read_text("utf-8")
+    (clearance,) = (c for c in cell.path_task.constraints if isinstance(c, qt.Clearance))
     pairs = {frozenset(name.split(" to ")) for name in clearance.names}
     assert {frozenset(("tool", "fixture")), frozenset(("tool", "floor"))} <= pairs
     assert frozenset(("tool", "part")) not in pairs
     assert not {frozenset(("part", "fixture")), frozenset(("part", "floor"))} & pairs  # still
-    [count] = [note for note in made.notes if "pairs of shapes keep 5 mm" in note]
+    [count] = [note for note in cell.notes if "pairs of shapes keep 5 mm" in note]
     assert count.startswith(f"clearance: {len(clearance.pairs)} pairs")
     assert count.endswith(", of floor, link_2, link_4, link_6, tool, part, fixture.")
-    [bare] = [note for note in made.notes if "no shape" in note]
+    [bare] = [note for note in cell.notes if "no shape" in note]
     assert bare == (
         "clearance: link_1, link_3, link_5, link_7 have no shape: nothing is checked for them."
     )
-    assert any("tool and part may touch" in note for note in made.notes)
+    assert any("tool and part may touch" in note for note in cell.notes)
 
 
 def test_a_part_is_not_moved_with_the_path(request_: Request, tmp_path: Path) -> None:
@@ -512,17 +522,16 @@ def test_the_robot_of_a_urdf_is_the_same_in_its_scene(path: Path, tmp_path: Path
 
 
 def test_a_study_of_what_was_written_moves_path_and_part_around_their_place(
-    request_: Request, tmp_path: Path
+    cell: NewTask, tmp_path: Path
 ) -> None:
-    made = new_task(request_, tmp_path / "cell.toml")
-    stated = tomllib.loads(made.path.read_text("utf-8"))["study"]["placement"]
+    stated = tomllib.loads(cell.path.read_text("utf-8"))["study"]["placement"]
     # The middle of the path is the origin of its file, and the part's body stands there.
     assert stated["point"] == pytest.approx(PLACE)
     assert stated["body"] == "part"
     low, high = np.array(stated["lower"]), np.array(stated["upper"])
     assert (low + high) / 2 == pytest.approx(PLACE) and (high > low).all()
     found = qt.study(
-        made.path, samples=3, methods=["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
+        cell.path, samples=3, methods=["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
     )
     rows = found.table().to_pylist()
     assert len(rows) == 3
