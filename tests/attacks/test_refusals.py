@@ -289,7 +289,7 @@ TWISTS = st.lists(st.one_of(st.floats(-1.0, 1.0), FLOATS), min_size=6, max_size=
 
 
 @given(st.data())
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_a_controller_takes_any_numbers_or_says_why_not(data: st.DataObject) -> None:
     """One to three numbers of a step are arbitrary; the rest is sound. No warning, no hang."""
     draw = data.draw
@@ -353,7 +353,7 @@ def test_a_controller_takes_any_numbers_or_says_why_not(data: st.DataObject) -> 
 
 
 @given(st.data())
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_solve_levels_takes_any_numbers_or_says_why_not(data: st.DataObject) -> None:
     draw = data.draw
     n = draw(st.integers(1, 4))
@@ -439,7 +439,7 @@ def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str
 
 
 @given(st.data())
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=80, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_task_file_is_read_or_refused_with_a_sentence(
     tmp_path: Path, data: st.DataObject
 ) -> None:

@@ -322,7 +322,7 @@ def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed
         assert (margins.min(axis=0) >= least - 1e-6).all()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(seed=seeds)
 def test_no_motion_with_bounded_second_derivatives_comes_nearer_than_the_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -1040,7 +1040,7 @@ def test_joints_that_become_faster_have_rows_of_what_they_then_reach() -> None:
     assert len(clearance.compute_qp_inequalities(configuration, 0.1).h) == 1
 
 
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(seed=seeds, dt=st.sampled_from([0.001, 0.005, 0.02, 0.1]), limited=st.booleans())
 def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
     seed: int, dt: float, limited: bool

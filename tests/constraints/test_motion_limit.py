@@ -118,7 +118,7 @@ def restless(rng: np.random.Generator) -> Callable[[Array, Array], Array]:
 
 
 @given(SEEDS, DECADES, DECADES, DECADES, DECADES)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_from_a_viable_state_the_box_is_never_empty_and_all_limits_hold(
     seed: int, width: float, fastest: float, acceleration: float, dt: float
 ) -> None:

@@ -27,7 +27,7 @@ def test_every_named_program_is_solved_or_refused_as_it_should(name: str) -> Non
     )
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_it_never_calls_a_wrong_result_solved(seed: int) -> None:
     case = random_case(seed)
@@ -55,7 +55,7 @@ def _active_set() -> Any:
     return method, njit(solved)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_beginning_from_any_active_set_ends_at_the_same_point(seed: int) -> None:
     method, solved = _active_set()

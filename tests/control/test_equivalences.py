@@ -87,7 +87,7 @@ def _least_norm(rows: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 @given(SEEDS)
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int) -> None:
     s = Situation(seed, 6, "full", "full", "world")
     assume(s.regular_arm())
@@ -97,7 +97,7 @@ def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_without_a_secondary_it_is_the_minimum_norm(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -109,7 +109,7 @@ def test_without_a_secondary_it_is_the_minimum_norm(
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_with_a_joint_space_secondary_it_is_gradient_projection(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -123,7 +123,7 @@ def test_with_a_joint_space_secondary_it_is_gradient_projection(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decomposition(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -137,7 +137,7 @@ def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decompositio
 
 
 @given(SEEDS, st.integers(7, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=400)
+@settings(max_examples=120)
 def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -157,7 +157,7 @@ def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient_projection(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -178,7 +178,7 @@ def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient
 
 
 @given(SEEDS, st.sampled_from(["full", "plane", "line"]))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angular: str) -> None:
     """Two frames of one link, the same task on its orientation: only their origins differ."""
     rng = np.random.default_rng(seed)
@@ -210,7 +210,7 @@ def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angu
 
 
 @given(SEEDS, FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
     seed: int, frame: str
 ) -> None:
@@ -248,7 +248,7 @@ def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
 
 @pytest.mark.parametrize("solver", ["proxqp", "osqp"])
 @given(seed=SEEDS, joints=st.integers(6, 8), frame=FRAMES)
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_other_backends_agree(solver: str, seed: int, joints: int, frame: str) -> None:
     s = Situation(seed, joints, "full", "plane", frame)
     assume(s.regular_arm())
@@ -292,7 +292,7 @@ BLOCKS = {
 
 
 @given(SEEDS, st.integers(6, 9), KINDS, KINDS)
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
     seed: int, joints: int, linear: str, angular: str
 ) -> None:
@@ -337,7 +337,7 @@ def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
 
 
 @given(SEEDS)
-@settings(max_examples=50)
+@settings(max_examples=30)
 def test_with_fewer_joints_than_rows_the_closed_forms_are_least_squares(seed: int) -> None:
     s = Situation(seed, 4, "full", "full", "world")
     assume(_smallest(s.J) > 1e-2)

@@ -104,7 +104,7 @@ def check_what_is_promised(
 
 @FORMS
 @given(seed=SEEDS, joints=st.integers(1, 9), rows=st.integers(1, 9))
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_without_an_active_bound_it_is_the_minimum_norm(
     optimal: bool, seed: int, joints: int, rows: int
 ) -> None:
@@ -160,7 +160,7 @@ def test_on_random_problems(seed: int) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=150)
+@settings(max_examples=80)
 def test_where_many_bounds_meet_at_once(seed: int) -> None:
     """Whole numbers everywhere: ties, dependent rows, joints at a limit, fixed and unlimited."""
     rng = np.random.default_rng(seed)

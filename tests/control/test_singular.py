@@ -87,7 +87,7 @@ def test_the_step_is_continuous_through_the_singularity(space: str) -> None:
     closely = np.linspace(1.0 - 1e-3, 1.0 + 1e-3, 20)
     angles = np.unique(
         np.concatenate([
-            np.linspace(-2e-2, 2e-2, 301),
+            np.linspace(-2e-2, 2e-2, 151),
             *(side * closely * place for side in (-1, 1) for place in (at_epsilon, given_up)),
         ])
     )  # fmt: skip

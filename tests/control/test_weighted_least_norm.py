@@ -28,7 +28,7 @@ def full_rank(rng: np.random.Generator, rows: int, joints: int) -> Array:
 
 
 @given(SEEDS, st.integers(1, 9), st.integers(1, 9))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_it_solves_the_optimality_conditions(seed: int, rows: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
     rows = min(rows, joints)
@@ -43,7 +43,7 @@ def test_it_solves_the_optimality_conditions(seed: int, rows: int, joints: int) 
 
 
 @given(SEEDS, st.integers(5, 9))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_with_equal_weights_it_is_the_minimum_norm(seed: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
     J, twist = full_rank(rng, 6, joints), rng.normal(size=6)

@@ -62,7 +62,7 @@ def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
         np.testing.assert_allclose(jacobian, expected, atol=1e-12)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(SEEDS)
 def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
     from qp_twist.kernel import null_space as kernels
@@ -87,7 +87,7 @@ def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> Non
     np.testing.assert_allclose(x, desired + inverse @ (b - A @ desired), atol=1e-10 * size**2)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(SEEDS)
 def test_what_dependent_rows_do_not_see_is_what_their_singular_vectors_do_not(seed: int) -> None:
     from qp_twist.kernel import null_space as kernels
