@@ -222,7 +222,7 @@ PLACES = st.floats(-0.9, 0.9)
     st.tuples(PLACES, PLACES),
     st.tuples(PLACES, PLACES),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_ball_among_random_boxes_touches_none(
     boxes: list[tuple[float, float, float, float]],
     begin: tuple[float, float],

@@ -55,7 +55,7 @@ LOWEST_Z = (DOCS / "generated" / "lowest_z.txt").read_text("utf-8")
 
 
 @given(SEEDS, st.integers(1, 8), st.booleans(), st.sampled_from(["site", "body", "geom"]))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_the_chain_has_mujocos_poses_and_jacobians(
     seed: int, joints: int, slides: bool, frame_type: str
 ) -> None:
@@ -133,7 +133,7 @@ def test_an_arm_with_an_offset_wrist_is_not_taken_for_one() -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_the_shortest_way_is_dijkstras(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes = rng.integers(1, 6, rng.integers(2, 6))
@@ -172,7 +172,7 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_the_best_of_the_recorded_ways_is_the_best_that_is_allowed(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes = rng.integers(2, 8, rng.integers(2, 7))
@@ -222,7 +222,7 @@ def _cost(link: Edges, cost: Array, asked: Edges) -> Array:
 
 
 @given(SEEDS)
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_the_widest_way_is_the_widest_of_all(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes = rng.integers(1, 4, rng.integers(2, 5))
@@ -511,7 +511,7 @@ def test_a_plan_with_two_free_degrees_is_as_good_as_many_optimisations() -> None
     bounds = list(zip(np.tile(ranges.lower, 4), np.tile(ranges.upper, 4), strict=True))
     best = np.inf
     configuration = mink.Configuration(task.model)
-    for spread in (0.1, 0.3, 0.5, 0.8, 0.8, 0.8):
+    for spread in (0.1, 0.3, 0.5, 0.8):
         around = task.start + rng.uniform(-spread, spread, 7)
         seed, arrived = rows.correct(np.tile(around, (4, 1)), at)
         if not arrived.all():
@@ -735,6 +735,7 @@ def test_any_joint_space_method_can_follow_a_plan_and_no_plan_is_an_error() -> N
 
 def test_a_task_file_may_ask_for_the_best_start(tmp_path: Path) -> None:
     text = (ROOT / "tasks" / "planar_line.toml").read_text("utf-8")
+    text = text.replace("steps_per_segment = 100", "steps_per_segment = 20")
     file = tmp_path / "best.toml"
     head, tail = text.split("[start]")
     rest = tail[tail.index("\n[") :]

@@ -136,7 +136,7 @@ def test_the_rolls_of_the_shipped_task_stay_within_their_band() -> None:
     assert run.band_excess.max() <= 1e-9
 
 
-@pytest.mark.parametrize("index", [0, 2, 5, 7])
+@pytest.mark.parametrize("index", [2, 7])
 def test_random_placements_stay_inside_and_can_be_followed(index: int) -> None:
     task = somewhere(index)
     plan = qt.plan(task)
@@ -170,10 +170,9 @@ def check_passes(plan: qt.Plan) -> None:
     assert all(finding.passes for finding in found.values()), found
 
 
-@pytest.mark.parametrize("index", [4, 9])
-def test_rolls_between_far_waypoints_are_kept_where_the_check_looks(index: int) -> None:
+def test_rolls_between_far_waypoints_are_kept_where_the_check_looks() -> None:
     """A plan compared the roll with the target at that share of the time: 0.34° outside."""
-    plan = qt.plan(every(somewhere(index), 5), max_step_deg=30.0)
+    plan = qt.plan(every(somewhere(4), 5), max_step_deg=30.0)
     check_kept(plan, roll_of, -HALF, HALF)
     check_passes(plan)
 
@@ -215,7 +214,7 @@ TILT = math.radians(10.0)
 
 @pytest.mark.parametrize(
     ("index", "band"),
-    [(0, qt.ConeBand(Z, Z, TILT)), (1, qt.ConeBand(Z, Z, TILT)), (2, OwnTilt(TILT))],
+    [(0, qt.ConeBand(Z, Z, TILT)), (2, OwnTilt(TILT))],
 )
 def test_tilts_between_far_waypoints_are_kept_where_the_check_looks(
     index: int, band: qt.ToleranceBand
@@ -241,7 +240,7 @@ def rolls_inside(task: qt.PathTask, inside: Callable[[Array, Array], Array]) -> 
     return found
 
 
-@pytest.mark.parametrize("index", [0, 3, 5])
+@pytest.mark.parametrize("index", [0, 3])
 def test_a_plan_within_a_range_of_rolls_is_as_central_as_brute_force(index: int) -> None:
     task = every(somewhere(index), 2)
     largest = math.radians(10.0)
@@ -332,7 +331,7 @@ def random_band(rng: np.random.Generator, pair: FramePair) -> qt.ToleranceBand:
 
 
 @given(SEEDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = random_arm(rng, 5, slides=True)
@@ -380,7 +379,7 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
 
 
 @given(SEEDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivatives(
     seed: int,
 ) -> None:

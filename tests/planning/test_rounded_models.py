@@ -56,9 +56,7 @@ def least(model: mujoco.MjModel, waypoint: mink.SE3) -> tuple[float, float]:
 
 CASES = [
     (vertical_arm, "1.5708"),
-    (vertical_arm, "1.571"),
     (vertical_arm, "1.57"),
-    (scara, "3.14159"),
     (scara, "3.1416"),
     (scara, "3.141"),
 ]
@@ -90,7 +88,7 @@ def test_a_run_starts_and_ends_on_such_a_path(make, angle: str) -> None:
     assert run.axis_error.max() <= ALLOWED.axis
 
 
-@pytest.mark.parametrize("angle", ["3.14", "3.1", "2.9"])
+@pytest.mark.parametrize("angle", ["3.14", "2.9"])
 def test_an_axis_that_is_missed_is_missed_by_what_least_squares_say(angle: str) -> None:
     """A spindle that leans by more than the tolerance cannot be righted by any joint."""
     model = scara(angle)
