@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -191,8 +192,11 @@ def test_options_of_a_comparison_are_for_the_methods_that_use_them() -> None:
 
 
 def test_gain_and_weight_are_options_of_the_commands(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # The picture and the figures are drawn in test_report.py.
+    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    monkeypatch.setattr(qt.Comparison, "figures", lambda _: {"roadmap": Figure(figsize=(2, 2))})
     words = ["planar_line", "--gain", "0.3", "--weight", "paper"]
     main(["compare", *words, "--methods", "qp,minimum_norm", "--json"])
     settings = json.loads(capsys.readouterr().out)["settings"]["qp"]

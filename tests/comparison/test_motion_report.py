@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -29,6 +30,12 @@ class Made:
     report: qt.reporting.MotionReport
     task: qt.PathTask
     page: str
+
+
+@pytest.fixture
+def without_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without a picture for print, which takes longer to draw than all the rest."""
+    monkeypatch.setattr(scene_picture, "draw_scene", lambda *_, **__: "No picture of the scene.")
 
 
 def made(motion: object, task: qt.PathTask, folder: Path) -> Made:
@@ -141,6 +148,7 @@ def test_the_page_has_no_jargon(passing: Made, failing: Made) -> None:
         assert not words & {"QP", "qp", "sigma", "σ", "z", "projector", "null", "rank", *qt.METHODS}
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_what_slows_the_path_is_named(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
     """With a tenth of joint 4's speed, that joint and no other is what costs time."""
     task = timed.trajectory.path_task
@@ -154,6 +162,7 @@ def test_what_slows_the_path_is_named(timed: qt.TimedTrajectory, tmp_path: Path)
     assert not re.search(r"joint_[12356]", slower)
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_the_least_distance_from_obstacles_is_shown(tmp_path: Path) -> None:
     """Two cubes of 0.2 m: the gap is the distance of their centres less 0.2 m."""
     model = mujoco.MjModel.from_xml_string(
@@ -172,6 +181,7 @@ def test_the_least_distance_from_obstacles_is_shown(tmp_path: Path) -> None:
     assert numbers(page)["clearance"] == [pytest.approx(0.05, abs=1e-5)]
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_a_file_without_times_has_its_page(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
     rows = qt.JointRows(timed.trajectory.joint_names, timed.q)
     page = made(rows, timed.trajectory.path_task, tmp_path).page
@@ -180,64 +190,70 @@ def test_a_file_without_times_has_its_page(timed: qt.TimedTrajectory, tmp_path: 
     assert "feed, joint speeds and accelerations: no times" in page
 
 
-def opened_still(opened: Opened, report: Made) -> None:
-    opened.page.add_init_script(STILL)
-    opened.go(report.report.path)
+@pytest.fixture(scope="module")
+def still() -> Iterator[Opened]:
+    """One browser for all pages that need no player."""
+    with open_page() as opened:
+        opened.page.add_init_script(STILL)
+        yield opened
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_in_a_browser(passing: Made, scheme: str) -> None:
+def test_the_page_in_a_browser(passing: Made) -> None:
     with open_page((900, 600)) as opened:
-        opened.page.emulate_media(color_scheme=scheme)
         opened.go(passing.report.path)
         canvas = opened.page.frame_locator("iframe").locator("canvas:not([height='0'])").first
         canvas.wait_for(timeout=60_000)
-        paper = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
-        assert sum(map(int, re.findall(r"\d+", paper))) > 600 or scheme == "dark"
-        assert sum(map(int, re.findall(r"\d+", paper))) < 150 or scheme == "light"
+        for scheme in ("light", "dark"):
+            opened.page.emulate_media(color_scheme=scheme)
+            paper = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+            assert sum(map(int, re.findall(r"\d+", paper))) > 600 or scheme == "dark"
+            assert sum(map(int, re.findall(r"\d+", paper))) < 150 or scheme == "light"
         assert opened.requests == []
         assert opened.errors == []
 
 
 @pytest.mark.parametrize("which", ["passing", "failing"])
-def test_the_page_is_no_wider_than_a_phone(which: str, request: pytest.FixtureRequest) -> None:
-    with open_page((320, 640)) as opened:
-        opened_still(opened, request.getfixturevalue(which))
-        for width in (320, 390, 800, 1280):
-            opened.page.set_viewport_size({"width": width, "height": 640})
-            assert opened.page.evaluate("document.scrollingElement.scrollWidth") <= width
-            cut = opened.page.evaluate(
-                """() => [...document.querySelectorAll("body *")].filter(
-                    element => element.getBoundingClientRect().right > innerWidth + 1).length"""
-            )
-            assert cut == 0
-        # On a desk the picture and the verdict are seen without scrolling.
-        for part in ("#picture .view", "#verdict", "#time .big"):
-            box = opened.page.locator(part).bounding_box()
-            assert box is not None and box["y"] < 640
+def test_the_page_is_no_wider_than_a_phone(
+    which: str, still: Opened, request: pytest.FixtureRequest
+) -> None:
+    still.page.emulate_media(media="screen")
+    still.page.set_viewport_size({"width": 320, "height": 640})
+    still.go(request.getfixturevalue(which).report.path)
+    for width in (320, 390, 800, 1280):
+        still.page.set_viewport_size({"width": width, "height": 640})
+        assert still.page.evaluate("document.scrollingElement.scrollWidth") <= width
+        cut = still.page.evaluate(
+            """() => [...document.querySelectorAll("body *")].filter(
+                element => element.getBoundingClientRect().right > innerWidth + 1).length"""
+        )
+        assert cut == 0
+    # On a desk the picture and the verdict are seen without scrolling.
+    for part in ("#picture .view", "#verdict", "#time .big"):
+        box = still.page.locator(part).bounding_box()
+        assert box is not None and box["y"] < 640
 
 
 @pytest.mark.parametrize("which", ["passing", "failing"])
-def test_the_page_is_printed_on_two_pages(which: str, request: pytest.FixtureRequest) -> None:
-    with open_page() as opened:
-        opened_still(opened, request.getfixturevalue(which))
-        opened.page.emulate_media(media="print")
-        printed = opened.page.pdf(prefer_css_page_size=True, print_background=True)
-        assert len(re.findall(rb"/Type\s*/Page\b(?!s)", printed)) == 2
-        boxes = re.findall(rb"/MediaBox\s*\[([^\]]*)\]", printed)
-        sizes = {tuple(round(float(x) / 72.0 * 25.4) for x in box.split()) for box in boxes}
-        assert sizes == {(0, 0, 210, 297)}
-
-
-def test_without_a_picture_for_print_it_says_so(
-    timed: qt.TimedTrajectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_page_is_printed_on_two_pages(
+    which: str, still: Opened, request: pytest.FixtureRequest
 ) -> None:
-    monkeypatch.setattr(scene_picture, "draw_scene", lambda *_, **__: "No picture of the scene.")
+    still.go(request.getfixturevalue(which).report.path)
+    still.page.emulate_media(media="print")
+    printed = still.page.pdf(prefer_css_page_size=True, print_background=True)
+    assert len(re.findall(rb"/Type\s*/Page\b(?!s)", printed)) == 2
+    boxes = re.findall(rb"/MediaBox\s*\[([^\]]*)\]", printed)
+    sizes = {tuple(round(float(x) / 72.0 * 25.4) for x in box.split()) for box in boxes}
+    assert sizes == {(0, 0, 210, 297)}
+
+
+@pytest.mark.usefixtures("without_picture")
+def test_without_a_picture_for_print_it_says_so(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
     report = made(timed, timed.trajectory.path_task, tmp_path)
     assert report.report.remark == "No picture of the scene."
     assert "<img" not in report.page
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_the_command_writes_one_file_and_says_what_fails(
     timed: qt.TimedTrajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

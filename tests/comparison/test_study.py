@@ -326,7 +326,7 @@ def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -
     file = tmp_path / "out" / "results.parquet"
     whole, rows = file.read_bytes(), content(twelve)
     task = twelve.job.path_task
-    for number in range(300):
+    for number in range(80):
         file.write_bytes(mutated(whole, number))
         if file.read_bytes() == whole:
             continue
@@ -344,7 +344,7 @@ def test_the_settings_of_a_study_may_be_damaged(twelve: qt.Study, tmp_path: Path
     shutil.copytree(twelve.folder, tmp_path / "out")
     file = tmp_path / "out" / "study.json"
     whole = file.read_bytes()
-    for number in range(300):
+    for number in range(80):
         file.write_bytes(mutated(whole, number))
         try:
             qt.Study.open(tmp_path / "out", twelve.job.path_task).summary()
