@@ -1,7 +1,7 @@
 # Short ways to the usual commands; needs .venv (see CONTRIBUTING.md).
 BIN := .venv/bin
 
-.PHONY: format check test kernels docs site figures build constraints
+.PHONY: format check test kernels docs site figures build wheel try-wheel constraints
 
 format:
 	$(BIN)/ruff check --fix .
@@ -36,11 +36,17 @@ figures:
 	$(BIN)/python docs/make_live_page.py
 
 # The wheel, installed alone in an empty folder, finds its task files and scenes.
-build:
+build: wheel try-wheel
+
+wheel:
 	rm -rf dist build/wheel
 	python3 -m venv build/wheel
 	build/wheel/bin/pip wheel --quiet --no-deps --wheel-dir dist .
 	build/wheel/bin/pip install --quiet --no-compile -c constraints.txt dist/*.whl
+
+# Machine code of the tests is used where it is of the same sources (qp_twist/kernel/compiling.py).
+try-wheel:
+	-cp -R qp_twist/kernel/__pycache__ build/wheel/lib/python3*/site-packages/qp_twist/kernel/
 	cd build/wheel && bin/qp-twist tasks && bin/qp-twist run planar_line --out line.csv
 
 # Pins what is installed now: names and versions, no addresses.
