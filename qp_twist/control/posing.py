@@ -88,7 +88,7 @@ class Posed:
         """The program without equality rows, and with the inequality rows of so many levels."""
         p = self.problem
         k = len(p.g) - sum(len(level.g) for level in self.levels[levels:])
-        return replace(p, A=p.A[:0], b=p.b[:0], G=p.G[:k], g=p.g[:k])
+        return QuadraticProgram(p.H, p.c, p.A[:0], p.b[:0], p.G[:k], p.g[:k], p.lower, p.upper)
 
     def sigma_min(self) -> float:
         """Smallest singular value of the first level's rows; infinity without rows."""
@@ -186,11 +186,10 @@ def _with_levels(
                 joint = int(np.argmax(np.abs(motion) / acceleration))
                 posed.braking = posed.braking or (joint, "lower" if motion[joint] > 0 else "upper")
                 if not posed.levels:
-                    posed.braked = slower
-                    parts = np.split(b, np.cumsum([len(row.b) for row in rows])[:-1])
-                    rows = [r._replace(b=part) for r, part in zip(rows, parts, strict=True)]
+                    posed.braked, rows = slower, _with_rates(rows, b)
         posed.levels.append(PosedLevel(rows, A, b, level, G, g))
-        above, null = above + level.motion(), level.nulls
+        if len(posed.levels) < len(controller.levels):
+            above, null = above + level.motion(), level.nulls
     return posed, soft_bands
 
 
@@ -251,6 +250,15 @@ def _feedforward(
             part = state.basis.T @ state.feedforward
         parts.append(part)
     return np.concatenate(parts)
+
+
+def _with_rates(rows: Sequence[TaskRows], b: Array) -> list[TaskRows]:
+    """The rows of a level's tasks with its right-hand side, (m,)."""
+    found, end = list[TaskRows](), 0
+    for A, _ in rows:
+        first, end = end, end + len(A)
+        found.append(TaskRows(A, b[first:end]))
+    return found
 
 
 def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:

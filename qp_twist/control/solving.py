@@ -219,7 +219,7 @@ def _with_slacks(
     posed: Posed, problem: QuadraticProgram, stated: list[Array]
 ) -> tuple[list[Array], QuadraticProgram]:
     """The rows of all levels with a slack for each weak direction, and the program with these."""
-    directions = [level.directions for level in posed.levels]
+    directions = [level.directions.on(problem.n) for level in posed.levels]
     weak = [np.flatnonzero(level.slack > 0.0) for level in directions]
     n, wide = problem.n, problem.widened(sum(map(len, weak)))
     rows, at, c = list[Array](), n, problem.c

@@ -28,6 +28,7 @@ from functools import cached_property
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.qp.problem import widened
 from qp_twist.qp.verification import row_tolerance
 
 REGULAR = 0.05
@@ -125,22 +126,23 @@ class Directions:
         if null is not None:
             right = right @ null.T
             size = float(np.linalg.norm(A, 2)) if m else 0.0
-        rank = int(np.count_nonzero(sigma > HELD * max(sigma.max(initial=0.0), 1e-300)))
+        if len(sigma) < m:
+            sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
+        most = float(sigma.max(initial=0.0))
+        rank = int(np.count_nonzero(sigma > HELD * max(most, 1e-300)))
         sigma[rank:] = 0.0
         rows = np.zeros((m, n))
-        k = min(len(sigma), len(right))
-        rows[:k] = sigma[:k, None] * right[:k]
-        sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
+        rows[:rank] = sigma[:rank, None] * right[:rank]
         rate = left.T @ b
         first = regular_from(threshold)
-        t = 0.0
-        if damp and first > 0.0:
-            weak = np.maximum(0.0, 1.0 - (sigma / first) ** 2) ** 3
-            far = BEND * size * dt * float(np.linalg.norm(weak * rate))
-            t = max(first**2 * min(1.0, SMOOTHED / dt), far)
-        floor = np.maximum(sigma**2, max(threshold, HELD * sigma.max(initial=0.0)) ** 2)
-        regular = bool((sigma >= (first if damp else threshold)).all())
-        damped = floor if regular else np.maximum(floor, t)
+        damped = floor = np.maximum(sigma * sigma, max(threshold, HELD * most) ** 2)
+        if sigma.min(initial=np.inf) < (first if damp else threshold):
+            t = 0.0
+            if damp and first > 0.0:
+                weak = np.maximum(0.0, 1.0 - (sigma / first) ** 2) ** 3
+                far = BEND * size * dt * float(np.linalg.norm(weak * rate))
+                t = max(first**2 * min(1.0, SMOOTHED / dt), far)
+            damped = np.maximum(floor, t)
         return cls(left, sigma, rows, rate, damped, floor, size, right[rank:].T.copy(), smooth)
 
     @classmethod
@@ -155,6 +157,10 @@ class Directions:
         """Whether rows that depend on each other ask for different velocities."""
         off = np.abs(self.rate[self.sigma == 0.0]).max(initial=0.0)
         return bool(off > row_tolerance(self.rows, self.rate))
+
+    def on(self, n: int) -> Directions:
+        """The same directions on n unknowns, of which the joints are the first."""
+        return self if self.rows.shape[1] == n else replace(self, rows=widened(self.rows, n))
 
     def of_rate(self, b: Array) -> Directions:
         """The same directions with another right-hand side on what the levels above leave, (m,)."""
@@ -188,10 +194,10 @@ class Directions:
 
     def free(self, c: Array) -> Array:
         """N c, what the directions leave of a linear cost (n,): N = 1 − Σ σᵢ²vᵢvᵢᵀ/max(σᵢ², ε²)."""
-        n, along = self.rows.shape[1], np.where(self.floor > 0.0, self.floor, 1.0)
-        left = c.copy()
-        left[:n] -= ((self.rows @ c[:n]) / along) @ self.rows
-        return left
+        free: Array = (
+            c - ((self.rows @ c) / np.where(self.floor > 0.0, self.floor, 1.0)) @ self.rows
+        )
+        return free
 
 
 def regular_from(threshold: float) -> float:

@@ -27,14 +27,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.qp.directions import Directions
-from qp_twist.qp.problem import QuadraticProgram
+from qp_twist.qp.problem import QuadraticProgram, widened
 from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, Verified, solve
 from qp_twist.qp.verification import EQUALITY_TOLERANCE
@@ -76,36 +75,43 @@ class Found(NamedTuple):
     solver: str
 
 
-def scaled_program(problem: QuadraticProgram, first: Directions) -> tuple[QuadraticProgram, float]:
-    """The program with the scale, and the scale's unit: s is the last unknown times it.
+class Programs:
+    """The programs of one step: its costs and limits, and the directions of its first level."""
 
-    Args:
-        problem: The step's costs and limits; its equality rows do not count.
-        first: The directions of the first level.
-    """
-    n, nv = problem.n, first.rows.shape[1]
-    size, phi, beta = problem.steepest or 1.0, first.weakness, first.rate
-    motion = first.motion()
-    most = within_bounds(problem, first)
-    speed = most**2 * float(motion @ problem.H[:nv, :nv] @ motion)
-    worth = WORTH * max(speed, LEAST_MOTION * size)
-    whole = math.sqrt(CURVED * worth / size)
-    unit = most / whole
-    rows = np.zeros((len(beta), n + 1))
-    rows[:, :nv], rows[:, n] = first.rows, -(1.0 - phi) * beta * unit
-    H = np.zeros((n + 1, n + 1))
-    H[:n, :n], H[n, n] = problem.H, size
-    c = np.append(first.free(problem.c), -worth * (1.0 + CURVED) / whole)
-    H, c = with_weak_rows(H, c, rows, phi * beta, first.slack, costs_along(problem, first))
-    hard = first.slack == 0.0
-    return (
-        QuadraticProgram(
-            H, c, rows[hard], (phi * beta)[hard],
-            np.pad(problem.G, ((0, 0), (0, 1))), problem.g,
-            np.append(problem.lower, 0.0), np.append(problem.upper, whole),
-        ),
-        unit,
-    )  # fmt: skip
+    def __init__(self, problem: QuadraticProgram, first: Directions) -> None:
+        """Take a step's costs and limits, and the directions on all its unknowns."""
+        self._problem, self._first = problem, first
+        self._cost, self._c = costs_along(problem, first), first.free(problem.c)
+
+    def posed(self, scale: float = 1.0) -> QuadraticProgram:
+        """The program at a given scale: directions are met as stated, but for the weak ones."""
+        p, first, hard = self._problem, self._first, self._first.slack == 0.0
+        rate = (first.weakness + scale * (1.0 - first.weakness)) * first.rate
+        H, c = with_weak_rows(p.H, self._c, first.rows, rate, first.slack, self._cost)
+        return p.with_rows(H, c, first.rows[hard], rate[hard])
+
+    def relaxed(self) -> QuadraticProgram:
+        """The program in which all directions yield."""
+        p, first = self._problem, self._first
+        slack = first.slack + SOFT * max(first.size, 1e-6) ** 2
+        H, c = with_weak_rows(p.H, self._c, first.rows, first.rate, slack, self._cost)
+        return p.with_rows(H, c, first.rows[:0], first.rate[:0])
+
+    def scaled(self) -> tuple[QuadraticProgram, float]:
+        """The program with the scale, and the scale's unit: s is the last unknown times it."""
+        p, n, first = self._problem, self._problem.n, self._first
+        size, phi, beta, hard = p.steepest or 1.0, first.weakness, first.rate, first.slack == 0.0
+        motion, most = first.motion(), within_bounds(p, first)
+        worth = WORTH * max(most**2 * float(motion @ p.H @ motion), LEAST_MOTION * size)
+        whole = math.sqrt(CURVED * worth / size)
+        unit = most / whole
+        rows = widened(first.rows, n + 1)
+        rows[:, n] = -(1.0 - phi) * beta * unit
+        wide = p.widened(1)
+        wide.H[n, n], wide.lower[n], wide.upper[n] = size, 0.0, whole
+        wide.c[:n], wide.c[n] = self._c, -worth * (1.0 + CURVED) / whole
+        H, c = with_weak_rows(wide.H, wide.c, rows, phi * beta, first.slack, self._cost)
+        return wide.with_rows(H, c, rows[hard], (phi * beta)[hard]), unit
 
 
 def within_bounds(problem: QuadraticProgram, first: Directions) -> float:
@@ -113,52 +119,21 @@ def within_bounds(problem: QuadraticProgram, first: Directions) -> float:
     hard = (first.slack == 0.0) & (first.rate != 0.0)
     if not hard.any():
         return 1.0
-    asked, nv = np.abs(first.rate[hard]), first.rows.shape[1]
+    asked = np.abs(first.rate[hard])
     rows = first.rows[hard] * np.sign(first.rate[hard])[:, None]
-    ends = np.where(rows > 0.0, problem.upper[:nv], np.where(rows < 0.0, problem.lower[:nv], 0.0))
+    ends = np.where(rows > 0.0, problem.upper, np.where(rows < 0.0, problem.lower, 0.0))
     # What the verification lets pass is no speed that the bounds deny.
     rounding = EQUALITY_TOLERANCE * (first.sigma.max() + asked.max())
     share = ((rows * ends).sum(axis=1) + rounding) / asked
     return float(np.clip(BEYOND * share.min(), 0.0, 1.0))
 
 
-def posed_program(
-    problem: QuadraticProgram, first: Directions, scale: float = 1.0
-) -> QuadraticProgram:
-    """The program at a given scale: directions are met as stated, but for the weak ones."""
-    rows, hard = _wide(first, problem.n), first.slack == 0.0
-    rate = (first.weakness + scale * (1.0 - first.weakness)) * first.rate
-    H, c = with_weak_rows(
-        problem.H, first.free(problem.c), rows, rate, first.slack, costs_along(problem, first)
-    )
-    return QuadraticProgram(
-        H, c, rows[hard], rate[hard], problem.G, problem.g, problem.lower, problem.upper
-    )
-
-
-def relaxed_program(problem: QuadraticProgram, first: Directions) -> QuadraticProgram:
-    """The program in which all directions yield."""
-    rows = _wide(first, problem.n)
-    slack = first.slack + SOFT * max(first.size, 1e-6) ** 2
-    H, c = with_weak_rows(
-        problem.H, first.free(problem.c), rows, first.rate, slack, costs_along(problem, first)
-    )
-    return QuadraticProgram(
-        H, c, rows[:0], first.rate[:0], problem.G, problem.g, problem.lower, problem.upper
-    )
-
-
 def costs_along(problem: QuadraticProgram, first: Directions) -> Array:
     """hᵢ = vᵢᵀ H vᵢ, the cost of moving along each direction, (m,)."""
-    rows, square = _wide(first, problem.n), first.sigma**2
-    along: Array = np.einsum("ij,jk,ik->i", rows, problem.H, rows)
+    square = first.sigma**2
+    along: Array = ((first.rows @ problem.H) * first.rows).sum(axis=1)
     seen = square > 0.0
     return np.where(seen, along / np.where(seen, square, 1.0), problem.steepest or 1.0)
-
-
-def _wide(first: Directions, n: int) -> Array:
-    """The directions' rows on n unknowns, (m, n)."""
-    return np.pad(first.rows, ((0, 0), (0, n - first.rows.shape[1])))
 
 
 def with_weak_rows(
@@ -166,6 +141,8 @@ def with_weak_rows(
 ) -> tuple[Array, Array]:
     """Add ½ hᵢ (rowᵢ x − rateᵢ)²/λᵢ of the rows with λᵢ > 0 to a cost."""
     weak = slack > 0.0
+    if not np.count_nonzero(weak):
+        return H, c
     weight = cost[weak] / slack[weak]
     return (
         H + rows[weak].T @ (weight[:, None] * rows[weak]),
@@ -196,18 +173,19 @@ def first_level(
     Where limits stop the regular part of a scaled task and not that of a relaxed one, the step
     passes over to the latter; both keep the limits, and so does what is between them.
     """
-    n, nv = problem.n, first.rows.shape[1]
+    n, first = problem.n, first.on(problem.n)
     scaled: Found | None = None
+    programs = Programs(problem, first)
     if whole:
-        posed = solve(posed_program(problem, first), solver, options)
+        posed = solve(programs.posed(), solver, options)
         if isinstance(posed, Verified):
             return Found(
                 posed.x, 1.0, 0.0, posed.multipliers.box, posed.multipliers.rows, posed.solver
             )
     if mode == "scale" and not first.smooth:
-        return _at_largest_scale(problem, first, solver, options)
+        return _at_largest_scale(problem, first, programs, solver, options)
     if mode == "scale":
-        program, unit = scaled_program(problem, first)
+        program, unit = programs.scaled()
         found = solve(program, solver, options)
         if isinstance(found, Verified):
             scale, per_scale = min(float(found.x[n]) * unit, 1.0), unit / -float(program.c[n])
@@ -221,13 +199,13 @@ def first_level(
             return found
     if not first.smooth:
         return None
-    relaxed = solve(relaxed_program(problem, first), solver, options)
+    relaxed = solve(programs.relaxed(), solver, options)
     if isinstance(relaxed, Refused):
         return relaxed if relaxed.claimed or rest_fits(problem) else None
     x, share = relaxed.x, 1.0
     if scaled is not None:
         along = ((1.0 - first.weakness) * first.rate) @ first.rows
-        slow, free = float(along @ scaled.x[:nv]), float(along @ x[:nv])
+        slow, free = float(along @ scaled.x), float(along @ x)
         most = max(slow, free, _STILL * float(first.rate @ first.rate), 1e-300)
         share = 1.0 - max(scaled.scale, slow / most) / DEAD
         if share <= 0.0:
@@ -240,6 +218,7 @@ def first_level(
 def _at_largest_scale(
     problem: QuadraticProgram,
     first: Directions,
+    programs: Programs,
     solver: str,
     options: Mapping[str, Any] | None,
 ) -> Found | Refused | None:
@@ -248,14 +227,15 @@ def _at_largest_scale(
     Steps that are repeated until a waypoint is reached, and single ones, take the largest scale:
     the limit of the scaled program for a large γ, here by linear programming.
     """
-    rows, phi = _wide(first, problem.n), first.weakness
-    hard = first.slack == 0.0
-    stated = replace(problem, A=rows[hard], b=((1.0 - phi) * first.rate)[hard])
+    phi, hard = first.weakness, first.slack == 0.0
+    stated = problem.with_rows(
+        problem.H, problem.c, first.rows[hard], ((1.0 - phi) * first.rate)[hard]
+    )
     largest = largest_scale(stated, offset=(phi * first.rate)[hard])
     if largest is None:
         return None
     scale = largest.scale * (1.0 - SCALE_BACKOFF) if largest.scale < 1.0 else 1.0
-    found = solve(posed_program(problem, first, scale), solver, options)
+    found = solve(programs.posed(scale), solver, options)
     if isinstance(found, Refused):
         return found
     return Found(

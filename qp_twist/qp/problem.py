@@ -52,6 +52,10 @@ class QuadraticProgram:
         """max |c|, the size of the linear one."""
         return largest(self.c)
 
+    def with_rows(self, H: Array, c: Array, A: Array, b: Array) -> QuadraticProgram:
+        """The program with other costs and equality rows."""
+        return QuadraticProgram(H, c, A, b, self.G, self.g, self.lower, self.upper)
+
     def widened(self, k: int) -> QuadraticProgram:
         """The program with k more unknowns, which have neither costs nor bounds nor entries."""
         n, free = self.n + k, np.full(k, np.inf)
