@@ -51,6 +51,7 @@ nitpick_ignore = [
     ("py:class", "qp_twist.referee.astray.Astray"),
     ("py:class", "Line"),  # a direction and a point
     ("py:class", "qp_twist.robots.axis_geometry.Line"),
+    ("py:class", "Posed"),  # what a NamedProblem is made of
     ("py:class", "Counts"),
     ("py:class", "Indices"),
     ("py:class", "Mask"),

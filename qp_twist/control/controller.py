@@ -38,6 +38,7 @@ from qp_twist.constraints import (
 from qp_twist.control.clear_velocity import clear_velocity
 from qp_twist.control.composition import composition_known
 from qp_twist.control.displacement import EVERYTHING, Displacement
+from qp_twist.control.named_problem import NamedProblem
 from qp_twist.control.posing import FASTEST, LevelItem, pose
 from qp_twist.control.solving import solved_step
 from qp_twist.control.step import Step
@@ -318,6 +319,24 @@ class Controller:
                 clearance.has_begun = False
         self._note(step.velocity)
         return step
+
+    def build_ik(
+        self,
+        configuration: mink.Configuration,
+        dt: float,
+        *,
+        use_secondary: bool | float = True,
+        displacement: npt.ArrayLike | None = None,
+    ) -> NamedProblem:
+        """The program of a step for ``qpsolvers.solve_problem``, as ``mink.build_ik`` returns it.
+
+        Arguments and errors are those of :meth:`step`, which solves it, verifies the result, and
+        knows what to do where it has no solution.
+        """
+        dt = number("dt", dt, above=0.0)
+        self._check_configuration(configuration)
+        h = Displacement.of(use_secondary, displacement, self.model.nv)
+        return NamedProblem(pose(self, configuration, dt, h))
 
     def _kept_clear(
         self, step: Step, configuration: mink.Configuration, dt: float, h: Displacement

@@ -66,7 +66,7 @@ class Posed:
         levels: The priority levels, from the most important on.
         limits: The gathered limits.
         sources: What the inequality rows come from, in their order.
-        tasks: The tasks of the first level.
+        tasks: The tasks of all levels.
         configuration: Where the robot is.
         threshold: ε, singular value below which directions fade.
         braked: Share of the first level's speed from which its motion can stop in time.
@@ -99,11 +99,12 @@ class Posed:
         """Weak directions of the first level in which a velocity (nv,) lacks what is asked."""
         first = self.levels[0]
         found = lost_directions(first.A, scale * first.b, velocity, self.threshold)
+        tasks = self.tasks[: len(first.tasks)]
         bases = [
             task.state(self.configuration).basis if isinstance(task, TwistTask) else np.eye(len(b))
-            for task, (_, b) in zip(self.tasks, first.tasks, strict=True)
+            for task, (_, b) in zip(tasks, first.tasks, strict=True)
         ]
-        return in_words(found, self.tasks, bases)
+        return in_words(found, tasks, bases)
 
 
 def pose(
@@ -166,9 +167,8 @@ def _with_levels(
     smooth = controller.smooth and threshold > 0.0
     damp = smooth and damps_by_error(controller.limits, controller.on_infeasible)
     acceleration = controller.hardest if smooth and controller.braking else None
-    tasks = [item for item in controller.levels[0] if not isinstance(item, mink.Limit)]
     nothing = QuadraticProgram(*[np.zeros(0)] * 8)
-    posed = Posed(nothing, [], limits, [], tasks, configuration, threshold)
+    posed = Posed(nothing, [], limits, [], controller.tasks, configuration, threshold)
     soft_bands: list[BandRows] = []
     above, null = np.zeros(nv), None
     for items in controller.levels:

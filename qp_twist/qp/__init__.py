@@ -18,7 +18,6 @@ from .one_program import first_level as first_level
 from .problem import QuadraticProgram as QuadraticProgram
 from .problem import widened as widened
 from .scaling import SCALE_BACKOFF as SCALE_BACKOFF
-from .scaling import LargestScale as LargestScale
 from .scaling import largest_scale as largest_scale
 from .solve import Refused as Refused
 from .solve import Verified as Verified

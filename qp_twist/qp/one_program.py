@@ -231,7 +231,7 @@ def _at_largest_scale(
     stated = problem.with_rows(
         problem.H, problem.c, first.rows[hard], ((1.0 - phi) * first.rate)[hard]
     )
-    largest = largest_scale(stated, offset=(phi * first.rate)[hard])
+    largest = largest_scale(stated, (phi * first.rate)[hard])
     if largest is None:
         return None
     scale = largest.scale * (1.0 - SCALE_BACKOFF) if largest.scale < 1.0 else 1.0

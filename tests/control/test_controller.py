@@ -12,6 +12,7 @@ import qpsolvers
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration
+from oracles.compositions import HalfSpaces
 from oracles.liars import install
 from scipy.optimize import lsq_linear
 
@@ -498,3 +499,24 @@ def test_a_step_says_itself_in_a_sentence() -> None:
     step = qt.Controller(arm.model, [arm.task]).step(arm.configuration, 0.1)
     assert step.message.startswith("solved: ")
     assert "TwistTask('tool', 'site'" in repr(qt.Controller(arm.model, [arm.task]))
+
+
+@pytest.mark.parametrize("solver", ["daqp", "proxqp"])
+def test_any_backend_solves_the_program_of_a_step_whose_rows_have_names(solver: str) -> None:
+    arm = Arm(2)
+    arm.task.bands = (qt.RollBand([0, 0, 1], -3.0, 3.0, weight=10.0),)
+    wall = HalfSpaces(np.ones((1, 7)), np.array([0.05]))
+    controller = qt.Controller(
+        arm.model, [arm.task], secondary=[qt.JointCentering(arm.model)], solver="daqp",
+        limits=[qt.PositionLimit(arm.model), wall],
+    )  # fmt: skip
+    problem = controller.build_ik(arm.configuration, 1.0)
+    assert problem.unknowns == (*(f"joint_{i + 1}" for i in range(7)), "slack 1")
+    assert problem.equalities == tuple(f"TwistTask('tool', 'site') row {i + 1}" for i in range(5))
+    assert problem.inequalities[0] == "HalfSpaces row 0 (HalfSpaces)"
+    assert len(problem.inequalities) == len(problem.h) == 3
+    accurate = {"daqp": {}, "proxqp": {"eps_abs": 1e-9}}[solver]
+    x = qpsolvers.solve_problem(problem, solver, **accurate).x
+    step = controller.step(arm.configuration, 1.0)
+    assert step.status is qt.Status.SOLVED
+    np.testing.assert_allclose(x[:7], step.velocity, atol=1e-5)
