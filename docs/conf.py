@@ -77,8 +77,6 @@ nitpick_ignore = [
     # What of a path's orientation is that of the start.
     ("py:class", "FromStart"),
     ("py:class", "Column"),
-    # What a step takes from a clearance.
-    ("py:class", "PairRows"),
     # Tables of the task file, which have a page of their own.
     ("py:class", "StudySection"),
     # The range of a band, and the axes by which a robot is known: of no use by themselves.

@@ -25,14 +25,7 @@ class BandLimit(mink.Limit):
     kind = "band"
 
     def __init__(self, task: TwistTask) -> None:
-        """Take the bands of a task.
-
-        Args:
-            task: A task with at least one hard band.
-
-        Raises:
-            InvalidInput: If it has none, or is not a TwistTask.
-        """
+        """Take the bands of a task, of which at least one is hard; others are refused."""
         instance("BandLimit(task)", task, TwistTask)
         if all(band.weight is not None for band in task.bands):
             raise InvalidInput(
@@ -47,7 +40,5 @@ class BandLimit(mink.Limit):
         hard = [b for b in self.task.band_rows(configuration, dt) if b.weight is None]
         if not hard:
             return mink.Constraint()
-        return mink.Constraint(
-            G=np.vstack([band.rows for band in hard]),
-            h=np.concatenate([band.bounds for band in hard]) * dt,
-        )
+        bounds = np.concatenate([band.bounds for band in hard])
+        return mink.Constraint(G=np.vstack([band.rows for band in hard]), h=bounds * dt)

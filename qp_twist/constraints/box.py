@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import functools
+import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -76,15 +77,26 @@ class BoxLimit(mink.Limit):
 
 
 class Intersection:
-    """Bounds common to several boxes; the limit behind each bound is computed on first access.
+    """Bounds common to all boxes; the limit behind each bound is looked up on first access.
+
+    Two boxes may have no velocity in common (a start outside a range, a joint too fast to stop).
+    Then a velocity limit yields to an acceleration limit, and a position limit, the coupling of a
+    joint that does not move, or a clearance yields to any other kind: its bound becomes the nearest
+    velocity that the other limit allows.
 
     Attributes:
         lower: Lower velocity bounds, rad/s or m/s, (nv,).
         upper: Upper velocity bounds, (nv,).
+        model: The robot.
     """
 
     def __init__(self, boxes: Sequence[Box], model: mujoco.MjModel) -> None:
-        """Intersect ``boxes``; see :func:`intersect`."""
+        """Intersect boxes of a model.
+
+        Raises:
+            InvalidInput: If a bound is not a number, or two limits contradict each other and
+                neither yields.
+        """
         nv = model.nv
         for box in boxes:
             if box.lower.shape != (nv,) or box.upper.shape != (nv,):
@@ -92,18 +104,23 @@ class Intersection:
                     f"limits: a {box.kind} limit has bounds of shape {box.lower.shape} and "
                     f"{box.upper.shape}, the model needs ({nv},)."
                 )
-        ordered = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [no_box("", nv)]
-        lower, upper = ordered[0].lower.copy(), ordered[0].upper.copy()
-        for box in ordered[1:]:
-            np.maximum(lower, box.lower, out=lower)
-            np.minimum(upper, box.upper, out=upper)
-        self.lower, self.upper, self._boxes = lower, upper, ordered
+        self.model = model
+        self._boxes = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [no_box("", nv)]
+        self.lower, self.upper = self._boxes[0].lower.copy(), self._boxes[0].upper.copy()
+        for box in self._boxes[1:]:
+            np.maximum(self.lower, box.lower, out=self.lower)
+            np.minimum(self.upper, box.upper, out=self.upper)
         self._resolved: dict[int, tuple[str, str]] = {}
         # False for NaN, for a lower bound of +∞ and for an upper bound of −∞.
-        consistent = np.maximum(lower, -_FINITE) <= np.minimum(upper, _FINITE)
+        consistent = np.maximum(self.lower, -_FINITE) <= np.minimum(self.upper, _FINITE)
         if np.count_nonzero(consistent) < nv:
             for dof in np.flatnonzero(~consistent).tolist():
-                self._resolve(dof, joint_names(model)[dof])
+                self._resolve(dof)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joint name of each degree of freedom."""
+        return joint_names(self.model)
 
     @functools.cached_property
     def lower_kind(self) -> Kinds:
@@ -121,53 +138,32 @@ class Intersection:
             kinds[dof] = both[side]
         return kinds
 
-    def _resolve(self, dof: int, joint: str) -> None:
+    def _resolve(self, dof: int) -> None:
         """Set the bounds of a degree of freedom on which boxes contradict each other."""
+        value = operator.itemgetter(0)
         lower, upper = (-np.inf, ""), (np.inf, "")
         for kind, lowers, uppers in self._boxes:
             low, high = (float(lowers[dof]), kind), (float(uppers[dof]), kind)
             if not (low[0] < np.inf and high[0] > -np.inf):
                 raise InvalidInput(
                     f"limits: a {kind} limit has bounds of {low[0]} and {high[0]} for joint "
-                    f"{joint!r}; expected numbers, or ∞ for none."
+                    f"{self.names[dof]!r}; expected numbers, or ∞ for none."
                 )
-            if low[0] > upper[0]:
-                _check_yielding(kind, upper[1], joint, low, upper)
-                lower = upper
-            elif low[0] > lower[0]:
-                lower = low
-            if high[0] < lower[0]:
-                _check_yielding(kind, lower[1], joint, lower, high)
-                upper = lower
-            elif high[0] < upper[0]:
-                upper = high
+            self._check_yielding(dof, kind, upper[1], low, upper)
+            lower = max(lower, min(low, upper, key=value), key=value)
+            self._check_yielding(dof, kind, lower[1], lower, high)
+            upper = min(upper, max(high, lower, key=value), key=value)
         (self.lower[dof], below), (self.upper[dof], above) = lower, upper
         self._resolved[dof] = below, above
 
-
-def intersect(boxes: Sequence[Box], model: mujoco.MjModel) -> Intersection:
-    """Bounds common to all boxes, (nv,).
-
-    Two boxes may have no velocity in common (a start outside a range, a joint too fast to stop).
-    Then a velocity limit yields to an acceleration limit, and a position limit, the coupling of a
-    joint that does not move, or a clearance yields to any other kind: its bound becomes the nearest
-    velocity that the other limit allows.
-
-    Raises:
-        InvalidInput: If a bound is not a number, or two limits contradict each other and neither
-            yields.
-    """
-    return Intersection(boxes, model)
-
-
-def _check_yielding(
-    kind: str, previous: str, joint: str, lower: tuple[float, str], upper: tuple[float, str]
-) -> None:
-    """Raise if a lower bound exceeds an upper one and ``kind`` does not yield to ``previous``."""
-    yields = _ORDER.get(kind, 1) > 1 or (kind, previous) == ("velocity", "acceleration")
-    if lower[0] - upper[0] > _ROUNDING and not (yields and kind != previous):
-        raise InvalidInput(
-            f"limits: joint {joint!r} has a lower velocity bound of {lower[0]:.6g} ({lower[1]}) "
-            f"above its upper bound of {upper[0]:.6g} ({upper[1]}); check the ranges and limits "
-            "given."
-        )
+    def _check_yielding(
+        self, dof: int, kind: str, previous: str, lower: tuple[float, str], upper: tuple[float, str]
+    ) -> None:
+        """Raise if a lower bound exceeds an upper one and ``kind`` does not yield."""
+        yields = _ORDER.get(kind, 1) > 1 or (kind, previous) == ("velocity", "acceleration")
+        if lower[0] - upper[0] > _ROUNDING and not (yields and kind != previous):
+            raise InvalidInput(
+                f"limits: joint {self.names[dof]!r} has a lower velocity bound of {lower[0]:.6g} "
+                f"({lower[1]}) above its upper bound of {upper[0]:.6g} ({upper[1]}); check the "
+                "ranges and limits given."
+            )

@@ -24,8 +24,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.kinematics.frame import same_structure
 
 if TYPE_CHECKING:
-    from qp_twist.constraints.clearance_step import ClearanceStep, PairRows
-    from qp_twist.constraints.shapes import MovingShapes
+    from qp_twist.constraints.shapes import ClearanceStep, MovingShapes
 
 RESOLUTION = 1e-5
 """How much nearer a pair may be than the least distance that is found on a motion, m."""
@@ -37,14 +36,6 @@ PLANNED_WITHIN = 0.3
 """Margin below which a plan has a row for a pair, m."""
 _MOSTLY_WITHIN = 0.15
 """Margin within which there are mostly so many pairs: these are looked for first, m."""
-
-
-def _length(clearance: Clearance, name: str, value: float) -> float:
-    return number(f"Clearance({name}=…)", value, at_least=0.0)
-
-
-def _speed(clearance: Clearance, name: str, value: float) -> float:
-    return number(f"Clearance({name}=…)", value, above=0.0)
 
 
 class NearestPair(NamedTuple):
@@ -73,13 +64,10 @@ class Clearance(Constraint):
     ``<exclude>``), without bodies that a joint connects, and without pairs of which no joint moves
     one against the other. Meshes count as their convex hulls, as in MuJoCo.
 
-    A step keeps a margin after integration, too: where it would lead too near,
-    :class:`~qp_twist.Controller` adds rows of the distances there. With acceleration limits a step
-    is one after which the margin is kept while all joints brake to rest, each as hard as it may
-    (``qp_twist/kernel/clearance_rows.py``). The next step may brake so, and so may all that follow.
-    A mocap body is expected to go on as it moved between the last two steps, and kept clear of by
-    as much more as it was not where it was expected: what changes its speed may do so again. One
-    that comes faster than the joints can give way is not avoided.
+    A step of a :class:`~qp_twist.Controller` keeps a margin after integration, too, and with
+    acceleration limits until all joints could have braked to rest
+    (``qp_twist/kernel/clearance_rows.py``). A mocap body is expected to go on as it moved between
+    the last two steps; one that comes faster than the joints can give way is not avoided.
 
     Attributes:
         model: The robot and what is around it.
@@ -87,12 +75,11 @@ class Clearance(Constraint):
         recovery_speed: Speed at which a pair that is too near is moved apart, m/s; likewise.
         pairs: Ids of the two geoms of each pair, (P, 2).
         ignored: The pairs of names that may touch.
-        has_begun: Whether a step is being computed, possibly several times.
     """
 
     kind = "clearance"
-    distance: float = checked(_length)
-    recovery_speed: float = checked(_speed)
+    distance: float = checked(lambda _, n, v: number(f"Clearance({n}=…)", v, at_least=0.0))
+    recovery_speed: float = checked(lambda _, n, v: number(f"Clearance({n}=…)", v, above=0.0))
 
     def __init__(
         self,
@@ -131,7 +118,6 @@ class Clearance(Constraint):
         self.pairs: Indices = found
         self.names = tuple(f"{geom_name(model, a)} to {geom_name(model, b)}" for a, b in found)
         self.units = ("m",) * len(found)
-        self.has_begun = False
 
     @cached_property
     def _shapes(self) -> MovingShapes:
@@ -145,12 +131,9 @@ class Clearance(Constraint):
 
         :meta private:
         """
-        from qp_twist.constraints.clearance_step import ClearanceStep
+        from qp_twist.constraints.shapes import ClearanceStep
 
-        ranges = JointRanges.of(self.model)
-        return ClearanceStep(self._shapes, ranges)
-
-    # ------------------------------------------------------------------ as every constraint
+        return ClearanceStep(self._shapes, JointRanges.of(self.model))
 
     def margins(self, q: Array) -> Array:
         """Distances less :attr:`distance`, m, (N, P); negative by the depth of penetration."""
@@ -185,24 +168,23 @@ class Clearance(Constraint):
     def least(
         self, before: Array, after: Array, travel: Array, curve: Array | None = None
     ) -> Array:
-        """As for every constraint, with distances only where bounds of them do not suffice.
+        """As for every constraint; where ``curve`` is known, sharper with the square of the travel.
 
-        Where ``curve`` is known, the bound comes closer with the square of the travel: see
-        ``qp_twist/kernel/clearance_kernel.py``.
+        See ``qp_twist/kernel/clearance_kernel.py``.
         """
-        shapes, asked = self._shapes, self.distance
-        least: Array = shapes.least(before, after, travel, curve, asked) - asked
-        return least
+        least = self._shapes.least(before, after, travel, curve, self.distance)
+        return least - self.distance
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Rows of the nearest pairs of each configuration, up to ``PLANNED``."""
         margins = self.bounded(q, _MOSTLY_WITHIN)
         few = (margins < _MOSTLY_WITHIN).sum(axis=1) < PLANNED
         margins[few] = self.bounded(q[few], PLANNED_WITHIN)
-        which, rooms = _nearest(margins, PLANNED_WITHIN)
-        rows = -self._shapes.gradients(q, which)
-        none = np.zeros(which.shape[1], dtype=np.intp)
-        return rows, np.where(which < 0, np.inf, rooms), none
+        which = np.argsort(margins, axis=1)[:, :PLANNED]
+        rooms = np.take_along_axis(margins, which, axis=1)
+        far = rooms >= PLANNED_WITHIN
+        rows = -self._shapes.gradients(q, np.where(far, -1, which))
+        return rows, np.where(far, np.inf, rooms), np.zeros(which.shape[1], dtype=np.intp)
 
     def check_model(self, label: str, model: mujoco.MjModel) -> None:
         """Refuse a model whose distances are not those of this clearance's."""
@@ -218,92 +200,52 @@ class Clearance(Constraint):
                 "here; make the Clearance of the same model."
             )
 
-    def begin(
-        self,
-        configuration: mink.Configuration,
-        velocity: Array | None = None,
-        hardest: Array | None = None,
-        fastest: Array | None = None,
-    ) -> None:
-        """Begin a step: its rows may be evaluated several times, its obstacles move once.
+    def step_rows(
+        self, configuration: mink.Configuration, dt: float
+    ) -> tuple[Array, Array, Array, Indices]:
+        """The rows of one step, G q̇ ≤ g, for pairs that the step can bring too near.
 
-        Args:
-            configuration: That of the step.
-            velocity: Velocity of the joints before it, rad/s or m/s, (nv,).
-            hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
-            fastest: Their velocity limits, rad/s or m/s, (nv,), likewise; an array whose numbers
-                do not change. What the joints cannot come near has no row.
+        :meta private:
         """
-        self._shapes.take_mocap(configuration.data)
-        self.in_step.distance, self.in_step.recovery = self.distance, self.recovery_speed
-        self.in_step.begin(velocity, hardest, fastest)
-        self.has_begun = True
-
-    def step_rows(self, configuration: mink.Configuration, dt: float) -> PairRows:
-        """The rows of one step, G q̇ ≤ g, for pairs nearer than ``HORIZON``."""
-        if not self.has_begun:
-            self.begin(configuration)
-            self.has_begun = False
-        return self.in_step.rows(configuration.data.qpos, dt)
+        if not self.in_step.has_begun:
+            self.in_step.begin(configuration)
+            self.in_step.has_begun = False
+        q = configuration.data.qpos
+        return self.in_step.rows(q, dt, self.distance, self.recovery_speed)
 
     def compute_qp_inequalities(
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
-        """The same as G Δq ≤ h."""
-        rows = self.step_rows(configuration, dt)
-        return mink.Constraint(G=rows.rows.copy(), h=rows.bounds * dt)
+        """The rows of one step as G Δq ≤ h."""
+        rows, bounds, *_ = self.step_rows(configuration, dt)
+        return mink.Constraint(G=rows.copy(), h=bounds * dt)
 
     def row_name(self, row: int) -> str:
         """Name of the pair of a row of the last step."""
         return self.names[int(self.in_step.pairs[row])]
 
-    def falls_short(self, velocity: Array, dt: float) -> float:
-        """How far the last step's velocity leads below its margins, m, 0 if it does not.
-
-        With acceleration limits also how far it would, if the joints braked from then on.
-
-        Args:
-            velocity: Result of the step, (nv,), rad/s or m/s.
-            dt: Its length, s.
-        """
-        return self.in_step.lacks(velocity, dt)
-
-    def correct(self, velocity: Array, dt: float) -> bool:
-        """Add rows of where the last step's velocity leads, after :meth:`falls_short`.
-
-        They are linear in the difference from this velocity.
-
-        Returns:
-            Whether there are any.
-        """
-        return self.in_step.correct(velocity, dt)
-
     def nearest(self, q: Array) -> NearestPair | None:
         """The least distance on a motion whose joints go straight from row to row of q (N, nq).
 
-        Between the rows it is searched by subdivision, until no part can be nearer by
-        10 µm; ``None`` if there are no pairs or no rows.
+        Parts are halved until none can be nearer by 10 µm; ``None`` without pairs or rows.
         """
         q = self._shapes.configurations(q)
         if not len(self.pairs) or not len(q):
             return None
-        begin, share, step = np.arange(len(q) - 1), np.zeros(len(q) - 1), 1.0
         best = NearestPair(np.inf, 0.0, "")
-        at = np.arange(len(q), dtype=np.float64)
-        points = q
+        points, at = q, np.arange(len(q), dtype=np.float64)
+        starts, length = at[:-1], 1.0  # of the parts that may be nearer, in rows
         for _ in range(_HALVINGS):
             best = self._nearer(best, points, at)
-            left = q[begin] + share[:, None] * (q[begin + 1] - q[begin])
-            right = left + step * (q[begin + 1] - q[begin])
+            left, right = _between(q, starts), _between(q, starts + length)
             travel, straight = np.abs(right - left), np.zeros_like(left)
             least = self._shapes.least(left, right, travel, straight, best.distance)
-            open_ = least.min(axis=1) < best.distance - RESOLUTION
-            begin, share, step = begin[open_], share[open_], 0.5 * step
-            if not len(begin):
+            starts = starts[least.min(axis=1) < best.distance - RESOLUTION]
+            if not len(starts):
                 break
-            points = 0.5 * (left[open_] + right[open_])
-            at = begin + share + step
-            begin, share = np.tile(begin, 2), np.concatenate([share, share + step])
+            length *= 0.5
+            at = starts + length
+            points, starts = _between(q, at), np.concatenate([starts, at])
         return best
 
     def _nearer(self, best: NearestPair, q: Array, at: Array) -> NearestPair:
@@ -346,10 +288,9 @@ class Clearance(Constraint):
         the next it must not.
         """
         every = Clearance(self.model, self.distance, recovery_speed=self.recovery_speed)
-        own = set(map(tuple, self.pairs.tolist()))
-        kept = (every.margins(np.asarray(q, dtype=np.float64)) >= 0.0).all(axis=0)
-        kept &= np.array([tuple(pair) not in own for pair in every.pairs.tolist()], dtype=bool)
-        return every._of(every.pairs[kept])
+        number_of = np.array([self.model.ngeom, 1])  # a pair, as one number
+        ignored = ~np.isin(every.pairs @ number_of, self.pairs @ number_of)
+        return every._of(every.pairs[ignored & (every.margins(q) >= 0.0).all(axis=0)])
 
     def without_pairs(self) -> Clearance:
         """A clearance of the same model that asks for nothing."""
@@ -369,15 +310,11 @@ class Clearance(Constraint):
         return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"
 
 
-def _nearest(margins: Array, below: float) -> tuple[Indices, Array]:
-    """Indices and margins of the nearest pairs (N, k) of margins (N, P), −1 for those not below."""
-    which: Indices = np.tile(np.arange(margins.shape[1]), (len(margins), 1))
-    if margins.shape[1] > PLANNED:  # to sort all of them takes longer than to compute distances
-        which = np.argpartition(margins, PLANNED, axis=1)[:, :PLANNED]
-    order = np.argsort(np.take_along_axis(margins, which, axis=1), axis=1)
-    which = np.take_along_axis(which, order, axis=1)
-    found: Array = np.take_along_axis(margins, which, axis=1)
-    return np.where(found < below, which, -1), found
+def _between(q: Array, at: Array) -> Array:
+    """Configurations on the straight way through q (N, nq), at rows that need not be whole."""
+    row = np.minimum(at.astype(np.intp), len(q) - 2)
+    way: Array = q[row] + (at - row)[:, None] * (q[row + 1] - q[row])
+    return way
 
 
 def _ids(pairs: npt.ArrayLike, geoms: int) -> Indices:
@@ -395,12 +332,9 @@ def _ids(pairs: npt.ArrayLike, geoms: int) -> Indices:
 
 
 def _two_names(pair: Any) -> tuple[str, str]:
-    if (
-        isinstance(pair, (tuple, list))
-        and len(pair) == 2
-        and all(isinstance(name, str) for name in pair)
-    ):
-        return pair[0], pair[1]
-    raise InvalidInput(
-        f"Clearance(ignore=…): expected pairs of names of geoms or bodies, got {pair!r}."
-    )
+    is_pair = isinstance(pair, (tuple, list)) and len(pair) == 2
+    if not (is_pair and all(isinstance(name, str) for name in pair)):
+        raise InvalidInput(
+            f"Clearance(ignore=…): expected pairs of names of geoms or bodies, got {pair!r}."
+        )
+    return pair[0], pair[1]

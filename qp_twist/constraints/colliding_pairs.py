@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import re
 
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Indices
+from qp_twist.checks import Indices, Mask
 from qp_twist.errors import InvalidInput
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -26,27 +25,15 @@ def colliding_pairs(model: mujoco.MjModel) -> Indices:
     jointed to, with all bodies fixed to the latter; where that is fixed to the world, only it and
     the bodies between it and the world, so that what stands beside a robot's base remains.
     """
-    groups = _groups(model)
-    jointed = _jointed(model, groups)
-    excluded = {tuple(divmod(int(signature), 1 << 16)) for signature in model.exclude_signature}
-    stated = {
-        tuple(sorted((int(a), int(b))))
-        for a, b in zip(model.pair_geom1, model.pair_geom2, strict=True)
-    }
-    able = np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0))
-    found = set(stated)
-    for i, a in enumerate(able):
-        for b in able[i + 1 :]:
-            one, other = int(model.geom_bodyid[a]), int(model.geom_bodyid[b])
-            if (one, other) in excluded or (other, one) in excluded:
-                continue
-            if (one, other) in jointed or (other, one) in jointed:
-                continue
-            meets = model.geom_contype[a] & model.geom_conaffinity[b]
-            if meets or model.geom_contype[b] & model.geom_conaffinity[a]:
-                found.add((int(a), int(b)))
-    moving = sorted((a, b) for a, b in found if any(relative_joints(model, a, b)))
-    return np.array(moving, dtype=np.intp).reshape(-1, 2)
+    types, affinities = model.geom_contype, model.geom_conaffinity
+    able = np.flatnonzero((types != 0) | (affinities != 0))
+    a, b = able[np.array(np.triu_indices(len(able), 1))]
+    meets = (types[a] & affinities[b] | types[b] & affinities[a]) != 0
+    meets &= ~_left_out(model)[model.geom_bodyid[a], model.geom_bodyid[b]]
+    stated = np.sort(np.column_stack([model.pair_geom1, model.pair_geom2]), axis=1)
+    found = np.unique(np.vstack([np.column_stack([a, b])[meets], stated]), axis=0)
+    moving = [any(relative_joints(model, int(a), int(b))) for a, b in found]
+    return np.asarray(found[np.array(moving, dtype=bool)], dtype=np.intp)
 
 
 def check_shapes(model: mujoco.MjModel, pairs: Indices) -> None:
@@ -95,12 +82,14 @@ def relative_joints(model: mujoco.MjModel, one: int, other: int) -> tuple[list[i
 
 def geom_name(model: mujoco.MjModel, geom: int) -> str:
     """Its name; if it has none that of its body, with a number if that has several geoms."""
-    name = str(model.geom(geom).name)
-    if name:
-        return name
+    name, body = str(model.geom(geom).name), int(model.geom_bodyid[geom])
+    alone = model.body_geomnum[body] == 1
+    return name or (body_name(model, body) if alone else _numbered(model, geom))
+
+
+def _numbered(model: mujoco.MjModel, geom: int) -> str:
     body = int(model.geom_bodyid[geom])
-    label, count = body_name(model, body), int(model.body_geomnum[body])
-    return label if count == 1 else f"{label} geom {geom - int(model.body_geomadr[body]) + 1}"
+    return f"{body_name(model, body)} geom {geom - int(model.body_geomadr[body]) + 1}"
 
 
 def body_name(model: mujoco.MjModel, body: int) -> str:
@@ -111,39 +100,34 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
 def geoms_of(model: mujoco.MjModel, name: str) -> set[int]:
     """The geoms of a name: a geom, or a body with all geoms on it and on bodies fixed to it.
 
-    ``"BODY geom 2"`` is the second geom on that body, as :func:`geom_name` calls it.
+    ``"BODY geom 2"`` is the second geom on that body.
 
     Raises:
         InvalidInput: If neither has that name.
     """
-    found = {g for g in range(model.ngeom) if model.geom(g).name == name}
-    groups = _groups(model)
-    for body in range(model.nbody):
-        if model.body(body).name != name:
-            continue
-        fixed = {body}
-        for other in range(body + 1, model.nbody):  # parents come before their children
-            if int(model.body_parentid[other]) in fixed and groups[other] == groups[body]:
-                fixed.add(other)
-        found |= {g for g in range(model.ngeom) if int(model.geom_bodyid[g]) in fixed}
-        return found
-    if found:
-        return found
-    counted = re.fullmatch(r"(.+) geom ([1-9]\d*)", name)
-    for body in range(model.nbody) if counted else ():
-        number = int(counted[2]) if counted else 0
-        if counted and body_name(model, body) == counted[1] and number <= model.body_geomnum[body]:
-            return {int(model.body_geomadr[body]) + number - 1}
-    known = [str(model.geom(g).name) for g in range(model.ngeom)]
-    known += [str(model.body(b).name) for b in range(model.nbody)]
-    known = [name for name in dict.fromkeys(known) if name]  # a body may be called like its geom
-    near = difflib.get_close_matches(name, known, n=3)
-    hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {known}."
-    raise InvalidInput(f"ignore: no geom or body is called {name!r}; {hint}"[:600])
+    geoms = range(model.ngeom)
+    found = {g for g in geoms if name in (geom_name(model, g), _numbered(model, g))}
+    groups, fixed = _groups(model), set[int]()
+    for body in range(model.nbody):  # parents come before their children
+        parent = int(model.body_parentid[body])
+        if model.body(body).name == name or (parent in fixed and groups[body] == groups[parent]):
+            fixed.add(body)
+    found |= {g for g in geoms if int(model.geom_bodyid[g]) in fixed}
+    if not found and not fixed:
+        known = [str(model.geom(g).name) for g in geoms]
+        known += [str(model.body(b).name) for b in range(model.nbody)]
+        known = [name for name in dict.fromkeys(known) if name]  # a body may be called as a geom
+        near = difflib.get_close_matches(name, known, n=3)
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"there are {known}."
+        raise InvalidInput(f"ignore: no geom or body is called {name!r}; {hint}"[:600])
+    return found
 
 
 def _groups(model: mujoco.MjModel) -> Indices:
-    """Number of the group of bodies fixed to each other that each body belongs to, (nbody,)."""
+    """Number of the group of bodies fixed to each other that each body belongs to, (nbody,).
+
+    ``body_weldid``, but for bodies on a mocap body, which MuJoCo before 4 welds to the world.
+    """
     groups = np.arange(model.nbody)
     for body in range(1, model.nbody):
         if model.body_jntnum[body] == 0 and model.body_mocapid[body] < 0:
@@ -151,20 +135,19 @@ def _groups(model: mujoco.MjModel) -> Indices:
     return groups
 
 
-def _jointed(model: mujoco.MjModel, groups: Indices) -> set[tuple[int, int]]:
-    """Pairs of bodies that a joint connects, with those fixed to them."""
-    found: set[tuple[int, int]] = set()
-    for body in range(1, model.nbody):
-        if model.body_jntnum[body] == 0:
-            continue
+def _left_out(model: mujoco.MjModel) -> Mask:
+    """Which bodies a joint connects, with those fixed to them, or are excluded, (nbody, nbody)."""
+    groups = _groups(model)
+    found = np.zeros((model.nbody, model.nbody), dtype=bool)
+    for signature in model.exclude_signature:
+        found[divmod(int(signature), 1 << 16)] = True
+    for body in np.flatnonzero(model.body_jntnum):
         parent = int(model.body_parentid[body])
-        if groups[parent] != groups[0]:
-            base = [int(b) for b in np.flatnonzero(groups == groups[parent])]
-        else:
-            base, above = [], parent
-            while above > 0:
-                base.append(above)
-                above = int(model.body_parentid[above])
-        moved = [int(b) for b in np.flatnonzero(groups == body)]
-        found |= {(a, b) for a in base for b in moved}
-    return found
+        base = groups == groups[parent]
+        if groups[parent] == groups[0]:
+            base[:] = False
+            while parent > 0:
+                base[parent] = True
+                parent = int(model.body_parentid[parent])
+        found[np.ix_(base, groups == body)] = True
+    return found | found.T

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from functools import partial
-from typing import Any
 
 import mink
 import mujoco
@@ -19,17 +17,17 @@ from qp_twist.kinematics import JointRanges
 class Constraint(mink.Limit):
     r"""Base of constraints on configurations, m(q) ≥ 0, with margins m.
 
-    A constraint provides its :meth:`margins`, their :meth:`gradients`, a bound on their
-    :meth:`change`, and its ``names`` and ``units``. A step uses the rows
+    A subclass states :meth:`margins`, :meth:`gradients`, a bound on their :meth:`change`, ``names``
+    and ``units``. A step uses the rows
 
     .. math::
 
         -\nabla m(\mathbf q)^T \Delta\mathbf q \le \max(m(\mathbf q),\; -v\,dt)
 
-    with the ``recovery_speed`` v, at which a violated margin returns (a constraint is a
-    :class:`mink.Limit`, also for :func:`mink.solve_ik`). A plan uses the rows along the whole path.
-    A check proves from the bound that the constraint holds between two waypoints. Add it to a path
-    by ``dataclasses.replace(path_task, constraints=(…,))``, to a controller by ``limits``.
+    with the ``recovery_speed`` v, at which a violated margin returns; :func:`mink.solve_ik` takes
+    them, too. A plan uses the rows along the whole path. A check proves from the bound that the
+    constraint holds between two waypoints. Add it to a path by
+    ``dataclasses.replace(path_task, constraints=(…,))``, to a controller by ``limits``.
 
     Attributes:
         kind: Its name in messages and in :class:`~qp_twist.constraints.BindingLimit`.
@@ -160,12 +158,10 @@ def margins_of(constraint: Constraint, q: Array) -> Array:
 
 
 def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) -> None:
-    """Refuse a constraint that is inconsistent or does not fit the robot.
+    """Refuse a constraint whose kind, names, units and arrays do not fit each other or the robot.
 
     Raises:
-        InvalidInput: If its kind is not a name, or the shapes of its names, units, margins,
-            gradients and change do not match each other and this robot; the message begins with
-            ``label``.
+        InvalidInput: If so; the message begins with ``label``.
     """
     constraint.check_model(label, model)
     kind, names = constraint.kind, constraint.names
@@ -178,19 +174,17 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
             f"{constraint.units!r}."[:300]
         )
     q, travel = np.tile(model.qpos0, (2, 1)), np.ones((2, model.nv))
-    for what, evaluate, shape in (
-        ("margins(q)", partial(constraint.margins, q), (2, count)),
-        ("gradients(q)", partial(constraint.gradients, q), (2, count, model.nv)),
-        ("change(q, travel)", partial(constraint.change, q, travel), (2, count)),
-        (
-            "least(before, after, travel, curve)",
-            partial(constraint.least, q, q, travel, np.zeros_like(travel)),
-            (2, count),
-        ),
+    for what, arguments in (
+        ("margins(q)", (q,)),
+        ("gradients(q)", (q,)),
+        ("change(q, travel)", (q, travel)),
+        ("least(before, after, travel, curve)", (q, q, travel, np.zeros_like(travel))),
     ):
+        method = what.partition("(")[0]
+        shape = (2, count, model.nv) if method == "gradients" else (2, count)
         call = f"{label}: {what} of two configurations (2, {model.nq})"
         try:
-            found = float_array(call, evaluate())
+            found = float_array(call, getattr(constraint, method)(*arguments))
         except InvalidInput:
             raise
         except Exception as error:  # may be a class of the user
@@ -205,12 +199,7 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
 def check_constraints(
     name: str, constraints: Sequence[Constraint], model: mujoco.MjModel
 ) -> tuple[Constraint, ...]:
-    """Check the constraints of the path ``name``.
-
-    Raises:
-        InvalidInput: If one is not a :class:`Constraint`, constrains velocities, or its margins,
-            names and units do not match each other or the robot.
-    """
+    """The constraints of the path ``name``; what is none of this robot's is refused."""
     if not isinstance(constraints, (list, tuple)):
         raise InvalidInput(f"{name}: constraints: expected a list, got {constraints!r}.")
     if constraints and not JointRanges.of(model).only_hinges_and_slides:
@@ -232,33 +221,10 @@ def check_constraints(
                 "constraint on configurations; give those to the path as velocity_limits and "
                 "acceleration_limits."
             )
-        count, units = len(constraint.names), set(constraint.units)
-        if len(constraint.units) != count or len(units) > 1 or not units <= {"m", "rad"}:
+        if set(constraint.units) not in (set(), {"m"}, {"rad"}):
             raise InvalidInput(
-                f"{label}: expected a unit for each of its {count} names, all 'm' or all 'rad', "
-                f"got {constraint.units!r}."
+                f"{label}: expected a unit for each of its {len(constraint.names)} names, all 'm' "
+                f"or all 'rad', got {constraint.units!r}."
             )
         check_constraint(label, constraint, model)
     return tuple(constraints)
-
-
-def check_model(name: str, item: Any, nv: int) -> None:
-    """Refuse a limit or task made for a model with another number of degrees of freedom.
-
-    Raises:
-        InvalidInput: If it was.
-    """
-    given: int | None = None
-    if isinstance(getattr(item, "ranges", None), JointRanges):
-        given = len(item.ranges.names)
-    elif isinstance(item, mink.PostureTask):  # a DampingTask, too
-        given = len(item.cost)
-    elif isinstance(item, mink.VelocityLimit) and item.projection_matrix is not None:
-        given = int(np.shape(item.projection_matrix)[1])
-    elif isinstance(getattr(item, "model", None), mujoco.MjModel):
-        given = int(item.model.nv)
-    if given is not None and given != nv:
-        raise InvalidInput(
-            f"{name}: {type(item).__name__} is for a model of {given} degrees of freedom, this one "
-            f"has {nv}; make it from the same model."
-        )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
-from qp_twist.checks import Array, Indices, number, one_of
+from qp_twist.checks import Array, Indices, Mask, number, one_of
+from qp_twist.constraints.colliding_pairs import body_name
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -35,8 +36,7 @@ class JointCouplings(Constraint):
     count.
 
     A path whose model couples joints always has this constraint, with the default tolerance unless
-    another is passed; so has a :class:`~qp_twist.Controller` without ``limits``. The joints do not
-    have to move the tool: the fingers of a gripper are kept together as well.
+    another is passed; so has a :class:`~qp_twist.Controller` without ``limits``.
 
     Attributes:
         tolerance: ε, rad or m.
@@ -62,13 +62,11 @@ class JointCouplings(Constraint):
         Args:
             model: The robot.
             tolerance: ε, rad or m.
-            unit: ``"rad"``: only those whose first joint is a hinge; ``"m"``: a slide; ``None``:
-                all of them.
+            unit: Only those whose first joint is a hinge, ``"rad"``, or a slide, ``"m"``.
             recovery_speed: Speed at which a step corrects a violated coupling, rad/s or m/s.
 
         Raises:
-            InvalidInput: If the tolerance or the speed is not above 0, or the model's coefficients
-                are no numbers.
+            InvalidInput: If a number is not above 0, or a coefficient of the model is none.
         """
         ranges = JointRanges.of(model)
         self.tolerance = number("tolerance", tolerance, above=0.0)
@@ -77,15 +75,13 @@ class JointCouplings(Constraint):
             one_of("unit", unit, ("rad", "m"))
         active = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
         rows = np.flatnonzero(active)
-        dofs = model.jnt_dofadr[model.eq_obj1id[rows]]
         if unit is not None:
-            chosen = [ranges.units[dof] == unit for dof in dofs]
-            rows, dofs = rows[chosen], dofs[chosen]
+            units = np.array(ranges.units)[model.jnt_dofadr[model.eq_obj1id[rows]]]
+            rows = rows[units == unit]
         alone = model.eq_obj2id[rows] < 0
-        self.first: Indices = dofs.astype(np.intp)
-        self.second: Indices = np.where(
-            alone, self.first, model.jnt_dofadr[model.eq_obj2id[rows]]
-        ).astype(np.intp)
+        joints = np.where(alone, model.eq_obj1id[rows], model.eq_obj2id[rows])
+        self.first: Indices = model.jnt_dofadr[model.eq_obj1id[rows]].astype(np.intp)
+        self.second: Indices = model.jnt_dofadr[joints].astype(np.intp)
         self.start: Array = model.qpos0[ranges.qpos[np.column_stack([self.first, self.second])]]
         self.coefficients: Array = model.eq_data[rows, :5].copy()
         self.coefficients[alone, 1:] = 0.0
@@ -99,19 +95,21 @@ class JointCouplings(Constraint):
         self._each = np.arange(len(self.names))
         self._first = np.zeros((len(self.names), model.nv))
         self._first[self._each, self.first] = 1.0
-        # Coefficients of p and its derivatives for Horner's rule, from the highest power.
+        # Coefficients of p and its derivatives, without powers that no coupling has.
         degree = int(np.flatnonzero(self.coefficients.any(axis=0)).max(initial=0))
-        self._horner = [
-            [math.perm(power, order) * self.coefficients[:, power]
-             for power in range(degree, order - 1, -1)]
-            for order in range(5)
-        ]  # fmt: skip
+        powers = self.coefficients[:, : degree + 1].T
+        self._derivatives = [polyder(powers, order) for order in range(5)]
         if not np.isfinite(self.coefficients).all():
             broken = self.names[int(np.argmin(np.isfinite(self.coefficients).all(axis=1)))]
             raise InvalidInput(
                 f"model: the coupling of {broken} has coefficients that are no numbers; check "
                 "polycoef in the scene's <equality>."
             )
+
+    @property
+    def curved(self) -> Mask:
+        """Which of them are not linear, (C,)."""
+        return np.asarray(self.coefficients[:, 2:].any(axis=1))
 
     def residuals(self, q: Array) -> Array:
         """θ₁ − p(θ₂) of configurations q (N, nq), rad or m, (N, C)."""
@@ -176,10 +174,7 @@ class JointCouplings(Constraint):
     def _p(self, order: int, positions: Array) -> Array:
         """p − θ₁⁰ or its derivative of some order at joint positions (N, nv), (N, C)."""
         x = positions[:, self.second] - self.start[:, 1]
-        value = np.zeros_like(x)
-        for c in self._horner[order]:
-            value = value * x + c
-        return value
+        return np.asarray(polyval(x, self._derivatives[order], tensor=False), dtype=np.float64)
 
 
 def couplings_of(
@@ -187,9 +182,7 @@ def couplings_of(
 ) -> tuple[JointCouplings, ...]:
     """The couplings of a model, one constraint for each unit, as a path needs them.
 
-    Args:
-        model: The robot.
-        templates: Tolerances and recovery speeds by unit; they may be of another model.
+    Tolerances and recovery speeds are by unit those of ``templates``, even of another model.
     """
     like = {unit: couplings for couplings in templates for unit in couplings.units}
     made = (
@@ -208,14 +201,7 @@ def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:
     """Refuse a scene with active equality constraints that nothing on a path keeps.
 
     Those are all but couplings of joints: ``<connect>`` and ``<weld>`` between bodies that joints
-    move against each other, tendons and flexible bodies.
-
-    Args:
-        label: What the message begins with.
-        model: The scene.
-
-    Raises:
-        InvalidInput: If there is one; with its name or its bodies.
+    move against each other, tendons and flexible bodies. The message begins with ``label``.
     """
     active = (model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
     for row in np.flatnonzero(active):
@@ -227,9 +213,7 @@ def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:
                 ends = [int(model.site_bodyid[site]) for site in ends]
             if model.body_weldid[ends[0]] == model.body_weldid[ends[1]]:
                 continue  # no joint moves one against the other
-            between = " between " + " and ".join(
-                repr(str(model.body(body).name) or f"body {body}") for body in ends
-            )
+            between = " between " + " and ".join(repr(body_name(model, body)) for body in ends)
         called = str(model.equality(int(row)).name)
         raise InvalidInput(
             f"{label}: there is the equality constraint "
@@ -261,9 +245,8 @@ def share_limits(
             ranges have no position in common.
     """
     couplings = JointCouplings(model)
-    linear = (couplings.coefficients[:, 2:] == 0.0).all(axis=1)
-    pairs = np.column_stack([couplings.first, couplings.second])
-    bent = np.flatnonzero(~linear & np.isfinite(acceleration[pairs]).any(axis=1))
+    curved, pairs = couplings.curved, np.column_stack([couplings.first, couplings.second])
+    bent = np.flatnonzero(curved & np.isfinite(acceleration[pairs]).any(axis=1))
     if len(bent):
         raise InvalidInput(
             f"acceleration: {_names(couplings, int(bent[0]))} are coupled by a polynomial that is "
@@ -272,7 +255,7 @@ def share_limits(
         )
     ratios = couplings.coefficients[:, 1]
     offsets = couplings.start[:, 0] + couplings.coefficients[:, 0] - ratios * couplings.start[:, 1]
-    paired = np.flatnonzero(linear & (ratios != 0.0))
+    paired = np.flatnonzero(~curved & (ratios != 0.0))
     for _ in paired:  # enough passes for any chain of couplings
         for k in paired:
             one, other = pairs[k]
@@ -287,14 +270,6 @@ def share_limits(
                     f"{_names(couplings, int(k))} are coupled, but their ranges have no position "
                     "in common; check the scene's <equality>."
                 )
-
-
-def coupled_nonlinearly(model: mujoco.MjModel) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which degrees of freedom are coupled to another by a polynomial that is not linear, (nv,)."""
-    couplings, bent = JointCouplings(model), np.zeros(model.nv, dtype=np.bool_)
-    curved = (couplings.coefficients[:, 2:] != 0.0).any(axis=1)
-    bent[couplings.first[curved]] = bent[couplings.second[curved]] = True
-    return bent
 
 
 def _names(couplings: JointCouplings, number: int) -> str:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, float_array, number
-from qp_twist.constraints.box import Box, intersect
-from qp_twist.constraints.couplings import coupled_nonlinearly, share_limits
+from qp_twist.constraints.box import Box, Intersection
+from qp_twist.constraints.couplings import JointCouplings, share_limits
 from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit, array_attribute
 from qp_twist.constraints.stopping_speed import stopping_speed
 from qp_twist.errors import InvalidInput
@@ -94,11 +94,13 @@ class MotionLimit(PositionLimit):
         """
         super().__init__(model, margin=margin, recovery_speed=recovery_speed)
         fastest = per_joint("velocity", velocity, self.ranges)
-        by_default = isinstance(acceleration, str) and acceleration == "default"
-        hardest = per_joint("acceleration", None if by_default else acceleration, self.ranges)
-        if by_default:
-            brakes = ~coupled_nonlinearly(model)  # those have no fixed acceleration limit
-            hardest[brakes] = fastest[brakes] / FULL_SPEED_WITHIN
+        if isinstance(acceleration, str) and acceleration == "default":
+            hardest = fastest / FULL_SPEED_WITHIN
+            couplings = JointCouplings(model)  # curved ones leave no fixed acceleration limit
+            for joints in (couplings.first, couplings.second):
+                hardest[joints[couplings.curved]] = np.inf
+        else:
+            hardest = per_joint("acceleration", acceleration, self.ranges)
         lower, upper = self.lower.copy(), self.upper.copy()
         share_limits(model, lower, upper, hardest, fastest, self._recovery)
         self._keep_between(lower, upper)
@@ -123,7 +125,7 @@ class MotionLimit(PositionLimit):
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """The intersection of the limits, rad/s or m/s, each (nv,)."""
-        box = intersect(self.boxes(configuration, dt), configuration.model)
+        box = Intersection(self.boxes(configuration, dt), configuration.model)
         return box.lower, box.upper
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
@@ -155,24 +157,17 @@ class MotionLimit(PositionLimit):
 def per_joint(
     name: str, value: Mapping[str, float] | npt.ArrayLike | None, ranges: JointRanges
 ) -> Array:
-    """Limits by degree of freedom, (nv,); ∞ without a limit.
+    """Limits above 0 by degree of freedom, (nv,); ∞ without a limit.
 
-    Args:
-        name: Name of the value in messages.
-        value: By joint name (a ball or free joint's counts for each of its degrees of freedom), a
-            number for all, an array (nv,), or ``None`` for no limits. Entries are above 0, ``inf``
-            included.
-        ranges: Joint ranges of the model.
-
-    Raises:
-        InvalidInput: If there is no such joint, or a shape or a sign is wrong.
+    They are stated by joint name (a ball or free joint's counts for each of its degrees of
+    freedom), as a number for all, or as an array (nv,). Messages begin with ``name``.
     """
-    nv = len(ranges.names)
+    nv, names = len(ranges.names), np.array(ranges.names)
     limits = np.full(nv, np.inf)
     if isinstance(value, Mapping):
         for joint, limit in value.items():
-            dofs = [dof for dof in range(nv) if ranges.names[dof] == joint]
-            if not dofs:
+            dofs = names == joint
+            if not dofs.any():
                 raise InvalidInput(
                     f"{name}.{joint}: the model has no joint of that name; it has "
                     f"{', '.join(dict.fromkeys(ranges.names))}."

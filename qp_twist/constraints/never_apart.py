@@ -17,11 +17,11 @@ _NAMED = 4
 """Largest number of pairs that a message names."""
 
 
-def random_configurations(clearance: Clearance, count: int = LOOKED_AT) -> Array:
+def random_configurations(clearance: Clearance) -> Array:
     """Random configurations inside the joint limits, (N, nq), always the same ones."""
     ranges = JointRanges.of(clearance.model)
-    q = np.tile(clearance.model.qpos0, (count, 1))
-    q[:, ranges.qpos] = ranges.random(count, np.random.default_rng(0))
+    q = np.tile(clearance.model.qpos0, (LOOKED_AT, 1))
+    q[:, ranges.qpos] = ranges.random(LOOKED_AT, np.random.default_rng(0))
     return q
 
 
@@ -41,11 +41,7 @@ def touching_share(clearance: Clearance, pair: int, q: Array) -> float:
 
 
 def refuse_never_apart(name: str, clearance: Clearance) -> None:
-    """Refuse a clearance that no motion keeps.
-
-    Args:
-        name: Name of the task.
-        clearance: Its clearance.
+    """Refuse the clearance of the task ``name`` that no motion keeps.
 
     Raises:
         InvalidInput: If pairs are nearer than the distance in every random configuration; with

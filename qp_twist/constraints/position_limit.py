@@ -1,4 +1,4 @@
-"""Joint position limits."""
+"""Limits that keep each joint between two ends: its range, or a window for one waypoint."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Any
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, float_array, number, read_only
+from qp_twist.checks import Array, checked, finite_array, float_array, number, read_only
 from qp_twist.constraints.box import BoxLimit
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
@@ -23,10 +24,9 @@ reported."""
 
 
 def array_attribute() -> Any:
-    """An attribute that holds an array, (nv,); entries may be infinite.
+    """An array (nv,) that may be infinite; read-only: assign another one to change it.
 
-    The array is read-only; assign another one to change it. Each assignment increments the limit's
-    ``revision``, by which a compiled step notices the change.
+    Each assignment increments the limit's ``revision``, by which a compiled step notices it.
     """
     return checked(_copied)
 
@@ -42,13 +42,7 @@ def _copied(limit: Any, name: str, value: Any) -> Array:
 
 
 class JointRangeLimit(BoxLimit, Constraint):
-    """Base of limits that keep each joint between two ends.
-
-    Attributes:
-        lower: Lower end, rad or m, (nv,); −∞ without one.
-        upper: Upper end, (nv,); ∞ without one.
-        ranges: Joints of the model.
-    """
+    """Base of limits that keep each joint between two ends, rad or m, (nv,), which may be ±∞."""
 
     lower: Array
     upper: Array
@@ -110,18 +104,16 @@ class PositionLimit(JointRangeLimit):
             recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
 
         Raises:
-            InvalidInput: If a ball joint has a limit, which is not a bound on one velocity, or the
-                margin leaves a joint no range.
+            InvalidInput: If a ball joint has a limit, or the margin leaves a joint no range.
         """
         super().__init__(model)
-        for joint in range(model.njnt):
-            ball = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL
-            if ball and model.jnt_limited[joint]:
-                raise InvalidInput(
-                    f"{type(self).__name__}: ball joint {model.joint(joint).name!r} has a limit, "
-                    "which is not a bound on one velocity; pass "
-                    "limits=[mink.ConfigurationLimit(model)] instead."
-                )
+        balls = (model.jnt_type == mujoco.mjtJoint.mjJNT_BALL) & (model.jnt_limited != 0)
+        for joint in np.flatnonzero(balls).tolist():
+            raise InvalidInput(
+                f"{type(self).__name__}: ball joint {model.joint(joint).name!r} has a limit, which "
+                "is not a bound on one velocity; pass limits=[mink.ConfigurationLimit(model)] "
+                "instead."
+            )
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
         self._recovery = np.full(model.nv, self.recovery_speed)
         margin = number("margin", margin, at_least=0.0)
@@ -170,3 +162,43 @@ class PositionLimit(JointRangeLimit):
     def _fastest(self, room: Array, dt: float) -> Array:
         """Largest speed towards a limit that is ``room`` (…, nv) away."""
         return room / dt
+
+
+class DisplacementWindow(JointRangeLimit):
+    r"""Keep :math:`|\theta - \theta_{ref}| \le w` for each joint.
+
+    With w = v_max · Δt it is the velocity limit for a whole waypoint: all iterations of a waypoint
+    together move a joint by at most w.
+    """
+
+    kind = "velocity"
+
+    def __init__(
+        self, model: mujoco.MjModel, q_ref: npt.ArrayLike, half_width: npt.ArrayLike
+    ) -> None:
+        """Open it at the last waypoint, q_ref (nq,), by w, rad or m, (nv,); ∞ without a limit.
+
+        Raises:
+            InvalidInput: If a shape is wrong or a width is negative or NaN.
+        """
+        super().__init__(model)
+        self._nq = model.nq
+        self.move(q_ref, half_width)
+
+    def move(self, q_ref: npt.ArrayLike, half_width: npt.ArrayLike) -> None:
+        """Move the window to ``q_ref``, for the next waypoint; arguments as above."""
+        self.reference = self.ranges.positions(finite_array("q_ref", q_ref, (self._nq,)))
+        self.half_width = float_array("half_width", half_width)
+        if self.half_width.shape != self.reference.shape or not (self.half_width >= 0.0).all():
+            raise InvalidInput(
+                f"DisplacementWindow: half_width needs {len(self.reference)} numbers of at least "
+                f"0, got {half_width!r}."
+            )
+        self.lower = self.reference - self.half_width
+        self.upper = self.reference + self.half_width
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+        """(θ_ref ∓ w − θ)/dt, rad/s or m/s, each (nv,)."""
+        below, above = self._room(configuration.q) / number("dt", dt, above=0.0)
+        # Rounding may leave the joint an ulp outside its window: standing still is always allowed.
+        return np.minimum(-below, 0.0), np.maximum(above, 0.0)

@@ -1,4 +1,4 @@
-"""Distances of pairs of geoms at many configurations: a model's geoms as the kernel takes them."""
+"""A model's geoms as the kernel takes them: distances at many configurations, rows of a step."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import contextlib
 import math
 from typing import Any
 
+import mink
 import mujoco
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -24,8 +25,15 @@ from qp_twist.kernel.clearance_kernel import (
     least_distances,
     move_obstacles,
 )
+from qp_twist.kernel.clearance_rows import Braking, correct, lack_of, write_rows
 from qp_twist.kernel.compiling import bound
 from qp_twist.kernel.convex import MESH, PLANE
+from qp_twist.kinematics import JointRanges
+
+HORIZON = 0.2
+"""Margin below which a pair has a row in a step, m."""
+_EXACT = 1e-10
+"""Room of the rows that hold a velocity, rad or m."""
 
 
 class MovingShapes:
@@ -68,9 +76,7 @@ class MovingShapes:
         ``enough``.
         """
         q = self.configurations(q)
-        found = np.zeros((len(q), len(self._pairs)))
-        self._ask(distances, q, max(float(enough), 0.0), found)
-        return found
+        return self._of_pairs(distances, q, max(float(enough), 0.0))
 
     def first_below(self, q: Array, distance: float) -> Indices:
         """Index of the first pair nearer than ``distance`` at each configuration, or −1, (N,)."""
@@ -91,23 +97,18 @@ class MovingShapes:
 
     def changes(self, q: Array, travel: Array) -> Array:
         """Bounds of the distances' variation on motions from q, m, (N, P)."""
-        q, travel = self.configurations(q), _rows("travel", travel, self._model.nv)
-        found = np.zeros((len(q), len(self._pairs)))
-        self._ask(changes, q, travel, found)
-        return found
+        return self._of_pairs(changes, self.configurations(q), self._per_joint("travel", travel))
 
     def least(
         self, before: Array, after: Array, travel: Array, curve: Array | None, distance: float
     ) -> Array:
         """Lower bounds of the distances between two configurations, sharp below ``distance``."""
         before, after = self.configurations(before), self.configurations(after)
-        travel = _rows("travel", travel, self._model.nv)
-        unknown = np.full_like(travel, np.inf)
-        curve = unknown if curve is None else _rows("curve", curve, self._model.nv)
-        found = np.zeros((len(before), len(self._pairs)))
-        sharp = max(float(distance), 0.0)
-        self._ask(least_distances, before, after, travel, curve, sharp, found)
-        return found
+        travel = self._per_joint("travel", travel)
+        curve = np.full_like(travel, np.inf) if curve is None else self._per_joint("curve", curve)
+        return self._of_pairs(
+            least_distances, before, after, travel, curve, max(float(distance), 0.0)
+        )
 
     def take_mocap(self, data: mujoco.MjData) -> None:
         """Take the poses of mocap bodies, obstacles that move, from MuJoCo's data.
@@ -130,6 +131,27 @@ class MovingShapes:
             )
         self.has_moved, self._copies = True, []
 
+    def configurations(self, q: Array) -> Array:
+        """Configurations (N, nq) as the kernel takes them.
+
+        Raises:
+            InvalidInput: If they are no numbers, have another shape, or are not finite: NaN is
+                neither near nor clear.
+        """
+        rows = _rows("q", q, self._model.nq)
+        if not math.isfinite(rows.sum()):
+            raise InvalidInput("q: expected finite joint positions; it has NaN or infinite ones.")
+        return rows
+
+    def _per_joint(self, name: str, array: Array) -> Array:
+        return _rows(name, array, self._model.nv)
+
+    def _of_pairs(self, question: Any, q: Array, *arguments: Any) -> Array:
+        """The answer of a kernel for each configuration and pair, (N, P)."""
+        found = np.zeros((len(q), len(self._pairs)))
+        self._ask(question, q, *arguments, found)
+        return found
+
     def _ask(self, question: Any, *arguments: Any) -> None:
         """Call a kernel of the clearance on a copy of the cell that no other thread uses."""
         copies = self._copies
@@ -144,18 +166,6 @@ class MovingShapes:
         copies.append(cell)
 
     # ------------------------------------------------------------------ layout
-
-    def configurations(self, q: Array) -> Array:
-        """Configurations (N, nq) as the kernel takes them.
-
-        Raises:
-            InvalidInput: If they are no numbers, have another shape, or are not finite: NaN is
-                neither near nor clear.
-        """
-        rows = _rows("q", q, self._model.nq)
-        if not math.isfinite(rows.sum()):
-            raise InvalidInput("q: expected finite joint positions; it has NaN or infinite ones.")
-        return rows
 
     def _write_tree(self, geoms: Indices) -> None:
         """Write bodies and joints."""
@@ -196,12 +206,9 @@ class MovingShapes:
                 self.cell.vertices[first : first + len(of_mesh)] = of_mesh
                 first += len(of_mesh)
                 lower, upper = of_mesh.min(axis=0), of_mesh.max(axis=0)
-                shapes["center"][k], shapes["half"][k] = (
-                    0.5 * (lower + upper),
-                    0.5 * (upper - lower),
-                )
-                from_center = np.linalg.norm(of_mesh - shapes["center"][k], axis=1)
-                shapes["ball"][k] = from_center.max()
+                center = 0.5 * (lower + upper)
+                shapes["center"][k], shapes["half"][k] = center, 0.5 * (upper - lower)
+                shapes["ball"][k] = np.linalg.norm(of_mesh - center, axis=1).max()
 
     def _write_pairs(self, geoms: Indices, chains: list[tuple[list[int], list[int]]]) -> None:
         """Write the pairs, with the joints that move A but not B, and vice versa."""
@@ -211,9 +218,114 @@ class MovingShapes:
         pairs["last"] = np.cumsum(lengths.sum(axis=1))
         pairs["middle"] = pairs["last"] - lengths[:, 1]
         pairs["first"] = pairs["middle"] - lengths[:, 0]
-        bodies = self._model.geom_bodyid[geoms]
-        carried = np.array([_is_carried(self._model, int(b)) for b in bodies], dtype=bool)
+        # Mocap bodies are children of the world.
+        roots = self._model.body_rootid[self._model.geom_bodyid[geoms]]
+        carried = self._model.body_mocapid[roots] >= 0
         pairs["obstacle"] = carried[pairs["one"]] | carried[pairs["other"]]
+
+
+class ClearanceStep:
+    """One clearance from step to step: its rows, and what a velocity lacks.
+
+    Attributes:
+        least: The least margin left if the joints brake and no obstacle moves, m.
+        has_begun: Whether a step is being computed, possibly several times.
+    """
+
+    def __init__(self, shapes: MovingShapes, ranges: JointRanges) -> None:
+        """Allocate the rows for ``shapes``."""
+        nv, pairs = len(ranges.lower), len(shapes.cell.pairs)
+        # Pairs and joints have rows; then come corrections, and those that hold a velocity.
+        rows = 2 * pairs + 200 + 4 * nv
+        self._shapes, self._state = shapes, Braking.empty(ranges.nq, nv, pairs, rows)
+        self._state.lower[:], self._state.upper[:] = ranges.lower, ranges.upper
+        self._state.hardest[:] = self._state.fastest[:] = np.inf
+        self._limits: tuple[Array | None, Array | None] = None, None
+        self._count, self.least, self.has_begun = 0, np.inf, False
+        self._known = known = shapes.cell, self._state
+        self._write_rows = bound(write_rows, *known, 1.0, 1.0, 1.0, 1.0, False)
+        self._lack_of = bound(lack_of, *known, self._state.before, 1.0)
+        self._correct = bound(correct, *known, self._state.before, 1.0, 0)
+
+    def begin(
+        self,
+        configuration: mink.Configuration,
+        velocity: Array | None = None,
+        hardest: Array | None = None,
+        fastest: Array | None = None,
+    ) -> None:
+        """Begin a step: its rows may be evaluated several times, its obstacles move once.
+
+        Args:
+            configuration: That of the step.
+            velocity: Velocity of the joints before it, rad/s or m/s, (nv,).
+            hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
+            fastest: Their velocity limits, rad/s or m/s, (nv,), likewise; both are read when other
+                arrays are passed. What the joints cannot come near has no row.
+        """
+        self._shapes.take_mocap(configuration.data)
+        s, self._count, self.has_begun = self._state, -1, True
+        if hardest is not self._limits[0] or fastest is not self._limits[1]:
+            self._limits, s.before[:] = (hardest, fastest), 0.0
+            s.hardest[:] = np.inf if hardest is None else hardest
+            s.fastest[:] = np.inf if fastest is None else fastest
+        if velocity is not None:
+            s.before[:] = velocity
+
+    def rows(
+        self, q: Array, dt: float, distance: float, recovery_speed: float
+    ) -> tuple[Array, Array, Array, Indices]:
+        """The rows G q̇ ≤ g at a configuration q (nq,), and corrections that have been added.
+
+        They keep a distance, m, and let a pair that is too near return at a speed, m/s.
+
+        Returns:
+            G (k, nv) and g (k,), views that the next step overwrites; the part of g that is what
+            is left of the margin, over dt, else 0, (k,); and the pair of each row, (k,).
+        """
+        s = self._state
+        if self._count < 0:
+            s.q[:] = q
+            self._count, self.least = self._write_rows(
+                *self._known, dt, distance, HORIZON, recovery_speed, self._shapes.has_moved
+            )
+        k = self._count
+        return s.G[:k], s.g[:k], s.room[:k], self.pairs
+
+    @property
+    def pairs(self) -> Indices:
+        """The pair of each row, (k,)."""
+        return self._state.pair[: self._count].copy()
+
+    def lacks(self, velocity: Array, dt: float) -> float:
+        """By how much a velocity (nv,) leads below what it may leave of the margins, m.
+
+        With acceleration limits also how far it would, if the joints braked from then on.
+        """
+        lack: float = self._lack_of(*self._known, np.ascontiguousarray(velocity, float), dt)
+        return lack
+
+    def correct(self, velocity: Array, dt: float) -> bool:
+        """Add rows of where a velocity leads that lacks something; whether there are any."""
+        before, velocity = self._count, np.ascontiguousarray(velocity, float)
+        self._count = self._correct(*self._known, velocity, dt, before)
+        return self._count > before
+
+    @property
+    def braked(self) -> Array:
+        """The hardest braking from the last velocity, rad/s or m/s, (nv,)."""
+        return self._state.braked.copy()
+
+    def hold(self, velocity: Array, dt: float) -> None:
+        """Replace all rows by those that hold a velocity (nv,).
+
+        It need not satisfy the others, which are linear, and with both there might be no step.
+        """
+        s, nv = self._state, len(velocity)
+        self._count = count = 2 * nv
+        s.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
+        s.g[:count] = np.concatenate([velocity, -velocity]) + _EXACT / dt
+        s.room[:count], s.pair[:count] = 0.0, np.argmin(self._shapes.cell.pairs["worst"])
 
 
 def _vertices(model: mujoco.MjModel, geom: int) -> Array:
@@ -226,15 +338,6 @@ def _vertices(model: mujoco.MjModel, geom: int) -> Array:
     with contextlib.suppress(QhullError):  # flat
         vertices = vertices[ConvexHull(vertices).vertices]
     return vertices
-
-
-def _is_carried(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a body is a mocap body or carried by one, on joints too."""
-    while body > 0:
-        if model.body_mocapid[body] >= 0:
-            return True
-        body = int(model.body_parentid[body])
-    return False
 
 
 def _chains(model: mujoco.MjModel, one: int, other: int) -> tuple[list[int], list[int]]:

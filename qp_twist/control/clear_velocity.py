@@ -41,7 +41,7 @@ def clear_velocity(
     """
 
     def is_clear(velocity: Array) -> bool:
-        return all(clearance.falls_short(velocity, dt) <= kept for clearance in clearances)
+        return all(clearance.in_step.lacks(velocity, dt) <= kept for clearance in clearances)
 
     def between(rest: Array) -> Array | None:
         for share in _SHARES:

@@ -10,7 +10,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints import Box, LimitRows, MinkRange, Named, RowsOf, kind_of
-from qp_twist.constraints.evaluated_limit import UNLIMITED
+from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.control.lazy_step import LazyStep, StepLabels
 from qp_twist.control.mink_costs import WeightedRows
 from qp_twist.control.posing import STEEPEST

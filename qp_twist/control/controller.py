@@ -309,14 +309,14 @@ class Controller:
         if clearances:
             moving = self._moving()
             for clearance in clearances:
-                clearance.begin(configuration, *moving)
+                clearance.in_step.begin(configuration, *moving)
         try:
             step = self._solved(configuration, dt, h)
             if clearances:
                 step = self._kept_clear(step, configuration, dt, h)
         finally:
             for clearance in clearances:
-                clearance.has_begun = False
+                clearance.in_step.has_begun = False
         self._note(step.velocity)
         return step
 
@@ -348,12 +348,12 @@ class Controller:
         """
         clearances = self._sorted_limits().clearances
         for correction in range(_CORRECTIONS + 1):
-            lacking = [c for c in clearances if c.falls_short(step.velocity, dt) > _KEPT]
+            lacking = [c for c in clearances if c.in_step.lacks(step.velocity, dt) > _KEPT]
             if not lacking:
                 break
             corrected = False
             for clearance in lacking if correction < _CORRECTIONS else ():
-                corrected |= clearance.correct(step.velocity, dt)
+                corrected |= clearance.in_step.correct(step.velocity, dt)
             if not corrected:
                 self._hold_clear(clearances, step.velocity, configuration, dt)
             step = self._solved(configuration, dt, h)

@@ -27,12 +27,11 @@ from qp_twist.constraints import (
     Constraint,
     LimitRows,
     MinkRange,
+    bounds_of,
     check_constraint,
     check_model,
     default_range,
     gather_limits,
-    range_of,
-    speeds_of,
 )
 from qp_twist.control.mink_costs import (
     WeightedRows,
@@ -289,7 +288,7 @@ def _evaluated(
         if limiting is None:
             bounds = [default_range(configuration.model)]
         else:
-            bounds = [_bounds_of(limit, configuration, dt) for limit in limiting]
+            bounds = [bounds_of(limit, configuration, dt) for limit in limiting]
         rows = [_constraint_rows(task, configuration, dt) for task in equalities]
     except Exception:
         _check_items("tasks", costed, configuration.model)
@@ -297,24 +296,6 @@ def _evaluated(
         _check_items("constraints", equalities, configuration.model)
         raise
     return _Problem(costed, costs, limiting, bounds, equalities, rows, damping, dt)
-
-
-def _bounds_of(
-    limit: Any, configuration: mink.Configuration, dt: float
-) -> MinkRange | LimitRows | tuple[Box, ...]:
-    """Bounds of a limit; mink's own limits on single joints do not have to compute their rows."""
-    if type(limit) is mink.ConfigurationLimit:
-        joint_range = range_of(limit, configuration.model)
-        if joint_range is not None:
-            return joint_range
-    elif type(limit) is mink.VelocityLimit:
-        speeds = speeds_of(limit, configuration.model.nv)
-        if speeds is not None:
-            return (speeds,)
-    elif _is_a(limit, BoxLimit):
-        boxes: tuple[Box, ...] = limit.boxes(configuration, dt)
-        return boxes
-    return LimitRows.of(limit, configuration, dt)
 
 
 def _by_reference(

@@ -121,7 +121,7 @@ def _residuals(posed: Posed, velocity: Array, scale: float) -> tuple[Array, ...]
 def _binding(posed: Posed, box: Array, rows: Array, floor: float = 0.0) -> tuple[BindingLimit, ...]:
     """The limits with a multiplier above ``floor``: of bounds (n,) and of rows (k,)."""
     limits = posed.limits
-    kinds = limits.box.lower_kind, limits.box.upper_kind
+    kinds = limits.lower_kind, limits.upper_kind
     names, nv = limits.names, len(limits.lower)
     found = binding_limits(box[:nv], rows, floor, names, kinds, posed.sources)
     if posed.braking is not None and not found:

@@ -17,7 +17,7 @@ from qp_twist.constraints import (
     kind_of,
     qpos_of,
 )
-from qp_twist.constraints.evaluated_limit import UNLIMITED
+from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.constraints.position_limit import NOTICEABLE
 from qp_twist.control.composition import BOXES
 from qp_twist.control.posing import FASTEST, NEARLY_UNSEEN, STEEPEST
@@ -112,7 +112,7 @@ def state_of_mink(limit: Any) -> tuple[object, ...]:
 
 
 def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
-    """Numbers of the kinds of bounds, in the order of ``intersect``.
+    """Numbers of the kinds of bounds, in the order of ``Intersection``.
 
     Other kinds are numbered around velocities, in the order of the limits.
     """

@@ -166,7 +166,7 @@ class SaturationResolver(Resolver):
         names = []
         for dof in np.flatnonzero(result.saturated) if result.scale < 1.0 else ():
             above = upper[dof] - dq[dof] < dq[dof] - lower[dof]
-            kind = (limits.box.upper_kind if above else limits.box.lower_kind)[dof]
+            kind = (limits.upper_kind if above else limits.lower_kind)[dof]
             side = "upper" if above else "lower"
             names.append(str(BindingLimit(self.names[dof], kind, side, 0.0)))
         status = Status.SCALED if result.scale < 1.0 else Status.SOLVED

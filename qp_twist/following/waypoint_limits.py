@@ -10,9 +10,9 @@ from qp_twist.constraints import (
     Box,
     BoxLimit,
     DisplacementWindow,
+    Intersection,
     MotionLimit,
     PositionLimit,
-    intersect,
 )
 from qp_twist.paths import PathTask
 
@@ -97,7 +97,7 @@ class MotionWindow(BoxLimit):
 
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """The intersection of the boxes, rad/s or m/s, each (nv,)."""
-        box = intersect(self.boxes(configuration, dt), configuration.model)
+        box = Intersection(self.boxes(configuration, dt), configuration.model)
         return box.lower, box.upper
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:

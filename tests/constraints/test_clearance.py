@@ -755,9 +755,9 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
         if k % 4 == 0:
             motion.velocity = velocity
             compiled, controller._prepared = controller._prepared, None
-            clearance.has_begun = True  # with the rows of the step
+            clearance.in_step.has_begun = True  # with the rows of the step
             expected = controller._solved(configuration, 0.005, EVERYTHING)
-            clearance.has_begun, controller._prepared = False, compiled
+            clearance.in_step.has_begun, controller._prepared = False, compiled
             motion.velocity = step.velocity
             assert step.status is expected.status
             np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-7)
@@ -1077,8 +1077,10 @@ def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
         controller = qt.Controller(model, [task], limits=[clearance, motion])
         controller.step(configuration, dt)
         # A joint that brakes from there in one step is at rest where it leads.
-        assert clearance.falls_short(far * move / dt, dt) == pytest.approx(0.001, abs=1e-5)
-        assert clearance.falls_short(1.2 * far * move / dt, dt) >= -margin(1.2 * far * move) - 1e-6
+        assert clearance.in_step.lacks(far * move / dt, dt) == pytest.approx(0.001, abs=1e-5)
+        assert (
+            clearance.in_step.lacks(1.2 * far * move / dt, dt) >= -margin(1.2 * far * move) - 1e-6
+        )
 
 
 # ------------------------------------------------------------------------------- narrow escapes

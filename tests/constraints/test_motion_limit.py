@@ -15,7 +15,7 @@ from oracles.arms import chain, random_arm, random_configuration, random_directi
 from scipy.optimize import linprog
 
 import qp_twist as qt
-from qp_twist.constraints import Box, gather_limits, intersect, stopping_speed
+from qp_twist.constraints import Box, Intersection, gather_limits, stopping_speed
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
@@ -92,7 +92,7 @@ class Drive:
             lower = np.max([box.lower for box in boxes], axis=0)
             upper = np.min([box.upper for box in boxes], axis=0)
             self.gaps.append(float((lower - upper).max() * dt))
-            box = intersect(boxes, model)
+            box = Intersection(boxes, model)
             lower, upper = box.lower, box.upper
             assert (lower <= upper).all()
             velocity = choose(lower, upper)
@@ -248,14 +248,14 @@ def test_each_bound_knows_which_limit_set_it() -> None:
     gathered = gather_limits([limit], q, 0.1)
     assert gathered.upper[:3] == pytest.approx([0.1, 0.2, 0.5])
     assert gathered.lower[:3] == pytest.approx([-19.9, -0.2, -0.5])
-    assert list(gathered.box.upper_kind[:3]) == ["position", "acceleration", "velocity"]
-    assert list(gathered.box.lower_kind[:3]) == ["position", "acceleration", "velocity"]
+    assert list(gathered.upper_kind[:3]) == ["position", "acceleration", "velocity"]
+    assert list(gathered.lower_kind[:3]) == ["position", "acceleration", "velocity"]
     assert np.isinf(gathered.upper[3:]).all()
     limit.note([0.0, 0.0, -1.5, 0.0, 0.0, 0.0])
     gathered = gather_limits([limit], q, 0.1)
     # Too fast: both bounds are what the acceleration limit allows.
     assert gathered.lower[2] == gathered.upper[2] == pytest.approx(-0.6)
-    assert gathered.box.lower_kind[2] == gathered.box.upper_kind[2] == "acceleration"
+    assert gathered.lower_kind[2] == gathered.upper_kind[2] == "acceleration"
 
 
 def test_of_contradicting_limits_position_gives_way_to_velocity_and_both_to_acceleration() -> None:
@@ -265,7 +265,7 @@ def test_of_contradicting_limits_position_gives_way_to_velocity_and_both_to_acce
         limits = [Box(kind, np.array([low]), np.array([high])) for kind, low, high in boxes]
         forth, back = (
             (box.lower, box.upper, box.lower_kind, box.upper_kind)
-            for box in (intersect(limits, model), intersect(limits[::-1], model))
+            for box in (Intersection(limits, model), Intersection(limits[::-1], model))
         )
         assert [x[0] for x in forth] == [x[0] for x in back]
         return tuple(x[0] for x in forth)
@@ -291,7 +291,7 @@ def test_of_contradicting_limits_position_gives_way_to_velocity_and_both_to_acce
     with pytest.raises(qt.InvalidInput, match="wall limit has bounds of inf"):
         common(("wall", np.inf, np.inf))
     with pytest.raises(qt.InvalidInput, match=r"shape \(2,\).*needs \(1,\)"):
-        intersect([Box("wall", np.zeros(2), np.ones(2))], model)
+        Intersection([Box("wall", np.zeros(2), np.ones(2))], model)
 
 
 def test_the_controller_keeps_all_limits_under_reversing_and_infeasible_commands() -> None:

@@ -21,7 +21,7 @@ import qpsolvers
 from oracles import mink_problems
 
 import qp_twist as qt
-from qp_twist.constraints import LimitRows, range_of, speeds_of
+from qp_twist.constraints import LimitRows, gather_limits, range_of, speeds_of
 from qp_twist.control.compiled_program import CompiledProgram
 
 DT = 0.01
@@ -601,6 +601,45 @@ def test_a_limit_of_a_model_with_as_many_degrees_of_freedom_is_not_taken_for_its
     for model, other in ((arm, drone), (drone, arm)):
         assert range_of(mink.ConfigurationLimit(other), model) is None
         assert range_of(mink.ConfigurationLimit(model), model) is not None
+
+
+@pytest.mark.parametrize("name", mink_problems.LIMITS)
+@pytest.mark.parametrize("ask", ["solve_ik", "by a backend", "compiled", "daqp", "a level"])
+def test_what_a_limit_of_a_newer_mink_has_is_refused(case: Case, name: str, ask: str) -> None:
+    """An attribute that is not known is not ignored; a class derived from mink's states itself."""
+    limit: Any = mink_problems.LIMITS[name](case.c)
+
+    def asked() -> None:
+        if ask in ("solve_ik", "by a backend"):
+            options = {} if ask == "solve_ik" else {"primal_tol": 1e-11}
+            qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=[limit], **options)
+            return
+        limits = [] if ask == "a level" else [limit]
+        levels = [[case.twist], [limit]] if ask == "a level" else [[case.twist]]
+        solver = None if ask == "compiled" else "daqp"
+        qt.Controller(case.c.model, levels=levels, limits=limits, solver=solver).step(case.c, DT)
+
+    asked()
+    limit.elastic = True
+    with pytest.raises(qt.InvalidInput, match=f"{name} has 'elastic', which .* would ignore"):
+        asked()
+    limit.__class__ = type("Elastic", (type(limit),), {})
+    asked()
+
+
+def test_the_bound_of_a_collision_is_that_of_the_installed_mink(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit = mink_problems.LIMITS["CollisionAvoidanceLimit"](case.c)
+    stated = limit.compute_qp_inequalities(case.c, DT)
+    changed = mink.Constraint(G=-2.0 * stated.G, h=0.1 + stated.h)
+    monkeypatch.setattr(
+        mink.CollisionAvoidanceLimit, "compute_qp_inequalities", lambda self, c, dt: changed
+    )
+    gathered = gather_limits([limit], case.c, DT)
+    kept = changed.h < np.inf
+    np.testing.assert_allclose(gathered.rows, changed.G[kept])
+    np.testing.assert_allclose(gathered.bounds, changed.h[kept] / DT)
 
 
 def test_minks_lines_of_the_log_are_written_where_somebody_reads_them(
