@@ -24,9 +24,14 @@ class FreeTwistCost(mink.Task):
     :class:`~qp_twist.TwistTask` as an equality it makes the QP whose solution, while no limit is
     active, is J†TΔt + J†(1 − T)Jh for a regular square J.
 
-    Attributes:
+    Args:
         task: The task whose complement 1 − T is used.
-        objectives: The secondary objectives whose h is followed.
+        objectives: The secondary objectives whose h is followed; none for zero free twist.
+        linear_cost: Square root of w for the linear rows, 1/m.
+        angular_cost: Square root of w for the angular rows, 1/rad.
+
+    Raises:
+        InvalidInput: If ``task`` is not a TwistTask or a cost is negative.
     """
 
     def __init__(
@@ -37,17 +42,6 @@ class FreeTwistCost(mink.Task):
         linear_cost: float = 1.0,
         angular_cost: float = 1.0,
     ) -> None:
-        """Define the cost.
-
-        Args:
-            task: The task; 1 − T is rebuilt with it at every step.
-            objectives: Objectives of the free motion; none for zero free twist.
-            linear_cost: Square root of w for the linear rows, 1/m.
-            angular_cost: Square root of w for the angular rows, 1/rad.
-
-        Raises:
-            InvalidInput: If ``task`` is not a TwistTask or a cost is negative.
-        """
         instance("FreeTwistCost(task=…)", task, TwistTask)
         instance("FreeTwistCost(objectives=…)", objectives, Sequence)
         for objective in objectives:

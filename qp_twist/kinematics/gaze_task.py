@@ -31,6 +31,8 @@ class GazeTask(TwistTask):
         \mathbf d, \qquad \mathbf T = \mathrm{diag}(\mathbf O,\; \mathbf 1 - \mathbf a\mathbf a^T)
 
     Two rows, independent wherever the frame can rotate. Distance and roll about the axis are free.
+    ``axis`` is a, in the axes of the frame, (3,); the others are those of TwistTask, except
+    bands, which need a pose.
 
     Example:
         >>> import mink, qp_twist as qt
@@ -49,18 +51,6 @@ class GazeTask(TwistTask):
         gain: float = 1.0,
         **options: Any,
     ) -> None:
-        """Define a task.
-
-        Args:
-            frame_name: Name or id of the frame to control.
-            frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-            axis: a, in the axes of the frame, (3,).
-            gain: Share of the error to remove in one step, in [0, 1].
-            options: As in :class:`TwistTask`, except bands, which need a pose.
-
-        Raises:
-            InvalidInput: If an argument has the wrong type or range.
-        """
         if options.get("bands"):
             raise InvalidInput("GazeTask: bands are ranges of a pose; give them to a TwistTask.")
         axis = unit_vector(f"{type(self).__name__}(axis=…)", axis)

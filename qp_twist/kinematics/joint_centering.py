@@ -53,14 +53,6 @@ class JointCentering(SecondaryObjective):
         *,
         cost: float = 1.0,
     ) -> None:
-        """Define the objective.
-
-        Args:
-            model: The model whose joint ranges are used.
-            weight: ``"gradient"`` for −∇z, ``"paper"`` for W(θ̄ − θ), ``"natural"`` for θ̄ − θ.
-            gain: k, per step.
-            cost: Weight if the objective is used as a plain mink task.
-        """
         super().__init__(model, gain, cost=cost)
         self.weight = weight
         self.ranges = JointRanges.of(model)

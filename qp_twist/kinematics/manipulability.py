@@ -28,7 +28,10 @@ class Manipulability(SecondaryObjective):
     The derivative of J is MuJoCo's ``mj_jacDot`` along each joint; that of a basis fixed to the
     body is exact. The determinant is the square of Yoshikawa's measure (1985), for the task's rows
     only. Near a singularity the gradient is unbounded, so the displacement at gain 1 is clamped to
-    ``longest``.
+    the length ``longest``, rad.
+
+    Raises:
+        InvalidInput: If the task has no rows, or more rows than the robot has joints.
     """
 
     def __init__(
@@ -40,18 +43,6 @@ class Manipulability(SecondaryObjective):
         longest: float = 1.0,
         cost: float = 1.0,
     ) -> None:
-        """Define the objective.
-
-        Args:
-            model: The robot.
-            task: The task whose rows should stay independent.
-            gain: k, per step.
-            longest: Length to which the direction is clamped, rad.
-            cost: Weight if the objective is used as a plain mink task.
-
-        Raises:
-            InvalidInput: If the task has no rows, or more rows than the robot has joints.
-        """
         super().__init__(model, gain, cost=cost)
         instance("task", task, TwistTask)
         self._frame = task.frame_name, task.frame_type

@@ -29,10 +29,8 @@ _NEAR_POSE, _NEAR_JOINTS = 4.0 * NEARLY, 0.3
 """Largest errors of solutions that are not exact: of the pose, m and rad, and of joints, rad."""
 _EDGE = 1e-7
 """A cosine beyond ±1 by less is rounding at the edge of the reach."""
-_WORTH = 0.05
-"""Least gain, in mean sine, for which a further choice of parameters is taken."""
-_AT_MOST = 2
-"""Largest number of choices of parameters."""
+_WORTH, _AT_MOST = 0.05, 2
+"""Least gain, in mean sine, for which a further choice of parameters is taken; most choices."""
 
 
 class _Axes(NamedTuple):

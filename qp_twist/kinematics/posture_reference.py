@@ -20,6 +20,9 @@ class PostureReference(SecondaryObjective):
     Attributes:
         q_ref: Reference configuration, rad or m, (nq,); read-only, assign another array to change
             it.
+
+    Raises:
+        InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
     """
 
     q_ref: Array = checked(
@@ -31,17 +34,6 @@ class PostureReference(SecondaryObjective):
     def __init__(
         self, model: mujoco.MjModel, q_ref: npt.ArrayLike, gain: float = 1.0, *, cost: float = 1.0
     ) -> None:
-        """Define the objective.
-
-        Args:
-            model: The robot.
-            q_ref: Reference configuration, rad or m, shape (nq,).
-            gain: k, per step.
-            cost: Weight if the objective is used as a plain mink task.
-
-        Raises:
-            InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
-        """
         super().__init__(model, gain, cost=cost)
         self.q_ref = q_ref  # type: ignore[assignment]  # anything is taken, and made an array
 

@@ -20,11 +20,11 @@ class SecondaryObjective(mink.Task):
     a plain :class:`mink.Task` an objective is the soft cost
     :math:`\tfrac12\lVert \mathrm{diag}(cost)\,(\Delta\mathbf q - \mathbf h)\rVert^2`.
 
-    Gains are per step, as mink's and the paper's.
-
-    Attributes:
-        gain: k in h = k · :meth:`direction`. Unlike in mink it may exceed 1, since a direction such
-            as a gradient has its own scale.
+    Args:
+        model: The robot.
+        gain: k in h = k · :meth:`direction`, per step, as mink's and the paper's gains. Unlike in
+            mink it may exceed 1, since a direction such as a gradient has its own scale.
+        cost: Weight if the objective is used as a plain mink task.
     """
 
     def __init__(self, model: mujoco.MjModel, gain: float = 1.0, *, cost: float = 1.0) -> None:

@@ -111,9 +111,7 @@ class SerialChain:
     def levers(self, extent: Array) -> Array:
         """Largest distance of the frame's origin from each joint's axis, m; 1 for slides, (…, n).
 
-        Args:
-            extent: Largest distance of each screw's coordinate from its reference, (…, n); used for
-                slides only.
+        ``extent`` (…, n) is the largest distance of each slide's coordinate from its reference.
         """
         levers = np.ones(extent.shape)
         # Sum from the frame inwards: lengths of the links, and travels of the slides among them.
@@ -132,9 +130,7 @@ class SerialChain:
     def path_length(self, q: Array, travel: Array) -> Array:
         """Largest path length of the frame's origin on motions that start at q (K, nq), m, (K,).
 
-        Args:
-            q: Start of the motions.
-            travel: Largest path length of each degree of freedom, rad or m, (K, nv).
+        ``travel`` (K, nv) is the largest path length of each degree of freedom, rad or m.
         """
         moved = travel[:, [screw.dof for screw in self.screws]]
         reference = np.array([screw.reference for screw in self.screws])
