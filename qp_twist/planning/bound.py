@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints import JointCouplings
-from qp_twist.geometry import ProjectorKind, TwistProjector
+from qp_twist.geometry import ProjectorKind, TwistProjector, geodesic, rotation_vector
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.paths import PathTask
@@ -472,7 +472,7 @@ def _least_turn(before: TwistProjector, after: TwistProjector, R: Array, R_next:
     held = [p for p in (before, after) if p.angular.kind is ProjectorKind.PLANE]
     kinds = {before.angular.kind, after.angular.kind}
     if kinds == {ProjectorKind.FULL}:
-        return float(np.arccos(np.clip(0.5 * (np.trace(R_next @ R.T) - 1.0), -1.0, 1.0)))
+        return float(np.linalg.norm(rotation_vector(R_next @ R.T)))
     if not kinds <= {ProjectorKind.FULL, ProjectorKind.PLANE}:
         return 0.0
     if len(held) == 2 and before is not after:
@@ -482,5 +482,4 @@ def _least_turn(before: TwistProjector, after: TwistProjector, R: Array, R_next:
     # A fixed world axis coincides with a different body direction at each of the two waypoints.
     fixed = held[0].frame == "world"
     ends = (R.T @ axis, R_next.T @ axis) if fixed else (R @ axis, R_next @ axis)
-    sine = float(np.linalg.norm(np.cross(*ends)))
-    return float(np.arctan2(sine, ends[0] @ ends[1]))
+    return float(np.linalg.norm(geodesic(*ends)))
