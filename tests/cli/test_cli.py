@@ -42,6 +42,7 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn")
 def test_compare_prints_the_table_and_writes_the_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -136,9 +136,8 @@ def test_the_rolls_of_the_shipped_task_stay_within_their_band() -> None:
     assert run.band_excess.max() <= 1e-9
 
 
-@pytest.mark.parametrize("index", [2, 7])
-def test_random_placements_stay_inside_and_can_be_followed(index: int) -> None:
-    task = somewhere(index)
+def test_a_random_placement_stays_inside_and_can_be_followed() -> None:
+    task = somewhere(2)
     plan = qt.plan(task)
     check_kept(plan, roll_of, -HALF, HALF)
     step = task.velocity_limits * task.durations[1:, None]
