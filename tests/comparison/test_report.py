@@ -9,6 +9,7 @@ import html.parser
 import io
 import json
 import re
+import time
 from collections import Counter
 from pathlib import Path
 
@@ -160,15 +161,18 @@ def test_the_report_in_a_browser(folder: Path) -> None:
         )
         canvas = tab.frame_locator("iframe").locator("canvas:not([height='0'])").first
         canvas.wait_for(timeout=60_000)
-        tab.wait_for_timeout(6000)  # the player fades in
-        # Read from the canvas right after it is drawn: a screenshot may wait for a quiet moment
-        # that an animation without a graphics card never leaves.
-        drawn = canvas.evaluate(
-            "canvas => new Promise(done => requestAnimationFrame(() => done(canvas.toDataURL())))"
-        )
-        picture = _pixels(base64.b64decode(drawn.partition(",")[2]))
-        # White paper, grey grid, and the blue of the arm.
-        blue = (picture[:, :, 2] > picture[:, :, 0] + 40).mean()
+        blue, until = 0.0, time.monotonic() + 20.0
+        while blue <= 0.01 and time.monotonic() < until:  # the player fades in
+            tab.wait_for_timeout(500)
+            # Read from the canvas right after it is drawn: a screenshot may wait for a quiet moment
+            # that an animation without a graphics card never leaves.
+            drawn = canvas.evaluate(
+                "canvas => new Promise("
+                "done => requestAnimationFrame(() => done(canvas.toDataURL())))"
+            )
+            picture = _pixels(base64.b64decode(drawn.partition(",")[2]))
+            # White paper, grey grid, and the blue of the arm.
+            blue = (picture[:, :, 2] > picture[:, :, 0] + 40).mean()
         assert blue > 0.01
         assert opened.requests == []
         assert opened.errors == []

@@ -162,14 +162,13 @@ def test_a_damaged_file_is_compiled_again(package: Path) -> None:
     assert run(package) == [21.0, 0]
     files = [Path(file) for file in kept(package)]
     assert len(files) >= 2
-    for file in files:
-        for damaged in (
-            lambda whole: b"",
-            lambda whole: whole[: len(whole) // 2],
-            lambda whole: whole[:-900] + bytes([whole[-900] ^ 4]) + whole[-899:],
-        ):
-            file.write_bytes(damaged(file.read_bytes()))
-            assert run(package)[0] == 21.0
+    for file, damaged in (
+        (files[0], lambda whole: b""),
+        (files[1], lambda whole: whole[: len(whole) // 2]),
+        (files[0], lambda whole: whole[:-900] + bytes([whole[-900] ^ 4]) + whole[-899:]),
+    ):
+        file.write_bytes(damaged(file.read_bytes()))
+        assert run(package)[0] == 21.0
     assert run(package) == [21.0, 1]
 
 
