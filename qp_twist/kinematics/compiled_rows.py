@@ -23,15 +23,10 @@ def rows_of(
     max_linear_step: float = np.inf,
     max_angular_step: float = np.inf,
 ) -> Rows:
-    """The task rows of a path of N waypoints.
+    """The task rows of a path of N waypoints, at rotations (N, 3, 3) and positions (N, 3), m.
 
-    Args:
-        projectors: The projectors of the path.
-        which: Index of each waypoint's projector, (N,); −1 for none of them.
-        rotations: Rotations of the waypoints, (N, 3, 3).
-        positions: Positions of the waypoints, m, (N, 3).
-        max_linear_step: Length to which a linear error is clamped, m.
-        max_angular_step: Angle to which an angular error is clamped, rad.
+    ``which`` (N,) is the index of each waypoint's projector, −1 for none of them. Errors are
+    clamped to the largest steps, m and rad.
     """
     count, steps = len(positions), (max_linear_step, max_angular_step)
     return Rows(

@@ -106,9 +106,7 @@ def turn_about(
 
     With the quaternion (η, ε) of the relative rotation φ/2 is the direction of (η, a·ε) in the
     plane. That vector stays near its chord; φ is bounded while the chord keeps away from 0.
-
-    Returns:
-        φ at both ends, continuous between them, and the bound of its deviation, rad, (K,) each.
+    Returned are φ at both ends, continuous between them, and the bound of its deviation, rad, (K,).
     """
     one, two = (
         Rotation.from_matrix(

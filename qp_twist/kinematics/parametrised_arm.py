@@ -64,8 +64,8 @@ class ParametrisedArm:
     by the subproblems of Paden and Kahan (Murray, Li and Sastry, *A Mathematical Introduction to
     Robotic Manipulation*, section 3.3); the rest of the rotation gives the three themselves.
 
-    Axes need to meet, or be parallel, to :data:`NEARLY` only. If they do not exactly, the solutions
-    are near those of the arm, to be corrected by Newton's method.
+    Axes need to meet, or be parallel, to :data:`NEARLY` only: else the solutions are near those of
+    the arm, to be corrected by Newton's method.
 
     Attributes:
         chain: The chain up to the controlled frame.
@@ -134,13 +134,9 @@ class ParametrisedArm:
     ) -> Array:
         """All solutions for K poses of the frame and as many values of the parameters, (K, 8, nv).
 
-        rad or m; NaN where a branch is out of reach. Whole turns are not included. Where axes are
-        aligned so that there are infinitely many solutions, one of them.
-
-        Args:
-            rotations: Rotations of the frame to the world, (K, 3, 3).
-            positions: Positions of its origin in the world, m, (K, 3).
-            parameters: Values of the given joints, rad or m, (K, p); ``None`` for none.
+        Poses are (K, 3, 3) and (K, 3), m; parameters, of the given joints, (K, p), or ``None`` for
+        none. Solutions are in rad or m, NaN where a branch is out of reach. Whole turns are not
+        included. Where axes are aligned so that there are infinitely many solutions, one of them.
         """
         if parameters is None:
             parameters = np.zeros((len(rotations), 0))

@@ -121,13 +121,7 @@ class ToleranceBand(abc.ABC):
 
     @abc.abstractmethod
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        """Bounds of each φ from one pose to the next, rad or m, (K, k) each.
-
-        Args:
-            before: K frames and targets.
-            after: The same at the end of the motion.
-            stretch: Bounds of their motion.
-        """
+        """Bounds of each φ from one pose to the next, rad or m, (K, k) each."""
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """A sentence if a task with this T can never be inside the band; else ``None``."""
@@ -164,13 +158,9 @@ class ToleranceBand(abc.ABC):
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """Linear rows that keep the values in their ranges: rows · displacement ≤ rooms.
 
-        Args:
-            pair: The frame and its target.
-            reach: Largest required return of a value outside its range, rad or m.
-
-        Returns:
-            Rows (k, s, 6) on a displacement of the frame (linear, angular), m and rad, and rooms
-            (k, s), rad or m: s for each value, ∞ for inactive rows.
+        Rows (k, s, 6) on a displacement of the frame (linear, angular), m and rad, and rooms
+        (k, s), rad or m: s for each value, ∞ for inactive rows. A value outside its range has to
+        return by ``reach``, rad or m, at most.
         """
         lower, upper = np.array(self.ranges).T
         values, gradients = self.values(pair), self.gradients(pair)
