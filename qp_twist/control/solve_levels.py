@@ -88,7 +88,7 @@ def solve_levels(
             is above its upper one.
         UnknownSolver: If the backend is not installed.
         InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
-        SolverInaccurate: If no backend's result could be verified.
+        SolverInaccurate: If the backend's result could not be verified.
 
     Example:
         >>> import numpy as np, qp_twist as qt

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.qp.active_set import constrained_least_squares
 from qp_twist.qp.backend import RawSolution, solve_raw
 from qp_twist.qp.levels import Cascade
 from qp_twist.qp.problem import QuadraticProgram
@@ -77,13 +76,12 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     r"""Minimise the cost of ``problem`` on the points that a cascade of levels has left.
 
     They are x + N z with C z ≤ d. The program in z has no equality rows that could contradict each
-    other by rounding, and z = 0 satisfies it. Where all backends fail, our own active-set method
-    starts from there.
+    other by rounding, and z = 0 satisfies it.
 
     Args:
         problem: The program; of it only the cost counts.
         cascade: What the levels have left.
-        solver: The backend to ask first.
+        solver: The backend.
 
     Returns:
         The result, with the multipliers of C z ≤ d.
@@ -102,45 +100,13 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     H = basis.T @ problem.H @ basis
     none = np.full(p, np.inf)
     reduced = QuadraticProgram(
-        0.5 * (H + H.T),
-        basis.T @ (problem.H @ x + problem.c),
-        np.zeros((0, p)),
-        np.zeros(0),
-        C,
-        d,
-        -none,
-        none,
-    )
+        0.5 * (H + H.T), basis.T @ (problem.H @ x + problem.c), np.zeros((0, p)), np.zeros(0),
+        C, d, -none, none,
+    )  # fmt: skip
     result = solve(reduced, solver)
-    if isinstance(result, Refused) and not result.claimed:
-        result = _by_active_set(reduced, result)
     if isinstance(result, Refused):
         return result
     moved = feasible(held, np.clip(x + basis @ result.x, cascade.lower, cascade.upper))
     if isinstance(moved, str):
         return Refused(f"{result.solver} returned {moved}", True)
     return replace(result, x=moved.x)
-
-
-def _by_active_set(problem: QuadraticProgram, before: Refused) -> Verified | Refused:
-    """Our own method on a program with G x ≤ g alone, which x = 0 satisfies.
-
-    It is not asked where a backend claimed a wrong result: an installation that lies is an error.
-    """
-    try:
-        lower = np.linalg.cholesky(problem.H)
-    except np.linalg.LinAlgError:
-        return before
-    found = constrained_least_squares(
-        np.ascontiguousarray(lower.T),
-        np.asarray(-np.linalg.solve(lower, problem.c)),
-        problem.G,
-        problem.g,
-        np.zeros(problem.n),
-        smallest=0.0,
-    )
-    claimed = Multipliers(np.zeros(0), found.multipliers, np.zeros(problem.n))
-    result = verified(problem, RawSolution(found.z, found.optimal, claimed), "active set")
-    if isinstance(result, str):
-        return Refused(f"{before.says}; active set returned {result}", False)
-    return result
