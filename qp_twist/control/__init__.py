@@ -11,4 +11,4 @@ from .step import Status as Status
 from .step import Step as Step
 from .tick import ServoState as ServoState
 from .tick import Tick as Tick
-from .tick_times import TickTimes as TickTimes
+from .tick import TickTimes as TickTimes

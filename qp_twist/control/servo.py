@@ -18,8 +18,7 @@ from qp_twist.control.newest_inputs import Input, NewestInputs
 from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status, Step
 from qp_twist.control.target_stream import StreamSettings, TargetStream, beyond, error_of
-from qp_twist.control.tick import ServoState, Tick
-from qp_twist.control.tick_times import TickTimes
+from qp_twist.control.tick import ServoState, Tick, TickTimes
 from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import GazeTask, PostureReference, TwistTask, check_configuration

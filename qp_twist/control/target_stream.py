@@ -1,4 +1,4 @@
-"""The stream of targets of one task: what comes, how old it is, and the reference that follows."""
+"""The stream of targets of one task, and the reference that follows it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import math
 from dataclasses import dataclass
 
 import mink
+import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.control.newest_inputs import Input
-from qp_twist.control.target_motion import AT_ONCE, TargetMotion, moved, time_at, twist_between
 from qp_twist.kinematics import TwistTask
 
+AT_ONCE = 1.5
+"""Poses that come at least every 1.5 ticks are the reference as they are."""
 _MARGIN = 1.2
 """The next pose of a stream may be late by a fifth without being missed."""
 _LEASH = 0.1
@@ -40,6 +42,67 @@ class StreamSettings:
         return max(0.0, 1.0 - (elapsed + self.period) / self.stop_within)
 
 
+class TargetMotion:
+    r"""A moving reference pose.
+
+    Poses of a stream come less often than the ticks of a controller. If each were the target at
+    once, the arm would jump to it and stand until the next. The reference follows them smoothly
+    instead, as a critically damped filter whose horizon h is the time between two poses:
+
+    .. math::
+
+        \mathbf t^\star = \mathbf t_{goal} + \frac{1}{h}\,\Delta\mathbf t, \qquad
+        \mathbf t \leftarrow \mathbf t + (1 - e^{-4\,dt/h})\,(\mathbf t^\star - \mathbf t)
+
+    with Δt the twist from the reference to the goal. If poses come at every tick, the reference is
+    the goal.
+
+    Attributes:
+        pose: Unit quaternion and position, (7,).
+        twist: Its velocity over the present tick, m/s and rad/s, (6,).
+    """
+
+    def __init__(self, pose: Array, settings: StreamSettings) -> None:
+        """Stand at a pose (7,)."""
+        self._settings = settings
+        self.stand(pose)
+
+    def stand(self, pose: Array) -> None:
+        """Be at rest at a pose (7,)."""
+        self.pose, self.twist = np.array(pose), np.zeros(6)
+
+    def follow(self, goal: Array, velocity: Array, horizon: float) -> None:
+        """Move for one tick after a goal (7,) with a twist (6,), whose next is due within h, s."""
+        dt = self._settings.period
+        wanted = twist_between(self.pose, goal) / max(horizon, dt) + velocity
+        share = 1.0 if horizon <= AT_ONCE * dt else -math.expm1(-4.0 * dt / horizon)
+        self.along(self.twist + share * (wanted - self.twist))
+
+    def approach(self, goal: Array, velocity: Array, horizon: float) -> bool:
+        r"""Move for one tick towards a goal that is far away; return whether it is near.
+
+        With δ the time to the goal at full speed, the speed is the share
+        :math:`\min(1, \sqrt{\delta/T})` of it, and changes by at most dt/T in a tick: it takes T
+        from rest to full speed, and to rest again. Arguments are those of :meth:`follow`; full
+        speed is ``approach_speed`` beside the goal's own, and T is ``stop_within``.
+        """
+        dt, within = self._settings.period, self._settings.stop_within
+        fastest = self._settings.approach_speed
+        left = twist_between(self.pose, goal)
+        seconds = time_at(left, fastest)
+        if seconds * within <= max(horizon, dt) ** 2:
+            return True
+        wanted = left * (min(1.0, math.sqrt(seconds / within)) / seconds) + velocity
+        change = wanted - self.twist
+        excess = time_at(change, fastest) * within / dt
+        self.along(self.twist + change / max(excess, 1.0))
+        return False
+
+    def along(self, twist: Array) -> None:
+        """Move for one tick at a twist (6,)."""
+        self.twist, self.pose = twist, moved(self.pose, twist, self._settings.period)
+
+
 class TargetStream:
     """The reference of one task.
 
@@ -57,7 +120,7 @@ class TargetStream:
         self._input: Input | None
         self._goal: Array | None
         self._stale_since: float | None
-        self._motion = TargetMotion(pose_of(task, configuration))
+        self._motion = TargetMotion(pose_of(task, configuration), settings)
         self.stand(configuration)
 
     def stand(self, configuration: mink.Configuration) -> None:
@@ -142,7 +205,7 @@ class TargetStream:
         before = motion.pose
         share = settings.braking(now - self._stale_since)
         if share > 0.0:
-            motion.along(share * self._braked_from, settings.period)
+            motion.along(share * self._braked_from)
         elif motion.twist.any():
             motion.stand(pose_of(self.task, configuration))
             before = motion.pose
@@ -166,18 +229,11 @@ class TargetStream:
             missing = error_of(self.task, configuration)
             outwards = float(missing @ twist_between(motion.pose, goal)) > 0.0
             if beyond(missing, settings.jump) and outwards:
-                motion.along(_AT_REST, dt)
+                motion.along(_AT_REST)
                 self._between, self.approaching = motion.pose, True
                 return
         if self.approaching:
-            if not motion.approach(
-                goal,
-                twist,
-                self._interval,
-                dt,
-                fastest=settings.approach_speed,
-                within=settings.stop_within,
-            ):
+            if not motion.approach(goal, twist, self._interval):
                 return
             self.approaching, self._between = False, motion.pose
         if given.twist is None and self._interval > AT_ONCE * dt:
@@ -186,7 +242,7 @@ class TargetStream:
             twist = twist_between(self._between, goal) / max(left, dt)
             goal = self._between
             self._between = moved(goal, twist, dt)
-        motion.follow(goal, twist, self._interval, dt)
+        motion.follow(goal, twist, self._interval)
 
     def _jog(self, given: Input, configuration: mink.Configuration) -> Array:
         settings, motion, twist = self._settings, self._motion, given.twist
@@ -206,7 +262,7 @@ class TargetStream:
         missing = error_of(self.task, configuration)
         if beyond(missing, leash) and float(missing @ twist) > 0.0:
             twist = _AT_REST
-        motion.along(motion.twist + settings.share * (twist - motion.twist), settings.period)
+        motion.along(motion.twist + settings.share * (twist - motion.twist))
         return before
 
 
@@ -227,3 +283,42 @@ def error_of(task: TwistTask, configuration: mink.Configuration) -> Array:
 def beyond(twist: Array, most: tuple[float, float]) -> bool:
     """Whether the linear or the angular part of a twist (6,) is longer than it may be."""
     return time_at(twist, most) > 1.0
+
+
+def time_at(twist: Array, speeds: tuple[float, float]) -> float:
+    """How long a displacement (6,) takes at a linear and an angular speed."""
+    linear, angular = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
+    return max(linear / speeds[0], angular / speeds[1])
+
+
+def twist_between(start: Array, end: Array) -> Array:
+    r"""The twist that takes one pose to another in unit time, (6,).
+
+    .. math::
+
+        \mathbf v = \mathbf p_1 - \mathbf p_0, \qquad
+        \boldsymbol\omega = \log(\mathbf R_1\mathbf R_0^T)
+
+    Args:
+        start: Unit quaternion and position, (7,).
+        end: The same.
+
+    Returns:
+        Linear and angular part, along the axes in which the poses are given.
+    """
+    twist, body = np.empty(6), np.empty(3)
+    twist[:3] = end[4:] - start[4:]
+    mujoco.mju_subQuat(body, end[:4], start[:4])  # along the axes of the start
+    mujoco.mju_rotVecQuat(twist[3:], body, start[:4])
+    return twist
+
+
+def moved(pose: Array, twist: Array, seconds: float) -> Array:
+    """The pose (7,) after a constant twist (6,), the inverse of :func:`twist_between`."""
+    after, conjugate, body = pose.copy(), np.empty(4), np.empty(3)
+    after[4:] += seconds * twist[:3]
+    mujoco.mju_negQuat(conjugate, pose[:4])
+    mujoco.mju_rotVecQuat(body, twist[3:], conjugate)
+    mujoco.mju_quatIntegrate(after[:4], body, seconds)
+    mujoco.mju_normalize4(after[:4])
+    return after

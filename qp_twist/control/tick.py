@@ -1,12 +1,18 @@
-"""What a servo commands for one period, and what it is doing."""
+"""What a servo commands for one period, what it is doing, and how long its ticks took."""
 
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
-from qp_twist.checks import Array
+import numpy as np
+
+from qp_twist.checks import Array, number
 from qp_twist.control.step import Status, Step
+
+_SHORTEST, _LONGEST, _PER_DECADE = 1e-7, 1e2, 100
+_BINS = round(_PER_DECADE * math.log10(_LONGEST / _SHORTEST))
 
 
 class ServoState(enum.Enum):
@@ -62,3 +68,62 @@ class Tick:
 
     def __repr__(self) -> str:
         return f"Tick({self.message})"
+
+
+class TickTimes:
+    """A histogram of durations, the same size after a day as after a second.
+
+    Its bins grow by 2.3 % each, so that a quantile is known to 2.3 %.
+
+    Attributes:
+        period: What a tick may take, s.
+        count: Number of ticks.
+        late: Ticks that took longer than the period.
+        late_by_itself: Those of them in which this thread computed for longer than the period;
+            in the others the machine did something else.
+        called_late: Ticks that began more than half a period after they were due.
+        longest: The longest, s.
+    """
+
+    def __init__(self, period: float) -> None:
+        """Count nothing yet."""
+        self.period = period
+        self.count = self.late = self.late_by_itself = self.called_late = 0
+        self.longest = 0.0
+        self._histogram = np.zeros(_BINS, dtype=np.int64)
+
+    def add(self, seconds: float, processor_seconds: float) -> None:
+        """Count a tick by its duration on the clock and on the processor."""
+        place = int(_PER_DECADE * math.log10(max(seconds, _SHORTEST) / _SHORTEST))
+        self._histogram[min(place, _BINS - 1)] += 1
+        self.count += 1
+        self.longest = max(self.longest, seconds)
+        if seconds > self.period:
+            self.late += 1
+            self.late_by_itself += processor_seconds > self.period
+
+    def quantile(self, share: float) -> float:
+        """The duration, s, that this share of the ticks did not exceed; NaN before the first.
+
+        Raises:
+            InvalidInput: If the share is not in [0, 1].
+        """
+        share = number("share", share, at_least=0.0, at_most=1.0)
+        if not self.count:
+            return math.nan
+        ranked = np.cumsum(self._histogram)
+        place = int(np.searchsorted(ranked, max(1.0, share * self.count)))
+        return float(min(_SHORTEST * 10.0 ** ((place + 1) / _PER_DECADE), self.longest))
+
+    def __repr__(self) -> str:
+        if not self.count:
+            return "TickTimes(none yet)"
+        shown = ", ".join(
+            f"{name} {1e6 * self.quantile(share):.0f} µs"
+            for name, share in (("median", 0.5), ("p99", 0.99), ("p99.99", 0.9999))
+        )
+        return (
+            f"TickTimes({self.count} ticks: {shown}, longest {1e6 * self.longest:.0f} µs; "
+            f"{self.late} longer than {1e3 * self.period:g} ms, {self.late_by_itself} of them "
+            f"by their own work; {self.called_late} called late)"
+        )

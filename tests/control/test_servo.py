@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist.control import ServoState, Tick, TickTimes
-from qp_twist.control.target_motion import moved, twist_between
+from qp_twist.control.target_stream import moved, twist_between
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
