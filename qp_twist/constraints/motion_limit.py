@@ -131,12 +131,12 @@ class MotionLimit(PositionLimit):
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range, too fast, or too fast to stop in time."""
         dt = number("dt", dt, above=0.0)
-        sentences = list(super().recovering(configuration, dt))
+        room = self._room(configuration.q)
+        sentences = list(self._outside(room))
         names, units = self.ranges.names, self.ranges.units
         speed = np.array((-self.velocity, self.velocity))
         braked = speed - self.max_acceleration * dt
         if np.count_nonzero(braked > 0.0):  # a joint that can stop in this step is not late
-            room = self._room(configuration.q)
             within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
             late = (braked > within) & (room >= -NOTICEABLE)
             for side, dof in np.argwhere(late) if np.count_nonzero(late) else ():

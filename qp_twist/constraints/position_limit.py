@@ -143,7 +143,10 @@ class PositionLimit(JointRangeLimit):
 
     def recovering(self, configuration: mink.Configuration, dt: float) -> tuple[str, ...]:
         """A sentence for each joint outside its range."""
-        room = self._room(configuration.q)
+        return self._outside(self._room(configuration.q))
+
+    def _outside(self, room: Array) -> tuple[str, ...]:
+        """A sentence for each joint with a room below 0, (2, nv)."""
         if not np.count_nonzero(room < -NOTICEABLE):
             return ()
         return tuple(

@@ -50,7 +50,7 @@ def solved_step(
     """
     first, alone = posed.levels[0].directions, len(posed.levels) == 1
     regular = all(level.directions.regular for level in posed.levels)
-    if regular:
+    if regular and not first.beyond(posed.limits.lower, posed.limits.upper):
         result = solve(posed.problem, solver, options)
         if isinstance(result, Verified):
             box, rows = result.multipliers.box, result.multipliers.rows

@@ -183,6 +183,14 @@ class Directions:
         """Whether every direction is met exactly."""
         return not self.slack.any()
 
+    def beyond(self, lower: Array, upper: Array) -> bool:
+        """Whether a direction asks for clearly more than bounds of the joints, (n,), allow it."""
+        fastest = np.minimum(
+            np.maximum(-lower, upper), 1e12
+        )  # an infinite one times 0 is no number
+        most = np.abs(self.rows) @ fastest
+        return bool((np.abs(self.rate) > most + 1e-6 * (1.0 + most)).any())
+
     def motion(self, b: Array | None = None) -> Array:
         """Σ vᵢ σᵢ βᵢ/dᵢ, what the level alone makes of the joints, rad/s or m/s, (n,).
 
