@@ -50,7 +50,8 @@ def solved_step(
     """
     first, alone = posed.levels[0].directions, len(posed.levels) == 1
     regular = all(level.directions.regular for level in posed.levels)
-    if regular and not first.beyond(posed.limits.lower, posed.limits.upper):
+    # What the bounds forbid in a direction by itself need not be tried.
+    if regular and first.allowed(posed.limits.lower, posed.limits.upper) == 1.0:
         result = solve(posed.problem, solver, options)
         if isinstance(result, Verified):
             box, rows = result.multipliers.box, result.multipliers.rows

@@ -218,8 +218,8 @@ def posed_program(H, c, d, scale, G, g, lower, upper, tolerances):
 
 
 @plain
-def within_bounds(d, lower, upper, tolerances):
-    """``BEYOND`` times the largest s at which the bounds allow every exact direction, at most 1."""
+def allowed(d, lower, upper, tolerances):
+    """The largest s ≤ 1 at which the bounds allow each exact direction."""
     longest, largest, share = 0.0, 0.0, 1.0
     for i in range(len(d.rate)):
         longest = max(longest, math.sqrt(d.square[i]))
@@ -234,7 +234,7 @@ def within_bounds(d, lower, upper, tolerances):
                 room += along * upper[k]
             elif along < 0.0:
                 room += along * lower[k]
-        share = min(share, BEYOND * room / abs(d.rate[i]))
+        share = min(share, room / abs(d.rate[i]))
     return max(share, 0.0)
 
 
@@ -255,7 +255,7 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
     for i in range(n):
         for j in range(n):
             speed += motion[i] * H[i, j] * motion[j]
-    most = within_bounds(d, lower, upper, tolerances)
+    most = min(BEYOND * allowed(d, lower, upper, tolerances), 1.0)
     worth = (WORTH if smooth else LARGEST) * max(most * most * speed, LEAST_MOTION * size)
     whole = math.sqrt(CURVED * worth / size)
     unit, price = most / whole, worth * (1.0 + CURVED) / whole

@@ -29,7 +29,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.qp.problem import widened
-from qp_twist.qp.verification import row_tolerance
+from qp_twist.qp.verification import EQUALITY_TOLERANCE, row_tolerance
 
 REGULAR = 0.05
 """σ₁: singular value, m/rad or 1, from which on a direction is met exactly; 50 ε if that is less,
@@ -183,13 +183,18 @@ class Directions:
         """Whether every direction is met exactly."""
         return not self.slack.any()
 
-    def beyond(self, lower: Array, upper: Array) -> bool:
-        """Whether a direction asks for clearly more than bounds of the joints, (n,), allow it."""
-        fastest = np.minimum(
-            np.maximum(-lower, upper), 1e12
-        )  # an infinite one times 0 is no number
-        most = np.abs(self.rows) @ fastest
-        return bool((np.abs(self.rate) > most + 1e-6 * (1.0 + most)).any())
+    def allowed(self, lower: Array, upper: Array) -> float:
+        """The largest s ≤ 1 at which bounds of the joints, (n,), allow each exact direction."""
+        hard = (self.slack == 0.0) & (self.rate != 0.0)
+        if not hard.any():
+            return 1.0
+        asked = np.abs(self.rate[hard])
+        rows = self.rows[hard] * np.sign(self.rate[hard])[:, None]
+        ends = np.where(rows > 0.0, upper, np.where(rows < 0.0, lower, 0.0))
+        # What the verification lets pass is no speed that the bounds deny.
+        rounding = EQUALITY_TOLERANCE * (self.sigma.max() + asked.max())
+        share = ((rows * ends).sum(axis=1) + rounding) / asked
+        return min(max(float(share.min()), 0.0), 1.0)
 
     def motion(self, b: Array | None = None) -> Array:
         """Σ vᵢ σᵢ βᵢ/dᵢ, what the level alone makes of the joints, rad/s or m/s, (n,).

@@ -36,7 +36,6 @@ from qp_twist.qp.directions import Directions
 from qp_twist.qp.problem import QuadraticProgram, widened
 from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, Verified, solve
-from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 WORTH = 50.0
 """γ: full speed is worth 50 times the joint motion that the task asks for by itself. A larger one
@@ -101,7 +100,7 @@ class Programs:
         """The program with the scale, and the scale's unit: s is the last unknown times it."""
         p, n, first = self._problem, self._problem.n, self._first
         size, phi, beta, hard = p.steepest or 1.0, first.weakness, first.rate, first.slack == 0.0
-        motion, most = first.motion(), within_bounds(p, first)
+        motion, most = first.motion(), min(BEYOND * first.allowed(p.lower, p.upper), 1.0)
         worth = WORTH * max(most**2 * float(motion @ p.H @ motion), LEAST_MOTION * size)
         whole = math.sqrt(CURVED * worth / size)
         unit = most / whole
@@ -112,20 +111,6 @@ class Programs:
         wide.c[:n], wide.c[n] = self._c, -worth * (1.0 + CURVED) / whole
         H, c = with_weak_rows(wide.H, wide.c, rows, phi * beta, first.slack, self._cost)
         return wide.with_rows(H, c, rows[hard], (phi * beta)[hard]), unit
-
-
-def within_bounds(problem: QuadraticProgram, first: Directions) -> float:
-    """``BEYOND`` times the largest s at which the bounds allow every exact direction, at most 1."""
-    hard = (first.slack == 0.0) & (first.rate != 0.0)
-    if not hard.any():
-        return 1.0
-    asked = np.abs(first.rate[hard])
-    rows = first.rows[hard] * np.sign(first.rate[hard])[:, None]
-    ends = np.where(rows > 0.0, problem.upper, np.where(rows < 0.0, problem.lower, 0.0))
-    # What the verification lets pass is no speed that the bounds deny.
-    rounding = EQUALITY_TOLERANCE * (first.sigma.max() + asked.max())
-    share = ((rows * ends).sum(axis=1) + rounding) / asked
-    return float(np.clip(BEYOND * share.min(), 0.0, 1.0))
 
 
 def costs_along(problem: QuadraticProgram, first: Directions) -> Array:
