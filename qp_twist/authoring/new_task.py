@@ -18,7 +18,7 @@ from qp_twist.authoring.cell import cell_folder, new_folder, write_cell
 from qp_twist.authoring.frame_choice import choose_frame
 from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
-from qp_twist.authoring.search_clock import MACHINE_CODE, SearchClock
+from qp_twist.authoring.search_clock import SearchClock
 from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
 from qp_twist.authoring.touching import Watched, watched
 from qp_twist.authoring.units import refuse_other_units
@@ -28,6 +28,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import printable, whole_file
 from qp_twist.following import FoundStart
 from qp_twist.geometry import ProjectorKind
+from qp_twist.kernel import MACHINE_CODE
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.paths import (
     ColumnChoice,

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-MACHINE_CODE = "machine code is made, once on a machine: one to two minutes"
-"""What is reported while kernels are compiled."""
 _COMPILES = "numba:compile"
 
 

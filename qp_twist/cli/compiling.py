@@ -6,7 +6,7 @@ import sys
 from functools import cache
 from typing import Any
 
-from qp_twist.authoring.search_clock import MACHINE_CODE
+from qp_twist.kernel import MACHINE_CODE
 
 
 class _Note:

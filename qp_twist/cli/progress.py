@@ -15,9 +15,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from qp_twist.authoring.search_clock import MACHINE_CODE
 from qp_twist.cli.app import terminal
-from qp_twist.kernel import COMPILED
+from qp_twist.kernel import COMPILED, MACHINE_CODE
 from qp_twist.paths import PathTask
 from qp_twist.qp import check_solver
 

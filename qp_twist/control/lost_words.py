@@ -30,7 +30,7 @@ def _where(
     if not isinstance(task, TwistTask):
         return f"{type(task).__name__} row {int(np.argmax(np.abs(parts[most])))}"
     twist = bases[most] @ parts[most]
-    # The sign of a singular vector is anybody's choice: make the largest entry positive.
+    # The sign of a singular vector is arbitrary: make the largest entry positive.
     twist *= np.sign(twist[np.argmax(np.abs(twist))])
     texts = [
         f"{block} ({', '.join(f'{value:.2f}' for value in entries.round(2) + 0.0)})"

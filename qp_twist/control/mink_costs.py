@@ -61,7 +61,7 @@ def refuse_elastic(task: Any) -> None:
 def mink_cost(
     task: mink.tasks.BaseTask, configuration: mink.Configuration
 ) -> WeightedRows | mink.Objective:
-    """What a task states for a cost, once asked and of the right shape; it may be anybody's class.
+    """What a task states for a cost, once asked and of the right shape; any class may state it.
 
     As mink has it: lists of numbers and single rows are taken, and a pair for an objective.
 
@@ -82,7 +82,7 @@ def mink_cost(
 
 
 def as_rows(rows: Any, ends: Any, nv: int, name: str, name_of_ends: str) -> tuple[Array, Array]:
-    """Anybody's rows (k, nv) and right-hand sides (k,); one row may be given without its brackets.
+    """Rows of any class (k, nv) and sides (k,); one row may be given without its brackets.
 
     Raises:
         InvalidInput: If they are none, or not finite.

@@ -1,6 +1,5 @@
 """The quadratic program of a step: its arrays, backends, verification and scaling."""
 
-from .active_set import null_basis as null_basis
 from .backend import check_solver as check_solver
 from .backend import installed_solvers as installed_solvers
 from .directions import Directions as Directions

@@ -32,7 +32,7 @@ class Verified:
 
 @dataclass(frozen=True)
 class Refused:
-    """No backend gave a result that satisfies the problem.
+    """The backend gave no result that satisfies the problem.
 
     Attributes:
         says: What was tried, and what it returned.

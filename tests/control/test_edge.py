@@ -18,7 +18,9 @@ from oracles.arms import planar_arm, random_arm, random_configuration
 import qp_twist as qt
 from qp_twist.constraints import stopping_share, stopping_speed
 from qp_twist.constraints.stopping_speed import BRAKING
+from qp_twist.control import solving
 from qp_twist.kernel import directions as compiled_directions
+from qp_twist.kernel import edge_step
 from qp_twist.kernel import one_program as compiled_program
 from qp_twist.qp import Directions, one_program, scaling
 from qp_twist.qp import directions as read
@@ -128,10 +130,10 @@ def test_both_statements_have_the_same_constants() -> None:
     assert (
         compiled_program.WORTH, compiled_program.BEYOND, compiled_program.CURVED,
         compiled_program.SOFT, compiled_program.DEAD, compiled_program.LEAST_MOTION,
-        compiled_program.BACKOFF,
+        compiled_program.BACKOFF, edge_step.WHOLE,
     ) == (
         one_program.WORTH, one_program.BEYOND, one_program.CURVED, one_program.SOFT,
-        one_program.DEAD, one_program.LEAST_MOTION, scaling.SCALE_BACKOFF,
+        one_program.DEAD, one_program.LEAST_MOTION, scaling.SCALE_BACKOFF, solving.WHOLE,
     )  # fmt: skip
 
 
