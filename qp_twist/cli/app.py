@@ -24,9 +24,6 @@ import tyro
 from rich.console import Console, RenderableType
 from tyro.extras import SubcommandApp
 
-from qp_twist.errors import InvalidInput
-from qp_twist.files import inputs
-
 app = SubcommandApp()
 
 
@@ -92,6 +89,9 @@ def terminal() -> Console | None:
 
 def check_file(file: Path, option: str = "--out") -> None:
     """Refuse a file that cannot be written, before any computation; announce a new folder."""
+    from qp_twist.errors import InvalidInput  # with mink, which ``tasks`` does without
+    from qp_twist.files import inputs
+
     if file.is_dir():
         raise InvalidInput(f"{option} {file}: this is a folder; give a file to write.")
     if file.resolve() in (inputs.get() or ()):
@@ -108,6 +108,8 @@ def check_file(file: Path, option: str = "--out") -> None:
 
 def check_folder(folder: Path, option: str = "--out") -> None:
     """Refuse a folder that cannot be written to, before any computation."""
+    from qp_twist.errors import InvalidInput
+
     if why := _no_folder(folder):
         raise InvalidInput(f"{option} {folder}: {why[0]}; {why[1]}.")
 

@@ -2,25 +2,35 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import importlib
 import io
 import sys
-from collections.abc import Callable, Sequence
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
-import mink
 import tyro
 
 from qp_twist.cli import REFUSED
 from qp_twist.cli.app import app, quiet
 from qp_twist.cli.names import check_names
-from qp_twist.files import inputs
 
 # Each is a function in a module of its name; help lists them in this order.
 COMMANDS = (
     "bench", "check", "compare", "export", "new", "report", "roadmap", "run", "starts", "study",
     "tasks", "view",
 )  # fmt: skip
+READS_NOTHING = "tasks"
+"""A command without input files; it starts in the third of a second, as help does: mink, which the
+others load, takes one."""
+_ABOUT = (
+    "QP-based task-priority control for tasks of fewer than six degrees of freedom, beside its "
+    "closed forms."
+)
+_SWITCHES = "With --quiet a command prints errors only; --version prints the version."
 
 
 def command(name: str) -> Callable[..., Any]:
@@ -31,29 +41,59 @@ def command(name: str) -> Callable[..., Any]:
 
 def run_command(words: Sequence[str]) -> None:
     """Run the command that the words of the command line name."""
-    before, read = quiet.set("--quiet" in words), inputs.set(set())
+    before = quiet.set("--quiet" in words)
     for stream in (sys.stdout, sys.stderr):
         # A terminal whose encoding lacks θ prints a question mark instead of a stack trace.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     given = [word for word in words if word != "--quiet"]
     try:
-        check_names(given, COMMANDS, command)
-        if given[:1] and given[0] in COMMANDS:  # the others need not be loaded
-            tyro.cli(command(given[0]), prog=f"qp-twist {given[0]}", args=given[1:])
+        if given[:1] in ([], ["-h"], ["--help"]):
+            print(overview())
+            if not given:
+                raise SystemExit(REFUSED)
             return
-        for name in COMMANDS:
-            command(name)
-        app.cli(
-            prog="qp-twist",
-            description="QP-based task-priority control for tasks of fewer than six degrees of "
-            "freedom, beside its closed forms. With --quiet a command prints errors only; "
-            "--version prints the version.",
-            args=given,
-        )
-    except mink.MinkError as error:
+        check_names(given, COMMANDS, command)
+        with contextlib.nullcontext() if given[0] == READS_NOTHING else _inputs_noted():
+            if given[0] in COMMANDS:  # the others need not be loaded
+                tyro.cli(command(given[0]), prog=f"qp-twist {given[0]}", args=given[1:])
+                return
+            for name in COMMANDS:
+                command(name)
+            app.cli(prog="qp-twist", args=given)  # completion for a shell
+    except Exception as error:
+        import mink
+
+        if not isinstance(error, mink.MinkError):
+            raise
         print(f"qp-twist: {error}", file=sys.stderr)
         raise SystemExit(REFUSED) from None
     finally:
         quiet.reset(before)
+
+
+def overview() -> str:
+    """The commands, each with the first sentence of its documentation."""
+    lines = ["usage: qp-twist COMMAND …", "", *textwrap.wrap(_ABOUT, 80), ""]
+    for name in COMMANDS:
+        source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text("utf-8"))
+        about = next(
+            ast.get_docstring(made) or ""
+            for made in source.body
+            if isinstance(made, ast.FunctionDef) and made.name == name
+        )
+        first = " ".join(about.partition("\n\n")[0].split())
+        lines += textwrap.wrap(first, 80, initial_indent=f"  {name:<9}", subsequent_indent=" " * 11)
+    return "\n".join([*lines, "", "qp-twist COMMAND --help has its options.", _SWITCHES])
+
+
+@contextlib.contextmanager
+def _inputs_noted() -> Iterator[None]:
+    """Note the files that a command reads, so that it does not write over them."""
+    from qp_twist.files import inputs
+
+    read = inputs.set(set())
+    try:
+        yield
+    finally:
         inputs.reset(read)

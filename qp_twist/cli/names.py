@@ -8,9 +8,6 @@ from typing import Any, get_args, get_type_hints
 
 import tyro
 
-from qp_twist.checks import did_you_mean
-from qp_twist.errors import InvalidInput
-
 _POSITIONAL = get_args(tyro.conf.Positional[int])[1]
 _ONE_FLAG = get_args(tyro.conf.FlagCreatePairsOff[bool])[1]
 _ALWAYS = ("--help", "--quiet")
@@ -37,6 +34,13 @@ def check_names(
     if not words or words[0] in ("-h", "--help", *_COMPLETION):
         return
     command, *rest = words
+    known = options_of(function(command)) if command in commands else []
+    unknown = [w for w in rest if w.startswith("--") and w.replace("_", "-") not in known]
+    if known and not unknown:
+        return
+    from qp_twist.checks import did_you_mean  # with mink: only to refuse
+    from qp_twist.errors import InvalidInput
+
     if command not in commands:
         if command.startswith("-"):
             hint = did_you_mean(command, [*_ALWAYS, "--version"])
@@ -45,14 +49,11 @@ def check_names(
         raise InvalidInput(
             f"there is no command {command!r}{hint} Commands: {', '.join(sorted(commands))}."
         )
-    known = options_of(function(command))
-    for word in rest:
-        if word.startswith("--") and word.replace("_", "-") not in known:
-            hint = did_you_mean(word, known).replace("'", "")
-            raise InvalidInput(
-                f"{command}: there is no option {word}{hint} Options: {', '.join(known)}; "
-                f"qp-twist {command} --help explains them."
-            )
+    hint = did_you_mean(unknown[0], known).replace("'", "")
+    raise InvalidInput(
+        f"{command}: there is no option {unknown[0]}{hint} Options: {', '.join(known)}; "
+        f"qp-twist {command} --help explains them."
+    )
 
 
 def options_of(command: Callable[..., Any]) -> list[str]:

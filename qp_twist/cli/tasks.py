@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from qp_twist.cli.app import Json, app, say
-from qp_twist.paths import shipped_tasks, task_title
+from qp_twist.shipped import shipped_tasks, task_title
 
 
 @app.command

@@ -3,6 +3,8 @@
 from qp_twist.files import AngleUnit as AngleUnit
 from qp_twist.files import FeedUnit as FeedUnit
 from qp_twist.files import LengthUnit as LengthUnit
+from qp_twist.shipped import shipped_folder as shipped_folder
+from qp_twist.shipped import shipped_tasks as shipped_tasks
 
 from .apt_toolpath import ArcAxis as ArcAxis
 from .arcs import ARC_ERROR as ARC_ERROR
@@ -31,15 +33,12 @@ from .rerooted import rerooted as rerooted
 from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
-from .resources import shipped_folder as shipped_folder
 from .rotary_axes import Rollover as Rollover
 from .rotary_axes import Rotary as Rotary
 from .segment import Segment as Segment
 from .shown import Shown as Shown
 from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task
-from .task_file import shipped_tasks as shipped_tasks
-from .task_file import task_title as task_title
 from .toolpath import SAME_DIRECTION as SAME_DIRECTION
 from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve

@@ -39,7 +39,6 @@ from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
 from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
 from qp_twist.paths.rerooted import rerooted
-from qp_twist.paths.resources import shipped_folder
 from qp_twist.paths.section import Section
 from qp_twist.paths.segment import Segment
 from qp_twist.paths.shapes import polyline, spherical_patch_edges, with_leads
@@ -53,14 +52,10 @@ from qp_twist.paths.task_schema import (
 )
 from qp_twist.paths.turning import transported
 from qp_twist.robots import Robot, load_robot
+from qp_twist.shipped import shipped_folder, shipped_tasks
 
 FILE_KEY = "path.file: "
 """Prefix of messages about a toolpath."""
-
-
-def shipped_tasks() -> list[Path]:
-    """The task files that come with the package, by name."""
-    return sorted(shipped_folder("tasks").glob("*.toml"))
 
 
 def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
@@ -119,12 +114,6 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
         raise TaskFileError(f"{_place(source, number)}: {error}") from error
     except OverflowError as error:
         raise TaskFileError(f"{source}: a length in it is too large to compute with.") from error
-
-
-def task_title(path: Path) -> str:
-    """The title line of a task file, without loading its scene."""
-    with path.open("rb") as file:
-        return str(tomllib.load(file).get("title", ""))
 
 
 def _find(task: str | Path) -> Path:

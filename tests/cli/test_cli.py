@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import io
 import json
 import os
@@ -23,6 +24,26 @@ from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.cli.command import command as function_of
 from qp_twist.cli.names import options_of
+
+
+def test_help_names_every_command_and_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["--help"])
+    listed = " ".join(capsys.readouterr().out.split())
+    for name in COMMANDS:
+        first = (function_of(name).__doc__ or "").partition("\n\n")[0]
+        assert f" {name} {' '.join(first.split())}" in listed
+
+
+@pytest.mark.parametrize("words", [["--help"], ["tasks"]])
+def test_what_computes_nothing_does_not_load_mink(words: list[str]) -> None:
+    """It takes a second, in which whoever types a first command waits."""
+    source = f"import sys; from qp_twist.cli import main; main({words}); print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", source], capture_output=True, text=True, check=True
+    )
+    loaded = done.stdout.splitlines()[-1].split()
+    assert "tyro" in loaded
+    assert not {"mink", "mujoco", "numba", "scipy"} & set(loaded)
 
 
 def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -279,7 +300,7 @@ class Interrupting:
 
 sys.meta_path.insert(0, Interrupting())
 from qp_twist.cli import main
-main(["tasks"])
+main(["starts", "planar_line"])
 """
     done = subprocess.run(
         [sys.executable, "-c", source], capture_output=True, text=True, check=False
@@ -315,7 +336,7 @@ def test_the_entry_can_be_called_more_than_once(capsys: pytest.CaptureFixture[st
 def test_ctrl_c_leaves_the_methods_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = sys.modules["qp_twist.comparison.compare"]  # the package has a function of its name
+    module = importlib.import_module("qp_twist.comparison.compare")  # the package has a function of its name
     follow = module.follow
 
     def interrupted(task: PathTask, method: str, **options: Any) -> Trajectory:
@@ -341,7 +362,7 @@ def test_ctrl_c_in_a_plan_leaves_the_run_along_the_best_by_then(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The methods before it and the run along the interrupted plan are kept, and said to be."""
-    following = sys.modules["qp_twist.following.follow"]
+    following = importlib.import_module("qp_twist.following.follow")
     plan = following.plan_path
 
     def interrupted(*arguments: Any, **options: Any) -> qt.Plan:
@@ -363,7 +384,7 @@ def test_ctrl_c_in_a_plan_leaves_the_run_along_the_best_by_then(
 def test_ctrl_c_in_a_study_says_what_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = sys.modules["qp_twist.cli.study"]
+    module = importlib.import_module("qp_twist.cli.study")
     run = module.run_study
 
     def stopped(*arguments: Any, **options: Any) -> None:
