@@ -12,7 +12,6 @@ from .frame_pair import FramePair as FramePair
 from .frame_pair import Stretch as Stretch
 from .frame_pair import angle_of_chord as angle_of_chord
 from .frame_pair import turn_about as turn_about
-from .free_twist_cost import FreeTwistCost as FreeTwistCost
 from .gaze_task import GazeTask as GazeTask
 from .joint_centering import JointCentering as JointCentering
 from .joint_ranges import JointRanges as JointRanges

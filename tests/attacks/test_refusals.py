@@ -197,8 +197,6 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "set_dt": lambda x: task().set_dt(x),
     "compute_error": lambda x: task().compute_error(x),
     "velocity_rows(dt)": lambda x: task().velocity_rows(CONFIGURATION, x),
-    "FreeTwistCost(task)": qt.kinematics.FreeTwistCost,
-    "FreeTwistCost(objectives)": lambda x: qt.kinematics.FreeTwistCost(task(), x),
     "JointCentering(model)": second("model", kind=qt.JointCentering),
     "JointCentering(weight)": second("weight", kind=qt.JointCentering, model=MODEL),
     "JointCentering(gain)": second("gain", kind=qt.JointCentering, model=MODEL),

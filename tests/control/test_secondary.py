@@ -1,4 +1,4 @@
-"""The secondary objectives and the cost on the free twist, alone and in mink's solve_ik."""
+"""The secondary objectives, alone and in mink's solve_ik, and the rows that T leaves free."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from oracles.arms import (
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import (
-    FreeTwistCost,
     JointCentering,
     JointRanges,
     Manipulability,
@@ -428,12 +427,6 @@ def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, fr
         TwistProjector(linear=build(linear, e_v), angular=build(angular, e_w), frame=frame),
     )
     task.set_target(target)
-    objectives = [
-        JointCentering(configuration.model),
-        PostureReference(configuration.model, np.ones(6)),
-    ]
-    cost = FreeTwistCost(task, objectives)
-
     # 1 − T, written out in the world.
     to_world = {"world": np.eye(3), "body": R, "target": target.rotation().as_matrix()}[frame]
     free = np.zeros((6, 6))
@@ -443,83 +436,9 @@ def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, fr
             "full": np.zeros((3, 3)), "plane": L, "line": np.eye(3) - L, "none": np.eye(3)
         }[kind]  # fmt: skip
     J = frame_jacobian(configuration, "tool", "site")
-    h = sum(desired.displacement(configuration) for desired in objectives)
-    rows, error = cost.compute_jacobian(configuration), cost.compute_error(configuration)
+    rows = task.state(configuration).projector.complement.basis.T @ J
     assert rows.shape == (round(np.trace(free)), 6)
-    close(rows.T @ rows, J.T @ free @ J)  # rows = VᵀJ with V Vᵀ = 1 − T
-    # The signs of V are free, those of rows and error together are not.
-    close(rows.T @ error, -J.T @ free @ J @ h)
-    close(error @ error, h @ J.T @ free @ J @ h)
-
-
-def test_the_free_rows_and_the_task_rows_make_up_the_whole_twist() -> None:
-    rng = np.random.default_rng(12)
-    configuration = regular(rng)
-    task = task_at(configuration, rng)
-    rows = np.vstack(
-        [task.compute_jacobian(configuration), FreeTwistCost(task).compute_jacobian(configuration)]
-    )
-    J = frame_jacobian(configuration, "tool", "site")
-    assert rows.shape == (6, 6)
-    close(rows.T @ rows, J.T @ J)
-
-
-def test_without_objectives_the_free_twist_is_asked_to_rest() -> None:
-    rng = np.random.default_rng(13)
-    configuration = regular(rng)
-    task = task_at(configuration, rng)
-    close(FreeTwistCost(task).compute_error(configuration), np.zeros(1))
-
-
-def test_linear_and_angular_free_rows_have_their_own_cost() -> None:
-    projector = TwistProjector(linear=Projector.line(Z), angular=Projector.plane(Z))
-    cost = FreeTwistCost(TwistTask("tool", "site", projector), linear_cost=2.0, angular_cost=5.0)
-    np.testing.assert_array_equal(cost.cost, [2.0, 2.0, 5.0])
-    for name in ("linear_cost", "angular_cost"):
-        with pytest.raises(InvalidInput, match=f"{name}: expected a number of at least 0"):
-            FreeTwistCost(cost.task, **{name: -1.0})
-
-
-def test_the_free_twist_of_something_else_than_a_twist_task_is_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"FreeTwistCost.*: expected a TwistTask"):
-        FreeTwistCost(mink.FrameTask("tool", "site", 1.0, 1.0))
-
-
-@pytest.mark.parametrize("solver", ["daqp", "proxqp"])
-@pytest.mark.parametrize("weight", ["gradient", "paper", None])
-def test_minks_solve_ik_gives_the_papers_closed_form(solver: str, weight: str | None) -> None:
-    # Δθ = J⁻¹ T Δt + J⁻¹ (1 − T) J h (paper, eq. liguo); without h the free twist is zero.
-    options = {"daqp": {}, "proxqp": {"eps_abs": 1e-9, "eps_rel": 0.0}}[solver]
-    rng = np.random.default_rng(14)
-    for _ in range(8):
-        configuration = regular(rng)
-        model = configuration.model
-        task = task_at(configuration, rng)
-        objectives = [JointCentering(model, weight=weight, gain=2.0)] if weight else []
-        dt = 0.1
-        velocity = mink.solve_ik(
-            configuration,
-            [FreeTwistCost(task, objectives)],
-            dt,
-            solver,
-            damping=1e-10,  # mink's 1e-12 beside a rank-one cost costs DAQP its digits
-            limits=[],
-            constraints=[task],
-            **options,
-        )
-        J = frame_jacobian(configuration, "tool", "site")
-        R, _ = frame_pose(configuration, "tool", "site")
-        e = R @ task.projector.angular.axis
-        free = np.zeros((6, 6))
-        free[3:, 3:] = np.outer(e, e)
-        low, high = model.jnt_range.T
-        power = {"gradient": 2, "paper": 1, None: 0}[weight]
-        h = 2.0 * ((low + high) / 2 - configuration.q) / (high - low) ** power
-        if weight is None:
-            h = np.zeros(6)
-        twist = 0.7 * task.state(configuration).error  # 0.7: the task's gain
-        expected = np.linalg.solve(J, (np.eye(6) - free) @ twist + free @ J @ h)
-        close(velocity * dt, expected, atol=1e-6)
+    close(rows.T @ rows, J.T @ free @ J)
 
 
 # ------------------------------------------------------------------------- as plain mink tasks

@@ -191,12 +191,6 @@ def relative_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task
     return task
 
 
-def free_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = twist(c, rng)
-    assert isinstance(task, qt.TwistTask)
-    return qt.kinematics.FreeTwistCost(task, [qt.PostureReference(c.model, c.q, gain=0.1)])
-
-
 def gaze(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
     task = qt.GazeTask("camera", "site")
     task.set_point(np.array([2.0, 0.3, 1.0]) + 0.1 * rng.normal(size=3))
@@ -217,7 +211,6 @@ TASKS: dict[str, Make] = {
     "EqualityConstraintTask": equality,
     "TwistTask": twist,
     "TwistTask, relative": relative_twist,
-    "FreeTwistCost": free_twist,
     "GazeTask": gaze,
 }
 CONSTRAINTS = (
