@@ -61,8 +61,13 @@ def float_array(
     raise error(f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}.")
 
 
+def are_floats(values: Any, n: int) -> bool:
+    """Whether these are an array of n floats; a tenth of the time of full checks."""
+    return type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (n,)
+
+
 def are_rows(rows: Any, ends: Any, n: int) -> bool:
-    """Whether these are arrays of floats (k, n) and (k,); a tenth of the time of full checks."""
+    """Whether these are arrays of floats (k, n) and (k,), likewise."""
     return (
         type(rows) is type(ends) is np.ndarray
         and rows.dtype == ends.dtype == np.float64

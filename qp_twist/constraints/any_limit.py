@@ -12,7 +12,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices, are_rows, float_array, within
+from qp_twist.checks import Array, Indices, are_floats, are_rows, float_array, within
 from qp_twist.constraints.band_limit import BandLimit
 from qp_twist.constraints.box import Box, BoxLimit, no_box
 from qp_twist.constraints.clearance import Clearance
@@ -34,9 +34,11 @@ _KNOWN: dict[type, str] = {
     "minimum_distance_from_collisions collision_detection_distance broadphase broadphase_min_pairs",
 }
 """Attributes of mink's limits."""
+_JointIndices = tuple[Indices, Indices, Indices, Indices]
 _of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange]] = WeakKeyDictionary()
-_joints: WeakKeyDictionary[mink.Limit, tuple[tuple[object, ...], MinkRange]] = WeakKeyDictionary()
-_speeds: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Box]] = WeakKeyDictionary()
+_joints: WeakKeyDictionary[mink.Limit, tuple[tuple[object, ...], _JointIndices]] = (
+    WeakKeyDictionary()
+)
 
 
 class Named(Protocol):
@@ -82,14 +84,13 @@ def refuse_unknown_attributes(limit: Any) -> None:
         InvalidInput: If one of mink's own classes has such an attribute.
     """
     kind: Any = type(limit)
-    if kind in _KNOWN:
-        unknown = _unknown_names(kind, tuple(limit.__dict__))
-        if unknown:
-            raise InvalidInput(
-                f"{kind.__name__} has {' and '.join(map(repr, unknown))}, which qp_twist does not "
-                "know and would ignore. Install mink 1.3, for which it is tested, or derive a "
-                "class: the rows of its compute_qp_inequalities are taken as they are."
-            )
+    unknown = _unknown_names(kind, tuple(limit.__dict__)) if kind in _KNOWN else ()
+    if unknown:
+        raise InvalidInput(
+            f"{kind.__name__} has {' and '.join(map(repr, unknown))}, which qp_twist does not "
+            "know and would ignore. Install mink 1.3, for which it is tested, or derive a "
+            "class: the rows of its compute_qp_inequalities are taken as they are."
+        )
 
 
 @functools.lru_cache
@@ -129,14 +130,14 @@ class MinkRange(NamedTuple):
     upper: Array
     """θ_max, (nq,)."""
     gain: float
+    ball_angles: Array
+    """φ_max of the limited ball joints, rad."""
     addresses: Indices
     """Indices in q of the joints that have a range, (k,)."""
     dofs: Indices
     """Their degrees of freedom, (k,)."""
-    ball_angles: Array
-    """φ_max of the limited ball joints, rad."""
     ball_addresses: Indices
-    """Indices of their quaternions in q."""
+    """Indices of the ball joints' quaternions in q."""
     ball_dofs: Indices
     """First degree of freedom of each."""
 
@@ -156,43 +157,19 @@ def is_mink_box(limit: Any) -> bool:
     return type(limit) is mink.VelocityLimit
 
 
-def mink_box(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
-    r"""Bounds of such a limit on :math:`\dot{\mathbf q}`, rad/s or m/s; ``None`` for any other.
-
-    With mink's gain k they are :math:`k(\theta_{min} - \theta)/dt` and
-    :math:`k(\theta_{max} - \theta)/dt`, or :math:`\mp v_{max}`.
-    """
-    if not is_mink_box(limit):
-        return None
-    model = configuration.model
-    if isinstance(limit, mink.VelocityLimit):
-        return speeds_of(limit, model.nv)
-    known = range_of(limit, model)
-    if known is None:
-        return None
-    lower, upper = np.full(model.nv, -np.inf), np.full(model.nv, np.inf)
-    at, share = known.addresses, known.gain / dt
-    q = configuration.data.qpos[at]
-    lower[known.dofs] = share * (known.lower[at] - q)
-    upper[known.dofs] = share * (known.upper[at] - q)
-    return Box("position", lower, upper)
-
-
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
     """Index in q of each joint of the limit."""
-    return _joints_of(limit).addresses
+    return _joints_of(limit)[0]
 
 
-def _joints_of(limit: mink.ConfigurationLimit) -> MinkRange:
-    """The joints of a limit, without its bounds, read again if the arrays are replaced."""
+def _joints_of(limit: mink.ConfigurationLimit) -> _JointIndices:
+    """The indices of a limit's joints, as in MinkRange; read again if its arrays are replaced."""
     kept, model = _joints.get(limit), limit.model
     source = limit.indices, model, limit._ball_qposadr, limit._ball_dofadr
     if kept is None or any(map(operator.is_not, kept[0], source)):
-        dofs, none = np.array(limit.indices, dtype=np.intp), np.zeros(0)
+        dofs, balls, ball_dofs = (np.array(source[k], dtype=np.intp) for k in (0, 2, 3))
         addresses = model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp)
-        balls = np.array([limit._ball_qposadr, limit._ball_dofadr], dtype=np.intp)
-        made = MinkRange(none, none, 1.0, addresses, dofs, none, *balls)
-        kept = _joints[limit] = source, made
+        kept = _joints[limit] = source, (addresses, dofs, balls, ball_dofs)
     return kept[1]
 
 
@@ -202,21 +179,18 @@ def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange
     The bounds are read in each call.
     """
     refuse_unknown_attributes(limit)
-    known, own = _joints_of(limit), limit.model
-    if (own.nq, own.nv) != (model.nq, model.nv):
+    joints, own, nq = _joints_of(limit), limit.model, model.nq
+    lower, upper, angles = limit.lower, limit.upper, limit._ball_max_angle
+    if not (
+        own.nq == nq
+        and own.nv == model.nv
+        and (limit.projection_matrix is None) == (len(joints[1]) == 0)
+        and are_floats(lower, nq)
+        and are_floats(upper, nq)
+        and are_floats(angles, len(joints[3]))
+    ):
         return None
-    if (limit.projection_matrix is None) != (len(known.dofs) == 0):
-        return None
-    numbers: tuple[Any, ...] = limit.lower, limit.upper, limit._ball_max_angle
-    for array, length in zip(numbers, (model.nq, model.nq, len(known.ball_dofs)), strict=True):
-        if (
-            not isinstance(array, np.ndarray)
-            or array.dtype != np.float64
-            or array.shape != (length,)
-        ):
-            return None
-    lower, upper, angles = numbers
-    return known._replace(lower=lower, upper=upper, gain=float(limit.gain), ball_angles=angles)
+    return MinkRange(lower, upper, float(limit.gain), angles, *joints)
 
 
 def default_range(model: mujoco.MjModel) -> MinkRange:
@@ -240,13 +214,11 @@ def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
     refuse_unknown_attributes(limit)
     if limit.projection_matrix is None:
         return no_box("velocity", nv)
-    state = limit.limit.tobytes(), limit.indices.tobytes()
-    kept = _speeds.get(limit)
-    if kept is None or kept[0] != state:
-        upper = np.full(limit.projection_matrix.shape[1], np.inf)
-        upper[limit.indices] = limit.limit
-        kept = _speeds[limit] = state, Box("velocity", -upper, upper)
-    return kept[1] if len(kept[1].lower) == nv else None
+    if limit.projection_matrix.shape[1] != nv:
+        return None
+    upper = np.full(nv, np.inf)
+    upper[limit.indices] = limit.limit
+    return Box("velocity", -upper, upper)
 
 
 # ------------------------------------------------------------------------------- rows of any limit
@@ -284,65 +256,81 @@ class LimitRows(NamedTuple):
             return cls(limit, G, h)
         rows = np.atleast_2d(float_array(f"{name}: G of G Δq ≤ h", G))
         ends = np.atleast_1d(float_array(f"{name}: h of G Δq ≤ h", h))
-        if rows.ndim != 2 or rows.shape[1] != nv:
+        if rows.shape != (len(ends), nv) or ends.ndim != 1:
             raise InvalidInput(
-                f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), got {np.shape(G)}."
-            )
-        if ends.shape != (len(rows),):
-            raise InvalidInput(
-                f"{name}: its rows G Δq ≤ h need h of shape {(len(rows),)}, it has {np.shape(h)}."
+                f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), and h of shape (rows,), got "
+                f"{np.shape(G)} and {np.shape(h)}."
             )
         return cls(limit, rows, ends)
 
     def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
         """A sentence for each violated margin of a constraint."""
-        if not np.count_nonzero(self.h < 0.0) or not isinstance(self.limit, Constraint):
-            return ()
-        return _recovering(self.limit, configuration)
+        if isinstance(self.limit, Constraint) and np.count_nonzero(self.h < 0.0):
+            return _recovering(self.limit, configuration)
+        return ()
 
 
 @dataclass(eq=False)
-class EvaluatedLimit:
-    """Bounds and rows of any mink limit at a configuration.
+class RowsOf:
+    """Some rows of a limit.
 
     Attributes:
         limit: The limit.
+        which: Their indices among all rows of the limit, (k,); of a clearance those of the pairs.
+    """
+
+    limit: mink.Limit
+    which: Indices
+
+    @classmethod
+    def at(cls, limit: mink.Limit, rows: Indices) -> RowsOf:
+        """The rows of some indices, (k,), among those that the limit has just stated."""
+        return cls(limit, limit.in_step.pairs[rows] if isinstance(limit, Clearance) else rows)
+
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        return [_row_name(self.limit, row) for row in self.which.tolist()]
+
+
+@dataclass(eq=False)
+class EvaluatedLimit(RowsOf):
+    """Bounds and rows of any mink limit at a configuration.
+
+    Attributes:
         box: Its rows with a single entry, as bounds.
         rows: The other rows, without those that always hold, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
         rooms: The part of it that is what is left of a clearance, over dt; else 0, (k,).
-        which: Their indices among all rows of the limit, (k,); of a clearance those of the pairs.
         recovering: A sentence for each violated margin, if the limit is a constraint.
     """
 
-    limit: mink.Limit
     box: Box
     rows: Array
     bounds: Array
     rooms: Array
-    which: Indices
-    recovering: tuple[str, ...] = ()
+    recovering: tuple[str, ...]
 
     @classmethod
     def of(
-        cls,
-        limit: mink.Limit,
-        configuration: mink.Configuration,
-        dt: float,
-        known: LimitRows | None = None,
+        cls, limit: mink.Limit | LimitRows, configuration: mink.Configuration, dt: float
     ) -> EvaluatedLimit | None:
-        """Evaluate a limit, or sort its known rows; ``None`` if no row restricts the step."""
-        nv = configuration.model.nv
-        if known is None and isinstance(limit, Clearance):
+        """Evaluate a limit, or sort rows that it has stated; ``None`` if none restricts the step.
+
+        Raises:
+            InvalidInput: If a row is not a number, or cannot hold.
+        """
+        if isinstance(limit, Clearance):
             # Its rows stay rows, so that they have the names of their pairs; they are numbers.
-            rows = limit.step_rows(configuration, dt)
-            if not len(rows[0]):
+            rows, bounds, rooms, pairs = limit.step_rows(configuration, dt)
+            if not len(bounds):
                 return None
-            too_near = limit.in_step.least < 0.0
-            recovering = _recovering(limit, configuration) if too_near else ()
-            return cls(limit, no_box(limit.kind, nv), *rows, recovering)
-        known = known or LimitRows.of(limit, configuration, dt)
-        G, h, name = known.G, known.h, type(limit).__name__
+            too_near = _recovering(limit, configuration) if limit.in_step.least < 0.0 else ()
+            box = no_box(limit.kind, configuration.model.nv)
+            return cls(limit, pairs, box, rows, bounds, rooms, too_near)
+        known = limit if isinstance(limit, LimitRows) else LimitRows.of(limit, configuration, dt)
+        stating, G, h = known
+        name = type(stating).__name__
         if not len(h):
             return None
         within(f"{name}: G", G, UNLIMITED)
@@ -352,30 +340,11 @@ class EvaluatedLimit:
             )
         g: Array = np.where(h > UNLIMITED * dt, np.inf, h / dt)
         entries = (G != 0.0).sum(axis=1)
-        box = _box(kind_of(limit), G[entries == 1], g[entries == 1])
-        which = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        named = limit.in_step.pairs[which] if isinstance(limit, Clearance) else which
+        box = _box(kind_of(stating), G[entries == 1], g[entries == 1])
+        rest = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
+        which = RowsOf.at(stating, rest).which
         recovering = known.recovering(configuration)
-        return cls(limit, box, G[which], g[which], np.zeros(len(which)), named, recovering)
-
-    @property
-    def names(self) -> list[RowName]:
-        """Of the rows."""
-        if isinstance(self.limit, Clearance):
-            return [(self.limit.names[pair], self.limit.kind) for pair in self.which.tolist()]
-        return RowsOf(self.limit, self.which).names
-
-
-class RowsOf(NamedTuple):
-    """Some rows of a limit, by their indices, (k,)."""
-
-    limit: mink.Limit
-    which: Indices
-
-    @property
-    def names(self) -> list[RowName]:
-        """Of the rows."""
-        return [_row_name(self.limit, int(row)) for row in self.which]
+        return cls(stating, which, box, G[rest], g[rest], np.zeros(len(rest)), recovering)
 
 
 def _recovering(limit: Constraint, configuration: mink.Configuration) -> tuple[str, ...]:
@@ -392,6 +361,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return " – ".join(geoms), "collision"
     if isinstance(limit, BandLimit):
         return f"{limit.task.name} band row {row}", "band"
+    if isinstance(limit, Clearance):
+        return limit.names[row], limit.kind
     if isinstance(limit, Constraint):
         return limit.row_name(row), limit.kind
     if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):

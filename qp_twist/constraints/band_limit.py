@@ -11,15 +11,11 @@ from qp_twist.kinematics import TwistTask
 
 
 class BandLimit(mink.Limit):
-    r"""Keep the hard bands of a :class:`~qp_twist.TwistTask` in :func:`mink.solve_ik`.
+    r"""Keep the hard bands of a :class:`~qp_twist.TwistTask`, ``task``, in :func:`mink.solve_ik`.
 
     The rows of :meth:`TwistTask.band_rows <qp_twist.TwistTask.band_rows>` on the displacement,
     :math:`\mathbf G\,\Delta\mathbf q \le \mathbf g\,dt`. Soft bands need a slack, which a mink
     limit cannot have; :class:`~qp_twist.Controller` reads both kinds from the task itself.
-
-    Attributes:
-        kind: Its name in messages and in :class:`~qp_twist.constraints.BindingLimit`.
-        task: The task whose bands these are.
     """
 
     kind = "band"

@@ -11,9 +11,8 @@ import numpy as np
 from qp_twist.checks import Array, largest
 
 NEGLIGIBLE = 1e-7
-"""Multipliers below this share of the largest one (or of 1, if larger) count as zero."""
-
-
+"""Multipliers below this share of the largest one (or of 1, if larger) count as zero: interior-point
+and first-order backends return small multipliers for inactive limits."""
 _OF_PAIRS = "clearance", "collision"
 
 
@@ -50,7 +49,7 @@ def binding_limits(
     kinds: tuple[Any, Any],
     sources: Iterable[Any],
 ) -> tuple[BindingLimit, ...]:
-    """The limits with a nonzero multiplier, by name.
+    """The limits with a nonzero multiplier, by name; of the rows of one pair the largest.
 
     Args:
         box: Multipliers of the bounds, positive at an upper one, negative at a lower one, (nv,).
@@ -60,7 +59,6 @@ def binding_limits(
         kinds: Kinds of the lower and of the upper bounds, by degree of freedom.
         sources: Limits and bands behind the rows; they provide the rows' names.
     """
-    # Interior-point and first-order backends return small multipliers for inactive limits.
     negligible = NEGLIGIBLE * max(largest(box), rows.max(initial=0.0), floor)
     found = []
     for dof in np.flatnonzero(np.abs(box) > negligible).tolist():
@@ -68,14 +66,13 @@ def binding_limits(
         side = "upper" if upper else "lower"
         found.append(BindingLimit(joints[dof], kinds[upper][dof], side, float(abs(box[dof]))))
     active = np.flatnonzero(rows > negligible).tolist()
-    if active:  # names are looked up only then
-        names: list[tuple[str, str]] = [name for source in sources for name in source.names]
-        pairs: dict[tuple[str, str], float] = {}  # which may have several rows
-        for row in active:
-            name, multiplier = names[row], float(rows[row])
-            if name[1] in _OF_PAIRS:
-                pairs[name] = max(pairs.get(name, 0.0), multiplier)
-            else:
-                found.append(BindingLimit(*name, "upper", multiplier))
-        found += [BindingLimit(*name, "upper", most) for name, most in pairs.items()]
+    names = [name for source in sources for name in source.names] if active else []
+    pairs: dict[tuple[str, str], float] = {}
+    for row in active:
+        name, multiplier = names[row], float(rows[row])
+        if name[1] in _OF_PAIRS:
+            pairs[name] = max(pairs.get(name, 0.0), multiplier)
+        else:
+            found.append(BindingLimit(*name, "upper", multiplier))
+    found += [BindingLimit(*name, "upper", most) for name, most in pairs.items()]
     return tuple(found)

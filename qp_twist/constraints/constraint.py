@@ -123,11 +123,7 @@ class Constraint(mink.Limit):
         return self.names[row]
 
     def check_model(self, label: str, model: mujoco.MjModel) -> None:
-        """Refuse a robot that this constraint was not made for; by default none is refused.
-
-        Raises:
-            InvalidInput: If it was not; the message begins with ``label``.
-        """
+        """Raise InvalidInput, the message beginning with ``label``, for another robot's model."""
 
     def excess(self, q: Array) -> Array:
         """Largest violation at configurations q (N, nq), 0 inside, m or rad, (N,)."""
@@ -136,23 +132,19 @@ class Constraint(mink.Limit):
 
 
 def margins_of(constraint: Constraint, q: Array) -> Array:
-    """The margins (N, k) of a constraint at configurations q (N, nq), checked.
-
-    Raises:
-        InvalidInput: If their shape is wrong, or one is NaN.
-    """
+    """The margins (N, k) of a constraint at configurations q (N, nq), checked."""
     margins = constraint.margins(q)
-    shape = len(q), len(constraint.names)
+    name, shape = type(constraint).__name__, (len(q), len(constraint.names))
     if not isinstance(margins, np.ndarray) or margins.shape != shape:
         raise InvalidInput(
-            f"{type(constraint).__name__}: margins(q) of {len(q)} configurations: expected an "
-            f"array of shape {shape}, got {type(margins).__name__} of {np.shape(margins)}."
+            f"{name}: margins(q) of {len(q)} configurations: expected an array of shape {shape}, "
+            f"got {type(margins).__name__} of {np.shape(margins)}."
         )
     if np.isnan(margins).any():
         first = int(np.argmax(np.isnan(margins).any(axis=1)))
         raise InvalidInput(
-            f"{type(constraint).__name__}: margins(q) is NaN at q = {q[first].round(4).tolist()}; "
-            "state a number for every configuration."
+            f"{name}: margins(q) is NaN at q = {q[first].round(4).tolist()}; state a number for "
+            "every configuration."
         )
     return margins
 
@@ -160,8 +152,7 @@ def margins_of(constraint: Constraint, q: Array) -> Array:
 def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) -> None:
     """Refuse a constraint whose kind, names, units and arrays do not fit each other or the robot.
 
-    Raises:
-        InvalidInput: If so; the message begins with ``label``.
+    Messages begin with ``label``.
     """
     constraint.check_model(label, model)
     kind, names = constraint.kind, constraint.names

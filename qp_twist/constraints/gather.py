@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices
-from qp_twist.constraints.any_limit import (
-    UNLIMITED,
-    EvaluatedLimit,
-    LimitRows,
-    Named,
-    RowName,
-    mink_box,
-)
+from qp_twist.checks import Array
+from qp_twist.constraints.any_limit import UNLIMITED, EvaluatedLimit, LimitRows, Named, RowName
 from qp_twist.constraints.box import Box, BoxLimit, Intersection
 from qp_twist.errors import InvalidInput
 
@@ -50,46 +42,32 @@ class GatheredLimits(Intersection):
             )
         self.lower[self.lower < -UNLIMITED] = -np.inf
         self.upper[self.upper > UNLIMITED] = np.inf
-        self.rows, self.bounds = np.zeros((0, model.nv)), np.zeros(0)
-        if sources:
-            self.rows = np.vstack([source.rows for source in sources])
-            self.bounds = np.concatenate([source.bounds for source in sources])
+        self.rows = np.vstack([np.zeros((0, model.nv)), *(source.rows for source in sources)])
+        self.bounds = np.concatenate([np.zeros(0), *(source.bounds for source in sources)])
         self.sources, self.recovering = sources, tuple(recovering)
 
     def as_rows(self) -> tuple[Array, Array, Named]:
         """All limits, bounds included, as rows G q̇ ≤ g; and an object with the rows' names."""
         identity = np.eye(len(self.lower))
         above, below = np.flatnonzero(self.upper < np.inf), np.flatnonzero(self.lower > -np.inf)
+        names = [(self.names[i], self.upper_kind[i]) for i in above]
+        names += [(self.names[i], self.lower_kind[i]) for i in below]
+        names += [name for source in self.sources for name in source.names]
         return (
             np.vstack([identity[above], -identity[below], self.rows]),
             np.concatenate([self.upper[above], -self.lower[below], self.bounds]),
-            _AsRows(self, above, below),
+            _Names(names),
         )
 
 
-class _AsRows(NamedTuple):
-    limits: GatheredLimits
-    above: Indices
-    below: Indices
-
-    @property
-    def names(self) -> list[RowName]:
-        """Names and kinds of upper bounds, lower bounds, then of the other rows."""
-        limits = self.limits
-        return [
-            *((limits.names[i], limits.upper_kind[i]) for i in self.above),
-            *((limits.names[i], limits.lower_kind[i]) for i in self.below),
-            *(name for source in limits.sources for name in source.names),
-        ]
+class _Names(NamedTuple):
+    names: list[RowName]
 
 
 def gather_limits(
-    limits: Sequence[mink.Limit],
-    configuration: mink.Configuration,
-    dt: float,
-    known: Mapping[int, LimitRows] = MappingProxyType({}),
+    limits: Sequence[mink.Limit | LimitRows], configuration: mink.Configuration, dt: float
 ) -> GatheredLimits:
-    """Evaluate any limits at a configuration, but for the rows ``known`` by index into them.
+    """Evaluate any limits at a configuration, but for those of which the rows are known.
 
     A row with a single entry becomes a bound, other rows (collision avoidance) stay rows.
 
@@ -100,16 +78,12 @@ def gather_limits(
     boxes: list[Box] = []
     found: list[EvaluatedLimit] = []
     recovering: list[str] = []
-    for place, limit in enumerate(limits):
+    for limit in limits:
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        bounds = mink_box(limit, configuration, dt)
-        if bounds is not None:
-            boxes.append(bounds)
-            continue
-        evaluated = EvaluatedLimit.of(limit, configuration, dt, known.get(place))
+        evaluated = EvaluatedLimit.of(limit, configuration, dt)
         if evaluated is not None:
             boxes.append(evaluated.box)
             found.append(evaluated)

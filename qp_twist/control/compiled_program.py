@@ -8,7 +8,7 @@ from typing import Any
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, are_floats
 from qp_twist.constraints import Box, LimitRows, MinkRange, Named, RowsOf, kind_of
 from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.control.lazy_step import LazyStep, StepLabels
@@ -129,7 +129,7 @@ class CompiledProgram:
     def add_box(self, box: Box) -> None:
         """Bounds, each (n,); invalid ones are left to the reference, which names them."""
         lower, upper = box.lower, box.upper
-        self._is_valid &= _are_bounds(lower, self.n) and _are_bounds(upper, self.n)
+        self._is_valid &= are_floats(lower, self.n) and are_floats(upper, self.n)
         if self._is_valid:
             self._is_valid = narrow_box(lower, upper, self._number(box.kind), self._box)
 
@@ -300,12 +300,7 @@ class _BallRows:
 def _rows_of(limit: mink.Limit | MinkRange, which: Indices, names: tuple[str, ...]) -> Named:
     if isinstance(limit, MinkRange):
         return _BallRows(limit, which, names)
-    return RowsOf(limit, which)
-
-
-def _are_bounds(values: Any, n: int) -> bool:
-    """Whether these are n floats, which the kernel does not check."""
-    return type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (n,)
+    return RowsOf.at(limit, which)
 
 
 def _longer(array: Any, length: int) -> Any:

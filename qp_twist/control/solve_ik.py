@@ -313,11 +313,15 @@ def _by_reference(
     for constraint, rows in zip(evaluated.constraints, evaluated.rows, strict=True):
         _check_rows(constraint, rows)
     own = evaluated.limits
+    if own is None:
+        own = [mink.ConfigurationLimit(configuration.model)]
     limits = gather_limits(
-        [mink.ConfigurationLimit(configuration.model)] if own is None else own,
+        [
+            bounds if isinstance(bounds, LimitRows) else limit
+            for limit, bounds in zip(own, evaluated.bounds, strict=True)
+        ],
         configuration,
         evaluated.dt,
-        {i: bounds for i, bounds in enumerate(evaluated.bounds) if isinstance(bounds, LimitRows)},
     )
     whole = [
         Directions.of(rows.A, rows.b, evaluated.dt, threshold, damp=False, smooth=False)
