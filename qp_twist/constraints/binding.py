@@ -11,8 +11,8 @@ import numpy as np
 from qp_twist.checks import Array, largest
 
 NEGLIGIBLE = 1e-7
-"""Multipliers below this share of the largest one (or of 1, if larger) count as zero: interior-point
-and first-order backends return small multipliers for inactive limits."""
+"""Multipliers below this share of the largest one (or of 1, if larger) count as zero: some backends
+return small multipliers for inactive limits."""
 _OF_PAIRS = "clearance", "collision"
 
 
@@ -66,7 +66,9 @@ def binding_limits(
         side = "upper" if upper else "lower"
         found.append(BindingLimit(joints[dof], kinds[upper][dof], side, float(abs(box[dof]))))
     active = np.flatnonzero(rows > negligible).tolist()
-    names = [name for source in sources for name in source.names] if active else []
+    names: list[tuple[str, str]] = []
+    if active:  # names are looked up only then
+        names = [name for source in sources for name in source.names]
     pairs: dict[tuple[str, str], float] = {}
     for row in active:
         name, multiplier = names[row], float(rows[row])

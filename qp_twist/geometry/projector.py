@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, rotation_matrix, unit_vector
+from qp_twist.checks import Array, finite_array, instance, unit_vector
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry.rotations import cross, perpendicular
 
@@ -126,18 +126,11 @@ class Projector:
             return Projector.line(directions[:, 2])
         return Projector.none()
 
-    def rotated(self, rotation: npt.ArrayLike) -> Projector:
-        """The projector R M Rᵀ, rotated by a rotation matrix (3, 3).
+    def rotated(self, rotation: Array) -> Projector:
+        """The projector R M Rᵀ for a rotation matrix (3, 3), which is not checked.
 
         The basis rotates with it, so that the rows of a task stay continuous along a motion. Full
-        and none do not change.
-        """
-        return self.turned(rotation_matrix("rotation", rotation))
-
-    def turned(self, rotation: Array) -> Projector:
-        """:meth:`rotated` without its check, for one rotation or for many, (K, 3, 3).
-
-        For many the basis has shape (K, 3, rank) and the axis (K, 3).
+        and none do not change. For K rotations the basis has shape (K, 3, rank), the axis (K, 3).
         """
         if self.axis is None:
             return self

@@ -50,11 +50,11 @@ class TwistProjector:
     frame: ProjectorFrame = field(default="world")
 
     def __post_init__(self) -> None:
-        for name in ("linear", "angular"):
-            if not isinstance(getattr(self, name), Projector):
+        for name, block in (("linear", self.linear), ("angular", self.angular)):
+            if not isinstance(block, Projector):
                 raise InvalidInput(
                     f"TwistProjector({name}=…): expected a Projector such as Projector.full() or "
-                    f"Projector.plane([0, 0, 1]), got {getattr(self, name)!r}."
+                    f"Projector.plane([0, 0, 1]), got {block!r}."
                 )
         one_of("TwistProjector(frame=…)", self.frame, ("world", "body", "target"))
 
@@ -87,9 +87,7 @@ class TwistProjector:
     def intersection(self, other: TwistProjector) -> TwistProjector:
         """The twist projector onto the rows common to both, block by block.
 
-        Raises:
-            InvalidInput: If axes of the two are fixed to different frames: what they have in common
-                then changes along the motion.
+        Axes fixed to different frames are refused: what they have in common changes along a motion.
         """
         instance("other", other, TwistProjector)
         frames = {t.frame for t in (self, other) if t.has_axis}
@@ -115,10 +113,7 @@ class TwistProjector:
         """The same projector in world axes.
 
         It needs the rotation to the world, (3, 3), of the frame that it is fixed to: the controlled
-        one (``body``) or the target.
-
-        Raises:
-            InvalidInput: If that is missing.
+        one (``body``) or the target; without it raises :class:`~qp_twist.InvalidInput`.
         """
         if self.frame == "world":
             return self
@@ -138,7 +133,7 @@ class TwistProjector:
         rotation = body if self.frame == "body" else target
         world = object.__new__(TwistProjector)
         world.__dict__.update(
-            linear=self.linear.turned(rotation), angular=self.angular.turned(rotation),
+            linear=self.linear.rotated(rotation), angular=self.angular.rotated(rotation),
             frame="world",
         )  # fmt: skip
         return world
@@ -156,23 +151,18 @@ def distinct_projectors(
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).
 
-    T_O is full for a spatial arm, and has the plane's three directions for a planar one.
-
-    Raises:
-        InvalidInput: If the task needs a direction which the operational space does not have.
+    T_O is full for a spatial arm, and has the plane's three directions for a planar one; a task
+    that needs another direction raises :class:`~qp_twist.InvalidInput`.
     """
     instance("operational", operational, TwistProjector)
     instance("task", task, TwistProjector)
-    if operational.rank < 6 and operational.frame == task.frame:
-        outside = task.basis - operational.matrix @ task.basis
-        if np.abs(outside).max(initial=0.0) > 1e-9:
-            raise InvalidInput(
-                "task_redundancy: the task needs a direction outside the operational space; check "
-                "the linear and angular blocks of both projectors."
-            )
-    if task.rank > operational.rank:
+    outside = task.rank > operational.rank
+    if operational.frame == task.frame:
+        beyond = task.basis - operational.matrix @ task.basis
+        outside |= bool(np.abs(beyond).max(initial=0.0) > 1e-9)
+    if outside:
         raise InvalidInput(
-            f"task_redundancy: the task has rank {task.rank}, more than the operational space's "
-            f"{operational.rank}."
+            f"task_redundancy: the task, of rank {task.rank}, needs a direction outside the "
+            f"operational space, of rank {operational.rank}; check the blocks of both projectors."
         )
     return operational.rank - task.rank

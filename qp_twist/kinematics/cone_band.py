@@ -42,16 +42,9 @@ class ConeBand(ToleranceBand):
     lower end is one row along e: a sideways motion only moves u away from n. Beyond 90° the two
     exchange their roles.
 
-    Args:
-        axis: The axis in the body, shape (3,).
-        reference: Axis of the cone, shape (3,).
-        upper: Largest angle, rad, up to π.
-        lower: Smallest angle, rad.
-        frame: The frame that the reference is fixed to.
-        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, rad/s.
-
-    Raises:
-        InvalidInput: If an argument has the wrong type or range.
+    Arguments are the axis in the body and the reference, (3,) each, the largest angle, up to π, and
+    the smallest, rad, and those of :class:`ToleranceBand`; what has the wrong type or range raises
+    :class:`~qp_twist.InvalidInput`.
     """
 
     kind, unit, frames = "cone", "rad", ("target", "world")
@@ -89,23 +82,18 @@ class ConeBand(ToleranceBand):
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """The polygon's sides and the lower end; see :meth:`ToleranceBand.rows`."""
         (u, n), [(lower, upper)] = self._directions(pair), self.ranges
-        blocks = [(np.zeros((*u.shape[:-1], 0, 3)), np.zeros((*u.shape[:-1], 0)))]
         # θ lies between 0 and π: a bound there has no effect.
-        if upper < math.pi:
-            blocks.append(_disc_rows(u, n, upper, reach))
-        if lower > 0.0:
-            blocks.append(_disc_rows(u, -n, math.pi - lower, reach))
-        angular = np.concatenate([rows for rows, _ in blocks], axis=-2)
-        rooms = np.concatenate([rooms for _, rooms in blocks], axis=-1)
-        rows = np.concatenate([np.zeros_like(angular), angular], axis=-1)
-        return rows[..., None, :, :], rooms[..., None, :]
+        sides = [(n, upper)] * (upper < math.pi) + [(-n, math.pi - lower)] * (lower > 0.0)
+        rows = np.zeros((*u.shape[:-1], 1, FACES * len(sides), 6))
+        rooms = np.zeros(rows.shape[:-1])
+        for k, (axis, radius) in enumerate(sides):
+            part = slice(FACES * k, FACES * (k + 1))
+            rows[..., 0, part, 3:], rooms[..., 0, part] = _disc_rows(u, axis, radius, reach)
+        return rows, rooms
 
     def carried(self, pair: FramePair) -> Array:
         """The target's rotation, if the reference rotates with it."""
-        carried = np.zeros_like(pair.target_twist)
-        if self.frame == "target":
-            carried[..., 3:] = pair.target_twist[..., 3:]
-        return carried
+        return pair.target_twist * ([0, 0, 0, 1, 1, 1] if self.frame == "target" else 0.0)
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """‖u − n‖ = 2 sin(θ/2) bounds θ from above, ‖u + n‖ = 2 cos(θ/2) from below."""

@@ -58,27 +58,18 @@ class GazeTask(TwistTask):
         super().__init__(frame_name, frame_type, T, gain, **options)
 
     def set_point(self, point: npt.ArrayLike, velocity: npt.ArrayLike | None = None) -> None:
-        """Set the target as a point.
+        """Set the target as a point in the world, or in the frame that carries it, m, (3,).
 
-        Args:
-            point: In the world, or in the frame that carries it, m, (3,).
-            velocity: Velocity of the point, in the same axes, m/s, (3,); at rest if ``None``.
-
-        Raises:
-            InvalidTarget: If either is not finite.
+        ``velocity`` is that of the point, in the same axes, m/s, (3,); at rest if ``None``. What is
+        not finite raises :class:`~qp_twist.InvalidTarget`.
         """
         at = finite_array(f"{self.name} point", point, (3,), error=InvalidTarget)
-        twist = np.zeros(6)
-        if velocity is not None:
-            twist[:3] = finite_array(f"{self.name} velocity", velocity, (3,), error=InvalidTarget)
-        self.set_target(mink.SE3.from_translation(at), twist)
+        moving = np.zeros(3) if velocity is None else velocity
+        moving = finite_array(f"{self.name} velocity", moving, (3,), error=InvalidTarget)
+        self.set_target(mink.SE3.from_translation(at), np.append(moving, np.zeros(3)))
 
     def state(self, configuration: mink.Configuration) -> TaskState:
-        """As in :class:`TwistTask`.
-
-        Raises:
-            InvalidInput: If the target is at the frame's origin, where it has no direction.
-        """
+        """As in :class:`TwistTask`; a target at the frame's origin has no direction, an error."""
         pair = self._pair(configuration)
         sight = pair.target_position - pair.position
         distance = float(np.linalg.norm(sight))
@@ -93,11 +84,6 @@ class GazeTask(TwistTask):
         assert axis is not None
         jacobian = self._jacobian(configuration)
         jacobian[3:] += np.cross(d, jacobian[:3], axisb=0).T / distance
-        turn = cross(d, pair.target_twist[:3]) / distance
-        return TaskState(
-            projector=world,
-            basis=world.basis,
-            error=np.concatenate([np.zeros(3), geodesic(axis, d)]),
-            jacobian=jacobian,
-            feedforward=np.concatenate([np.zeros(3), turn]),
-        )
+        error = np.concatenate([np.zeros(3), geodesic(axis, d)])
+        ahead = np.concatenate([np.zeros(3), cross(d, pair.target_twist[:3]) / distance])
+        return TaskState(world, world.basis, error, jacobian, ahead)

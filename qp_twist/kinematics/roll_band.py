@@ -34,15 +34,9 @@ class RollBand(ToleranceBand):
     fixed to the body and one fixed to the target have the same roll. If the axis has swung by a
     half turn, the roll is undefined, and the band has no rows.
 
-    Args:
-        axis: a, shape (3,).
-        lower: Smallest roll, rad. The range may lie across π, e.g. from 150° to 210°.
-        upper: Largest roll, rad.
-        frame: The frame that the axis is fixed to.
-        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, rad/s.
-
-    Raises:
-        InvalidInput: If an argument has the wrong type or range, or the range is a whole turn.
+    Arguments are a, (3,), the smallest and the largest roll, rad, which may lie across π as from
+    150° to 210°, and those of :class:`ToleranceBand`; what has the wrong type or range, or spans a
+    whole turn, raises :class:`~qp_twist.InvalidInput`.
 
     Example:
         >>> import math, qp_twist as qt
@@ -84,19 +78,16 @@ class RollBand(ToleranceBand):
         """(1, 6); see :meth:`ToleranceBand.gradients`."""
         a = self._axis(pair)
         turned = rotate(pair.error, a)
-        cosine = (a * turned).sum(axis=-1)  # cosine of half the swing
-        defined = 0.5 * (1.0 + cosine) > SWUNG_OVER**2
-        share = np.where(defined, 1.0 / np.where(defined, 1.0 + cosine, 1.0), 0.0)
-        gradient = np.zeros((*cosine.shape, 1, 6))
-        gradient[..., 0, 3:] = share[..., None] * (a + turned)
-        return gradient
+        whole = 1.0 + (a * turned).sum(axis=-1, keepdims=True)  # 2 cos²(swing/2)
+        defined = 0.5 * whole > SWUNG_OVER**2
+        angular = np.where(defined, a + turned, 0.0) / np.where(defined, whole, 1.0)
+        return np.concatenate([np.zeros_like(angular), angular], axis=-1)[..., None, :]
 
     def carried(self, pair: FramePair) -> Array:
         """E rotates with ω − E ω_d; for an axis fixed to the target with ω − ω_d."""
-        carried = np.zeros_like(pair.target_twist)
         omega = pair.target_twist[..., 3:]
-        carried[..., 3:] = rotate(pair.error, omega) if self.frame == "world" else omega
-        return carried
+        angular = rotate(pair.error, omega) if self.frame == "world" else omega
+        return np.concatenate([np.zeros_like(angular), angular], axis=-1)
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """The rolls at both ends plus the deviation from the chord, or the full range."""
@@ -117,10 +108,8 @@ class RollBand(ToleranceBand):
     def _span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
         """Continuous bounds, from a roll within half a turn of the middle, rad, (K, 1) each."""
         begin, end, away = turn_about(self.axis, self.frame, before, after, stretch)
-        turns = self._turns(begin)
-        lowest = np.minimum(begin, end) - turns - away
-        highest = np.maximum(begin, end) - turns + away
-        return lowest[:, None], highest[:, None]
+        ends = np.sort([begin, end], axis=0) - self._turns(begin)
+        return (ends[0] - away)[:, None], (ends[1] + away)[:, None]
 
     def _turns(self, roll: Array) -> Array:
         """The whole turns that bring a roll to within half a turn of the middle, rad."""
@@ -136,8 +125,7 @@ class RollBand(ToleranceBand):
 
     def _axis(self, pair: FramePair) -> Array:
         # R a and R_d a have the same roll: Rᵀ E R = R_dᵀ E R_d. The target's does not depend on R.
-        axes = pair.axes("target" if self.frame == "body" else self.frame)
-        axis: Array = axes @ self.axis
+        axis: Array = pair.axes("target" if self.frame == "body" else self.frame) @ self.axis
         return axis
 
     def __repr__(self) -> str:

@@ -4,13 +4,28 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from typing import Literal
 
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from qp_twist.checks import Array, float_array, instance, number
+from qp_twist.checks import (
+    Array,
+    checked,
+    finite_array,
+    float_array,
+    instance,
+    number,
+    one_of,
+    read_only,
+)
 from qp_twist.errors import InvalidInput
+from qp_twist.kinematics.joint_ranges import JointRanges
+
+_POWERS = {"gradient": 2, "paper": 1, "natural": 0}
+"""Power of W in each form of joint centering."""
 
 
 class SecondaryObjective(mink.Task):
@@ -50,6 +65,92 @@ class SecondaryObjective(mink.Task):
         return np.eye(configuration.model.nv)
 
 
+class JointCentering(SecondaryObjective):
+    r"""Move towards the middle θ̄ of the joint ranges (paper, eq. *z*).
+
+    .. math::
+
+        \mathbf h = k\,\mathbf W^T\mathbf W(\bar\theta - \theta) = -k\nabla z
+        \quad(\texttt{"gradient"}), \qquad
+        \mathbf h = k\,\mathbf W(\bar\theta - \theta) \quad(\texttt{"paper"}), \qquad
+        \mathbf h = k(\bar\theta - \theta) \quad(\texttt{"natural"})
+
+    The paper defines z with WᵀW but steps along W(θ̄ − θ), and calls that −∇z. It is not the
+    gradient, but a good direction: both are available. ``"natural"`` is −∇z in the metric WᵀW: with
+    ``Controller(metric=…)`` set to the diagonal of WᵀW the QP then descends z itself. Its gain
+    should be below 2: above, a step overshoots, and the arm oscillates. Unlimited joints do not
+    move.
+
+    Example:
+        >>> import numpy as np, mink, qp_twist as qt
+        >>> model = qt.load_task("planar_line").model
+        >>> centering = qt.JointCentering(model, weight="paper")
+        >>> at_zero = mink.Configuration(model, np.zeros(3))
+        >>> centering.displacement(at_zero)      # W(θ̄ − 0): half of every range
+        array([0.5, 0.5, 0.5])
+    """
+
+    weight: str = checked(
+        lambda _, name, value: one_of(f"JointCentering({name}=…)", value, (*_POWERS,))
+    )
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        weight: Literal["gradient", "paper", "natural"] = "gradient",
+        gain: float = 1.0,
+        *,
+        cost: float = 1.0,
+    ) -> None:
+        super().__init__(model, gain, cost=cost)
+        self.weight = weight
+        self.ranges = JointRanges.of(model)
+
+    def direction(self, configuration: mink.Configuration) -> Array:
+        """WᵀW(θ̄ − θ), W(θ̄ − θ) or θ̄ − θ, shape (nv,)."""
+        return self.stiffness * (self.ranges.middle - self.ranges.positions(configuration.q))
+
+    @property
+    def stiffness(self) -> Array:
+        """Diagonal of WᵀW, W or 1 in :meth:`direction`; 0 for unlimited joints, shape (nv,)."""
+        power = _POWERS[self.weight]
+        stiffness: Array = np.where(self.ranges.limited, self.ranges.weight**power, 0.0)
+        return stiffness
+
+
+class PostureReference(SecondaryObjective):
+    r"""Move towards a reference, :math:`\mathbf h = k\,(\mathbf q_{ref} - \mathbf q)`.
+
+    The difference is MuJoCo's, so ball and free joints are handled. Keep the gain small along a
+    path: with a gain of 1 a step covers the whole displacement.
+
+    Attributes:
+        q_ref: Reference configuration, rad or m, (nq,); read-only, assign another array to change
+            it.
+
+    Raises:
+        InvalidInput: If ``q_ref`` has the wrong shape or is not finite.
+    """
+
+    q_ref: Array = checked(
+        lambda objective, name, value: read_only(
+            finite_array(f"PostureReference({name}=…)", value, (objective.model.nq,))
+        )
+    )
+
+    def __init__(
+        self, model: mujoco.MjModel, q_ref: npt.ArrayLike, gain: float = 1.0, *, cost: float = 1.0
+    ) -> None:
+        super().__init__(model, gain, cost=cost)
+        self.q_ref = q_ref  # type: ignore[assignment]  # anything is taken, and made an array
+
+    def direction(self, configuration: mink.Configuration) -> Array:
+        """q_ref − q in the tangent space, rad or m, shape (nv,)."""
+        model, difference = configuration.model, np.empty(configuration.model.nv)
+        mujoco.mj_differentiatePos(model, difference, 1.0, configuration.q, self.q_ref)
+        return difference
+
+
 def total_displacement(
     objectives: Sequence[SecondaryObjective], configuration: mink.Configuration
 ) -> Array:
@@ -61,11 +162,7 @@ def total_displacement(
 
 
 def checked_displacement(objective: SecondaryObjective, configuration: mink.Configuration) -> Array:
-    """h of an objective of any class, checked, shape (nv,).
-
-    Raises:
-        InvalidInput: If it is not such an array.
-    """
+    """h of an objective of any class, shape (nv,); a result of another shape is refused."""
     name, nv = f"{type(objective).__name__}: its displacement", configuration.model.nv
     displacement = float_array(name, objective.displacement(configuration))
     if displacement.shape != (nv,):

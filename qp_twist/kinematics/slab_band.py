@@ -24,19 +24,18 @@ class _Slabs(ToleranceBand):
     def gradients(self, pair: FramePair) -> Array:
         """(n, 0), or (n, n × (p − p_d)) where the normal turns with the body, (k, 6)."""
         normals, apart = self._normals(pair), pair.position - pair.target_position
-        gradients = np.zeros((*apart.shape[:-1], len(self.normals), 6))
-        gradients[..., :3] = normals
+        turning = np.zeros_like(normals)
         if self.frame == "body":
-            gradients[..., 3:] = cross(normals, apart[..., None, :])
-        return gradients
+            turning = cross(normals, apart[..., None, :])
+        return np.concatenate([normals, turning], axis=-1)
 
     def carried(self, pair: FramePair) -> Array:
         """Velocity of the target; with frame "target", of its material point at p, (6,)."""
-        carried = np.zeros_like(pair.target_twist)
-        carried[..., :3] = pair.target_twist[..., :3]
+        carried = pair.target_twist.copy()
         if self.frame == "target":
             apart = pair.position - pair.target_position
             carried[..., :3] += cross(pair.target_twist[..., 3:], apart)
+        carried[..., 3:] = 0.0
         return carried
 
     def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
@@ -54,8 +53,9 @@ class _Slabs(ToleranceBand):
 
     def _normals(self, pair: FramePair) -> Array:
         """The normals in the world, (k, 3)."""
-        normals: Array = self.normals @ pair.axes(self.frame).swapaxes(-1, -2)
-        return normals
+        axes = pair.axes(self.frame)
+        normals = self.normals @ axes.swapaxes(-1, -2)
+        return np.broadcast_to(normals, (*pair.position.shape[:-1], *normals.shape[-2:]))
 
 
 class SlabBand(_Slabs):
@@ -66,17 +66,9 @@ class SlabBand(_Slabs):
         \dot\varphi = \mathbf n\cdot(\mathbf v - \mathbf v_d)
         + \big(\mathbf n\times(\mathbf p - \mathbf p_d)\big)\cdot\boldsymbol\omega_n
 
-    where ω_n is the angular velocity of the normal: the body's, the target's, or zero.
-
-    Args:
-        normal: n, shape (3,).
-        lower: Smallest distance, m.
-        upper: Largest distance, m.
-        frame: The frame that the normal is fixed to.
-        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, m/s.
-
-    Raises:
-        InvalidInput: If an argument has the wrong type or range, or lower is above upper.
+    where ω_n is the angular velocity of the normal: the body's, the target's, or zero. Arguments
+    are n, (3,), the smallest and the largest distance, m, and those of :class:`ToleranceBand`; what
+    has the wrong type or range raises :class:`~qp_twist.InvalidInput`.
 
     Example:
         >>> import qp_twist as qt
@@ -112,14 +104,9 @@ class SlabBand(_Slabs):
 class BoxBand(_Slabs):
     """Keep the position relative to the target in a box: a slab along each axis of a frame.
 
-    Args:
-        lower: One corner of the box, relative to the target, m, shape (3,).
-        upper: The opposite corner, m, shape (3,).
-        frame: The frame that the axes are fixed to.
-        weight: As in :class:`ToleranceBand`, like ``recovery_speed``, m/s along each axis.
-
-    Raises:
-        InvalidInput: If an argument has the wrong type or range, or lower is above upper.
+    ``lower`` and ``upper`` are opposite corners of the box, relative to the target, m, (3,). The
+    others are those of :class:`ToleranceBand`; what has the wrong type or range raises
+    :class:`~qp_twist.InvalidInput`.
     """
 
     kind, normals = "box", np.eye(3)

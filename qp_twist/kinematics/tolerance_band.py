@@ -47,11 +47,7 @@ class Range(NamedTuple):
 
     @classmethod
     def checked(cls, name: str, lower: float, upper: float, unit: str) -> Range:
-        """The range of a band called ``name``.
-
-        Raises:
-            InvalidInput: If an end is not finite, or they are in the wrong order.
-        """
+        """The range of a band called ``name``; its ends are finite, and in this order."""
         lower, upper = number(f"{name}(lower=…)", lower), number(f"{name}(upper=…)", upper)
         if lower > upper:
             ends = [f"{end:g} {unit}" for end in (lower, upper)]
@@ -73,12 +69,11 @@ class ToleranceBand(abc.ABC):
         \frac{upper - \varphi}{dt} - \dot\varphi_d
 
     and the same for the lower end. Outside its range the value has to return at ``recovery_speed``,
-    or in one step if that is slower. The range holds after integration to
-    second order in the step (:doc:`/equations`).
+    or in one step if that is slower. The range holds after integration to second order in the step
+    (:doc:`/equations`).
 
-    All methods but :meth:`half_spaces` and :meth:`excess` take one frame or N at once: shapes are
-    those of one, preceded by N for N frames. Methods about the motion between two poses take K
-    motions.
+    All methods but :meth:`half_spaces` take one frame or N at once: shapes are those of one,
+    preceded by N for N frames. Methods about the motion between two poses take K motions.
 
     Attributes:
         kind: ``"roll"``, ``"cone"``, ``"slab"`` or ``"box"``.
@@ -125,35 +120,33 @@ class ToleranceBand(abc.ABC):
 
     def contradiction(self, projector: TwistProjector) -> str | None:
         """A sentence if a task with this T can never be inside the band; else ``None``."""
-        held = self.values(FramePair(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3)))
-        for k, (value, fixed) in enumerate(zip(held, self.fixed(projector), strict=True)):
-            lower, upper = self.ranges[k]
-            if fixed and not lower - _ROUNDING <= value <= upper + _ROUNDING:
-                along = f" along {'xyz'[k]}" if len(self.ranges) > 1 else ""
-                shown = f"{math.degrees(value):.6g}°" if self.unit == "rad" else f"{value:.6g} m"
-                return f"it holds the value{along} at {shown}, outside the range"
-        return None
+        held = FramePair(np.eye(3), np.zeros(3), np.eye(3), np.zeros(3))
+        outside = np.array(self.fixed(projector)) & (self.margins(held) < -_ROUNDING)
+        if not outside.any():
+            return None
+        k = int(outside.argmax())
+        value = self.values(held)[k]
+        along = f" along {'xyz'[k]}" if len(self.ranges) > 1 else ""
+        shown = f"{math.degrees(value):.6g}°" if self.unit == "rad" else f"{value:.6g} m"
+        return f"it holds the value{along} at {shown}, outside the range"
 
     def margins(self, pair: FramePair) -> Array:
         """Distance of each value from the nearer end of its range, rad or m, (k,); ≥ 0 inside."""
-        lower, upper = np.array(self.ranges).T
         values = self.values(pair)
-        margins: Array = np.minimum(values - lower, upper - values)
-        return margins
+        return self._room(values, values)
 
     def least(self, before: FramePair, after: FramePair, stretch: Stretch) -> Array:
         """Lower bound of each margin from one pose to the next, rad or m, (K, k)."""
+        return self._room(*self.span(before, after, stretch))
+
+    def _room(self, lowest: Array, highest: Array) -> Array:
         lower, upper = np.array(self.ranges).T
-        lowest, highest = self.span(before, after, stretch)
-        least: Array = np.minimum(lowest - lower, upper - highest)
-        return least
+        room: Array = np.minimum(lowest - lower, upper - highest)
+        return room
 
     def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
         """Whether each value may be in its range between one pose and the next, (K, k)."""
-        lower, upper = np.array(self.ranges).T
-        lowest, highest = self.span(before, after, stretch)
-        meets: Mask = (highest >= lower) & (lowest <= upper)
-        return meets
+        return np.asarray(self._room(*self.span(before, after, stretch)[::-1]) >= 0.0)
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """Linear rows that keep the values in their ranges: rows · displacement ≤ rooms.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import (
     Array,
+    are_floats,
     checked,
     finite_array,
     float_array,
@@ -62,14 +63,10 @@ def _cost(task: TwistTask, name: str, value: npt.ArrayLike) -> Array:
     given, shape = float_array(f"{task.name}: {name}", value), (task.projector.rank,)
     if given.size == 1:
         given = np.full(shape, given.item())
-    if given.shape != shape:
+    if given.shape != shape or not (np.isfinite(given) & (given >= 0.0)).all():
         raise InvalidInput(
-            f"{task.name}: cost has one entry for each row of the task, {shape}, the linear rows "
-            f"first, or is one number; got an array of shape {given.shape}."
-        )
-    if not (np.isfinite(given) & (given >= 0.0)).all():
-        raise InvalidInput(
-            f"{task.name}: expected costs of at least 0, finite, got {given.tolist()}."
+            f"{task.name}: cost is one number or one for each row of the task, {shape}, the linear "
+            f"rows first, finite and at least 0; got {value!r}."
         )
     return given
 
@@ -117,7 +114,8 @@ class TwistTask(mink.Task):
     :func:`mink.solve_ik`, with any solver, and in :class:`~qp_twist.Controller`.
 
     :meth:`axis_free`, :meth:`point`, :meth:`on_line`, :meth:`on_plane` and :meth:`line_on_line`
-    construct the usual tasks; :class:`~qp_twist.GazeTask` points a camera.
+    construct the usual tasks, with the other arguments as keywords; :class:`~qp_twist.GazeTask`
+    points a camera.
 
     Args:
         frame_name: Name or id of the frame to control.
@@ -192,8 +190,7 @@ class TwistTask(mink.Task):
     ) -> TwistTask:
         """Position, and the direction of a tool axis: deburring, welding, spraying; rank 5.
 
-        ``axis`` is that of the tool, in the axes of the frame, (3,): the roll about it is free. The
-        others are those of :class:`TwistTask`.
+        ``axis`` is that of the tool, in the axes of the frame, (3,): the roll about it is free.
         """
         axis = unit_vector("axis_free(axis=…)", axis)
         T = TwistProjector(linear=Projector.full(), angular=Projector.plane(axis), frame="body")
@@ -299,11 +296,10 @@ class TwistTask(mink.Task):
                 f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
             )
         pose = np.array(target.wxyz_xyz)
-        if _is_pose(pose):  # nearly always
-            return pose
-        pose = finite_array(f"{self.name} target", pose, (7,), error=InvalidTarget)
-        if not _is_pose(pose):
-            length = float(np.linalg.norm(pose[:4]))
+        if not are_floats(pose, 7) or not math.isfinite(math.hypot(*pose.tolist())):
+            pose = finite_array(f"{self.name} target", pose, (7,), error=InvalidTarget)
+        length = math.hypot(*pose[:4].tolist())
+        if not abs(length - 1.0) <= 1e-6:
             raise InvalidTarget(
                 f"{self.name}: the target's quaternion has length {length:.6g}; normalise it."
             )
@@ -346,16 +342,15 @@ class TwistTask(mink.Task):
         return clamp_twist(error, self.max_linear_step, self.max_angular_step)
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
-        r"""Error e = −UᵀΔt, with the feed-forward over one time step, shape (r,).
+        r"""Error :math:`\mathbf e = -\mathbf U^T(\Delta\mathbf t + \mathbf t_{ff}\,dt/k)`, (r,).
 
-        With feed-forward :math:`\mathbf e = -\mathbf U^T(\Delta\mathbf t + \mathbf t_{ff}\,dt/k)`,
-        so that mink's :math:`\mathbf J\Delta\mathbf q = -k\,\mathbf e` moves with the target.
+        With it mink's :math:`\mathbf J\Delta\mathbf q = -k\,\mathbf e` moves with the target.
 
         Raises:
             mink.TargetNotSet: If there is no target.
             mink.IntegrationTimestepNotSet: If there is a feed-forward but no :meth:`set_dt`.
         """
-        return self._mink_error(self.state(configuration))
+        return self._error_and_jacobian(configuration)[0]
 
     def compute_jacobian(self, configuration: mink.Configuration) -> Array:
         """Task Jacobian UᵀJ, shape (r, nv)."""
@@ -364,22 +359,18 @@ class TwistTask(mink.Task):
 
     def compute_qp_residual(self, configuration: mink.Configuration) -> tuple[Array, Array, float]:
         """The weighted residual for mink, from one evaluation of the configuration."""
-        state = self.state(configuration)
         weighted: tuple[Array, Array, float] = self._weighted_residual(
-            self._mink_error(state), state.basis.T @ state.jacobian
+            *self._error_and_jacobian(configuration)
         )
         return weighted
 
     def velocity_rows(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-        r"""The rows A q̇ = b that a step of length ``dt`` imposes.
+        r"""The rows A q̇ = b of a step of dt s: A (r, nv), and b (r,), m/s and rad/s.
 
         .. math::
 
             \mathbf U^T \mathbf J \dot{\mathbf q}
             = k\,\mathbf U^T \Delta\mathbf t / dt + \mathbf U^T \mathbf t_{ff}
-
-        Returns:
-            A, shape (r, nv), and b, m/s and rad/s, shape (r,).
         """
         dt = number("dt", dt, above=0.0)
         state = self.state(configuration)
@@ -394,8 +385,7 @@ class TwistTask(mink.Task):
         dt = number("dt", dt, above=0.0)
         if not self.bands:
             return []
-        pair = self._pair(configuration)
-        J = self._jacobian(configuration)
+        pair, J = self._pair(configuration), self._jacobian(configuration)
         found = []
         for band in self.bands:
             rows, bounds = band.half_spaces(pair, dt, self.projector)
@@ -440,7 +430,8 @@ class TwistTask(mink.Task):
             return frame_jacobian(configuration, self.frame_name, self.frame_type)
         return relative_jacobian(configuration, self.frame_name, self.frame_type, *self.relative_to)
 
-    def _mink_error(self, state: TaskState) -> Array:
+    def _error_and_jacobian(self, configuration: mink.Configuration) -> tuple[Array, Array]:
+        state = self.state(configuration)
         shift = self.clamped(state.error)
         if state.feedforward.any():
             if self._dt is None:
@@ -451,17 +442,9 @@ class TwistTask(mink.Task):
                     "above 0 or use qp_twist.Controller."
                 )
             shift = shift + state.feedforward * (self._dt / self.gain)
-        return -(state.basis.T @ shift)
+        return -(state.basis.T @ shift), state.basis.T @ state.jacobian
 
     def __repr__(self) -> str:
         carried = "" if self.relative_to is None else f", relative_to={self.relative_to!r}"
         frame = f"{self.frame_name!r}, {self.frame_type!r}"
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
-
-
-def _is_pose(pose: Array) -> bool:
-    """Whether it is a unit quaternion and a position, all finite."""
-    if pose.dtype != np.float64 or pose.shape != (7,):
-        return False
-    w, i, j, k, x, y, z = pose.tolist()  # false for NaN:
-    return abs(math.hypot(w, i, j, k) - 1.0) <= 1e-6 and math.hypot(x, y, z) < math.inf

@@ -121,7 +121,6 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "Projector(axis)": lambda x: qt.Projector(
         qt.Projector.line([0, 0, 1]).kind, np.eye(3)[:, 2:], x
     ),
-    "rotated": lambda x: qt.Projector.plane([0, 0, 1]).rotated(x),
     "clamped": lambda x: task().clamped(x),
     "QuadraticProgram.load": load_program,
     "solve_levels(levels)": lambda x: qt.solve_levels(x, LOW, HIGH),

@@ -674,9 +674,9 @@ def test_one_cost_for_all_rows(cost: object) -> None:
 @pytest.mark.parametrize(
     ("cost", "sentence"),
     [
-        (np.ones(6), r"cost has one entry for each row .*\(5,\)"),
-        ([1.0, 1.0, -1.0, 1.0, 1.0], "costs of at least 0"),
-        (np.inf, "costs of at least 0"),
+        (np.ones(6), r"cost is one number or one for each row .*\(5,\)"),
+        ([1.0, 1.0, -1.0, 1.0, 1.0], "finite and at least 0"),
+        (np.inf, "finite and at least 0"),
         ("high", "expected numbers"),
     ],
 )

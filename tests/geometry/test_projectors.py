@@ -309,7 +309,7 @@ def test_a_task_outside_the_operational_space_is_refused() -> None:
 
 def test_a_task_of_more_rank_than_the_operational_space_is_refused() -> None:
     task = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame="body")
-    with pytest.raises(InvalidInput, match="rank 5, more than the operational space's 3"):
+    with pytest.raises(InvalidInput, match=r"of rank 5, .* of rank 3"):
         task_redundancy(operational=PLANAR, task=task)
 
 
