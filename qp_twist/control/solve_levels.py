@@ -67,7 +67,7 @@ def solve_levels(
         \quad\text{s.t.}\quad lower \le x \le upper
 
     A level never changes what the levels above it achieved, under active bounds too (the hierarchy
-    of Escande, Mansard and Wieber, IJRR 33(7), 2014, here by a cascade of active-set problems in
+    of Escande, Mansard and Wieber, IJRR 33(7), 2014, here by a cascade of quadratic programs in
     the null space of what is held). Without bounds it is the recursive null-space formula of
     Siciliano and Slotine (1991).
 
@@ -120,7 +120,7 @@ def solve_levels(
             scale = largest.scale * (1.0 - SCALE_BACKOFF)
             start, multipliers = largest.x, largest.box_multipliers
             parsed[0] = replace(parsed[0], b=scale * parsed[0].b)
-    cascade = lexicographic(parsed, low, high, start, refine=True)
+    cascade = lexicographic(parsed, low, high, start)
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise SolverInaccurate(f"solve_levels: {result.says}.", problem)

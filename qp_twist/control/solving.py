@@ -197,7 +197,7 @@ def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:
     start = np.zeros(wide.n)
     if found is not None:
         start[: problem.n] = found.x
-    cascade = lexicographic([hard, *blocks], wide.lower, wide.upper, start, refine=True)
+    cascade = lexicographic([hard, *blocks], wide.lower, wide.upper, start)
     if not hard.met(cascade.x):
         status = Status.RELAXED
     result = solve_within(wide, cascade, solver)

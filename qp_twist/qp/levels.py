@@ -1,38 +1,65 @@
-"""Strict priorities: a level never increases the residuals of the levels above it."""
+r"""Strict priorities: a level never increases the residuals of the levels above it.
+
+A level is the program
+
+.. math::
+
+    \min_{z, w} \tfrac12\lVert\mathbf A(\mathbf x + \mathbf N z) - \mathbf b\rVert^2
+    + \tfrac12\lVert w\rVert^2 \quad\text{s.t.}\quad
+    \mathbf G(\mathbf x + \mathbf N z) - w \le \mathbf g,\; \mathbf C z \le \mathbf d
+
+with C z ≤ d the bounds and the inequality rows of the levels above. At its optimum A x, the
+violated rows of G and the active constraints are unique: they are held, with N reduced to their
+null space, and the rows of G that are met become strict for the levels below. As in the compiled
+statement, ``kernel.levels``, the optimum is found by the proximal point method (Rockafellar, SIAM
+J. Control Optim. 14, 1976), here in the singular directions of A N, so that no row is squared, and
+corrected on the constraints that are active there.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
-from qp_twist.qp.active_set import (
-    RANK_TOLERANCE,
-    clear_cut,
-    constrained_least_squares,
-    null_basis,
-)
-from qp_twist.qp.refinement import Held, Refined, refined, sums
+from qp_twist.checks import Array, largest
+from qp_twist.kernel import COMPILED
+from qp_twist.qp.backend import solve_raw
+from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import row_tolerance
 
+INNER = COMPILED
+"""Backend of a level's programs. Of 512 hierarchies, 212 of them ill-conditioned, it solves all;
+DAQP fails in 6, quadprog in 3, and quadprog leaves 6 beyond their gaps."""
+PROXIMAL, SHARPER, SHARPEST = 1e-4, 0.25, 1e-7
+"""Proximal weight ε, as a share of the level's longest row, its factor in each iteration, and the
+smallest one: below it the programs fail by rounding."""
+ROUNDS, CORRECTIONS = 12, 2
+"""Most proximal iterations, usually one or two, and corrections in each."""
+RANK = 1e-10
+"""Singular values below this share of a level's longest row count as zero."""
 SATISFIED = 1e-9
 """Excess at which an inequality row counts as met, relative to 1 + |g| + its length."""
 HELD = 1e-8
-"""Rows with a multiplier above this share of the level's initial gradient become equality rows for
-the levels below."""
-ROUNDING = 1e-13
-"""Rounding error of a residual, as a share of its terms."""
-_LAST_DIGITS = 1e-15
-"""Share of its terms below which a multiplier's sign is unknown."""
-_UNKNOWN = 1e100
+"""Constraints with a multiplier above this share of a level's first gradient become equality rows
+for the levels below."""
+ACTIVE = 1e-9
+"""Share of the largest multiplier from which a constraint of the proximal program is active."""
+ROUNDING, SETTLED = 1e-13, 1e-15
+"""Shares of their terms below which a residual and a gradient count as zero."""
+EXACT = np.longdouble
+"""Numbers in which residuals and gradients are summed: nearly dependent rows divide their rounding
+by the square of a small singular value (Björck, BIT 7, 1967)."""
+UNKNOWN = 1e100
 """An uncertainty that exceeds every residual but does not overflow."""
 
-
+Exact = npt.NDArray[np.longdouble]
+Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -54,314 +81,254 @@ class Level:
 
     def proven(self, gap: float) -> bool:
         """Whether a gap counts as zero: at most ten times the :func:`row_tolerance`."""
-        A, b = np.vstack([self.A, self.G]), np.concatenate([self.b, self.g])
-        return gap <= 10.0 * row_tolerance(A, b)
+        return gap <= 10.0 * row_tolerance(*self.rows(np.full(len(self.g), True)))
 
     def met(self, x: Array) -> bool:
         """Whether the level is met at ``x``: its equality rows to their :func:`row_tolerance`."""
-        left = float(np.linalg.norm(self.A @ x - self.b))
-        excess = (self.G @ x - self.g) / (1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1))
-        met = left <= row_tolerance(self.A, self.b)
-        return bool(met and excess.max(initial=0.0) <= SATISFIED)
+        met = float(np.linalg.norm(self.A @ x - self.b)) <= row_tolerance(self.A, self.b)
+        return met and not self.broken(x).any()
+
+    def broken(self, x: Array | Exact) -> Mask:
+        """Which inequality rows are violated, (k,)."""
+        sizes = 1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1)
+        broken: Mask = self.G @ x - self.g > SATISFIED * sizes
+        return broken
+
+    def rows(self, which: Mask) -> tuple[Array, Array]:
+        """The equality rows, then some of the inequality rows, and their right-hand sides."""
+        return np.vstack([self.A, self.G[which]]), np.append(self.b, self.g[which])
+
+    def missed(self, x: Exact) -> float:
+        """√(‖A x − b‖² + ‖w‖²)."""
+        w = np.maximum(self.G @ x - self.g, 0.0)
+        return float(np.sqrt(((self.A @ x - self.b) ** 2).sum() + (w**2).sum()))
+
+    @cached_property
+    def size(self) -> float:
+        """The length of the longest row of A, or of G if there is none."""
+        return float(np.linalg.norm(self.A if len(self.b) else self.G, axis=1).max(initial=0.0))
+
+    def rounding(self, x: Exact) -> float:
+        """The length of A x − b that counts as zero."""
+        return ROUNDING * (self.size * (1.0 + float(np.abs(x).max())) + largest(self.b))
 
 
-class Achieved(NamedTuple):
-    """Optimum of a level: B x = B·anchor + rest, with B its equality and violated rows."""
+class Conditions(NamedTuple):
+    """What tells whether a point x is optimal for a level, with some constraints active."""
 
+    C: Array
+    """Constraints C z ≤ d, (c, p)."""
+    d: Array
+    places: Indices
+    """Where they are among upper bounds, lower bounds and rows of G, (c,)."""
+    lengths: Array
+    """What they were divided by, (c,)."""
+    on: Mask
+    """Which are active, (c,)."""
     B: Array
+    """A, and the violated rows of G."""
     r: Array
-    anchor: Array
-    rest: Array
-    uncertain: float
-    """Bound of the distance of B·anchor + rest from the optimum, in the rows' unit."""
-    gain: float
-    """Possible further decrease of ‖B x − r‖ in directions with small singular values."""
+    """Their right-hand sides."""
+    slope: Array
+    """Nᵀ Bᵀ (r − B x), (p,)."""
+    multipliers: Array
+    """The non-negative multipliers that balance it best, (c,)."""
+    seen: Array
+    """V S⁻¹ of B N = U S Vᵀ on the null space of the active constraints, (p, rank)."""
 
-    def gap(self, x: Array) -> float:
-        """Bound of ‖B x − r‖ less its optimal value."""
-        away = sums([(self.B, self.anchor), (self.B, -x)], self.rest)
-        residual = float(np.linalg.norm(sums([(self.B, x)], -self.r)))
-        return min(residual, float(np.linalg.norm(away)) + self.uncertain + self.gain)
-
-
-class RowOrigin(NamedTuple):
-    """The bound or row of G behind a row of C."""
-
-    number: int
-    """Index of the unknown, or of the row of G."""
-    side: float
-    """1 for an upper bound, −1 for a lower one, 0 for a row of G."""
-    length: float
-    """Divisor of the row."""
+    @property
+    def left(self) -> Array:
+        """What the multipliers leave of the slope, (p,)."""
+        left: Array = self.slope - self.C.T @ self.multipliers
+        return left
 
 
-@dataclass(eq=False)
 class Cascade:
-    r"""The points that are optimal for all levels so far: x + N z with rows C z ≤ d.
+    """The points that are optimal for all levels so far: x + N z with C z ≤ d.
 
     Attributes:
-        x: One of them, (n,).
         basis: N, orthonormal, (n, p).
-        lower: Bounds, (n,).
-        upper: Bounds, (n,).
         G: Inequality rows that hold strictly, (k, n).
         g: Their right-hand side, (k,).
-        row_origins: Index of each row of G among all levels' inequality rows, in order of levels.
         box_multipliers: Multipliers of the bounds, of the first level where they are not zero;
             positive at an upper bound, (n,).
         row_multipliers: The same for all levels' inequality rows, in order of levels.
-        optimal: Whether every level's optimality conditions hold.
-        pinned: Unknowns that are fixed, or frozen at a bound, (n,).
-        held: The frozen rows of G and the rows of the levels so far, as equality constraints.
-        refine: Whether to refine each level to the last digits and to store ``achieved``.
-        achieved: The optimum of each level.
-        clear: Whether the numerical rank of all rows so far is unambiguous; if not, the freedom
-            left to the levels below is uncertain.
+        optimal: Whether an optimum was found for every level.
     """
 
-    x: Array
-    basis: Array
-    lower: Array
-    upper: Array
-    G: Array
-    g: Array
-    box_multipliers: Array
-    pinned: Mask
-    held: Held
-    row_origins: list[int] = field(default_factory=list)
-    row_multipliers: list[float] = field(default_factory=list)
-    refine: bool = False
-    achieved: list[Achieved] = field(default_factory=list)
-    optimal: bool = True
-    clear: bool = True
-
-    @classmethod
-    def from_point(cls, x: Array, lower: Array, upper: Array, *, refine: bool = False) -> Cascade:
+    def __init__(self, x: Array, lower: Array, upper: Array) -> None:
         """Start from a point, clipped to the bounds. Unknowns with lower = upper stay fixed."""
         n = len(x)
-        moving = np.flatnonzero(upper > lower)
-        return cls(
-            np.clip(x, lower, upper),
-            np.eye(n)[:, moving],
-            lower,
-            upper,
-            np.zeros((0, n)),
-            np.zeros(0),
-            np.zeros(n),
-            upper <= lower,
-            Held.none(n),
-            refine=refine,
-        )
+        self._x: Exact = np.clip(x, lower, upper).astype(EXACT)
+        self.lower, self.upper = lower, upper
+        self.basis = np.eye(n)[:, upper > lower]
+        self.G, self.g = np.zeros((0, n)), np.zeros(0)
+        self._strict = np.zeros(0, dtype=np.intp)  # where the rows of G are among all levels' rows
+        self.box_multipliers, self.row_multipliers = np.zeros(n), np.zeros(0)
+        self.optimal = True
+        self._held, self._uncertain = np.zeros((0, n)), np.zeros(0)
+        self._achieved: list[tuple[Array, Array, Array, float]] = []
+
+    @property
+    def x(self) -> Array:
+        """One of the points, inside the bounds, (n,)."""
+        return self._x.astype(float)
 
     def gaps(self, x: Array) -> tuple[float, ...]:
         """For each level, a bound of its residual's length at ``x`` less that at its optimum.
 
-        In the unit of the rows. It follows from the residual of the optimality conditions, summed
-        without rounding, and its first-order effect on the levels below. Needs ``refine``.
+        In the unit of the rows. It follows from the gradient that the multipliers do not balance
+        and, to first order, from how far the levels above may be from their optimum.
         """
-        return tuple(level.gap(x) for level in self.achieved)
+        return tuple(
+            min(float(np.linalg.norm(B @ x - r)), gap + float(np.linalg.norm(B @ (x - optimum))))
+            for B, r, optimum, gap in self._achieved
+        )
 
-    def rows(self) -> tuple[Array, Array, list[RowOrigin]]:
-        """C, d and the origin of each row.
+    def rows(self) -> tuple[Array, Array, Indices, Array]:
+        """C, d, where the rows are among upper bounds, lower bounds and G, and their divisors.
 
         z = 0 satisfies all rows. Rows that do not depend on z are omitted; the others have length
         one.
         """
-        blocks = [
-            (self.basis, self.upper - self.x, 1.0),
-            (-self.basis, self.x - self.lower, -1.0),
-            (self.G @ self.basis, self.g - self.G @ self.x, 0.0),
-        ]
-        rows, bounds = [np.zeros((0, self.basis.shape[1]))], [np.zeros(0)]
-        origins: list[RowOrigin] = []
-        for matrix, slack, kind in blocks:
-            length = np.linalg.norm(matrix, axis=1)
-            scale = np.ones(len(matrix)) if kind else np.linalg.norm(self.G, axis=1)
-            keep = np.flatnonzero(np.isfinite(slack) & (length > RANK_TOLERANCE * scale))
-            rows.append(matrix[keep] / length[keep, None])
-            bounds.append(np.maximum(slack[keep], 0.0) / length[keep])
-            origins += [RowOrigin(int(i), kind, float(length[i])) for i in keep]
-        return np.vstack(rows), np.concatenate(bounds), origins
+        C = np.vstack([self.basis, -self.basis, self.G @ self.basis])
+        d = np.concatenate([self.upper - self._x, self._x - self.lower, self.g - self.G @ self._x])
+        sizes = np.append(np.ones(2 * len(self._x)), np.linalg.norm(self.G, axis=1))
+        lengths = np.linalg.norm(C, axis=1)
+        places = np.flatnonzero(np.isfinite(d) & (lengths > RANK * sizes))
+        lengths = lengths[places]
+        room = np.maximum(d[places], 0.0).astype(float) / lengths
+        return C[places] / lengths[:, None], room, places, lengths
 
     def minimise(self, level: Level) -> None:
-        r"""Keep only the points that are optimal for another level.
+        """Keep only the points that are optimal for another level."""
+        n, first = len(self._x), len(self.row_multipliers)
+        negligible = HELD * level.missed(self._x) + level.rounding(self._x)
+        at = self._optimum(level)
+        gap, uncertain = self._gap(level, at)
+        self._achieved.append((at.B, at.r, self.x, gap))
+        multipliers = np.where(at.multipliers > negligible * level.size, at.multipliers, 0.0)
+        found = np.zeros(2 * n + len(self.g))
+        found[at.places] = multipliers / at.lengths
+        box, known = found[:n] - found[n : 2 * n], self.row_multipliers[self._strict]
+        self.box_multipliers = np.where(self.box_multipliers, self.box_multipliers, box)
+        self.row_multipliers[self._strict] = np.where(known, known, found[2 * n :])
+        w = (level.G @ self._x - level.g).astype(float)  # of a soft row the multiplier is w
+        w[w <= negligible * level.size] = 0.0
+        self.row_multipliers = np.append(self.row_multipliers, w)
+        broken = level.broken(self._x)
+        self._hold(level.rows(broken)[0], at.C[multipliers > 0.0], uncertain)
+        self.G, self.g = np.vstack([self.G, level.G[~broken]]), np.append(self.g, level.g[~broken])
+        self._strict = np.append(self._strict, first + np.flatnonzero(~broken))
 
-        .. math::
-
-            \min_{z, w} \tfrac12\lVert\mathbf A(\mathbf x + \mathbf N z) - \mathbf b\rVert^2
-            + \tfrac12\lVert w\rVert^2 \quad\text{s.t.}\quad
-            \mathbf G(\mathbf x + \mathbf N z) - w \le \mathbf g,\; \mathbf C z \le \mathbf d
-
-        At the optimum, A x and the violated rows of G are unique: they become equality rows, and N
-        is reduced to their null space. The rows of G that are met become strict constraints. Bounds
-        with a positive multiplier are active in every optimal point; they are frozen, which avoids
-        degeneracy in the levels below.
-        """
-        if not len(level.b) + len(level.g):
-            self.achieved += [self._empty()] * self.refine
-            return
-        C, d, origins = self.rows()
+    def _optimum(self, level: Level) -> Conditions:
+        """Move x to the optimum of a level."""
         p, k = self.basis.shape[1], len(level.g)
-        # Rows of G are normalised, so that long ones do not dominate those of A.
-        heavy = np.linalg.norm(level.G, axis=1)
-        size = float(np.linalg.norm(level.A, axis=1).max(initial=0.0))
-        size = size or float(heavy.max(initial=0.0))
-        heavy[heavy == 0.0] = 1.0
-        terms = size * (1.0 + np.abs(self.x).max(initial=0.0)) + np.abs(level.b).max(initial=0.0)
-        excess = np.maximum(level.G @ self.x - level.g, 0.0)
-        violation = math.hypot(*(level.A @ self.x - level.b).tolist(), *excess.tolist())
-        negligible = size * (HELD * violation + ROUNDING * float(terms))
-        if size > 0.0 and p > 0:
-            B = np.block(
-                [
-                    [level.A @ self.basis, np.zeros((len(level.b), k))],
-                    [np.zeros((k, p)), np.diag(heavy)],
-                ]
+        sigma, right = np.linalg.svd(level.A @ self.basis)[1:]
+        seen = int((sigma > RANK * level.size).sum())
+        T = right.T.copy()  # z = T u: of u the cost sees the first entries, each by itself
+        T[:, :seen] /= sigma[:seen]
+        free, at = np.full(p + k, np.inf), self._conditions(level, np.zeros(0, dtype=np.intp))
+        for turn in range(ROUNDS if p and level.size else 0):
+            weight = (max(PROXIMAL * SHARPER**turn, SHARPEST) * level.size) ** 2
+            cost = np.concatenate([np.ones(seen), np.full(p - seen, weight), np.ones(k)])
+            c = np.zeros(p + k)
+            C, d, places, _ = self.rows()
+            c[:seen] = (level.A @ self.basis @ T[:, :seen]).T @ (level.A @ self._x - level.b)
+            rows = np.block(
+                [[C @ T, np.zeros((len(d), k))], [level.G @ self.basis @ T, -np.eye(k)]]
             )
-            slack = (level.g - level.G @ self.x) / heavy
-            soft = np.hstack([level.G @ self.basis / heavy[:, None], -np.eye(k)])
-            found = constrained_least_squares(
-                B,
-                np.concatenate([level.b - level.A @ self.x, np.zeros(k)]),
-                np.vstack([np.hstack([C, np.zeros((len(d), k))]), soft]),
-                np.concatenate([d, slack]),
-                np.concatenate([np.zeros(p), np.maximum(-slack, 0.0)]),
-                smallest=RANK_TOLERANCE * size,
+            bounds = np.append(d, level.g - level.G @ self._x).astype(float)
+            none = np.zeros((0, p + k))
+            found = solve_raw(
+                QuadraticProgram(np.diag(cost), c, none, none[:, 0], rows, bounds, -free, free),
+                INNER,
             )
-            self.optimal &= found.optimal
-            self._move(found.z[:p])
-            multipliers = found.multipliers
-            working = [origins[i] for i in found.working if i < len(d)]
-        else:
-            multipliers, working = np.zeros(len(d) + k), []
-        if self.refine:
-            exceeded = level.G @ self.x - level.g > ROUNDING * terms
-            B = np.vstack([level.A, level.G[exceeded]])
-            r = np.concatenate([level.b, level.g[exceeded]])
-            self.achieved.append(self._refine(B, r, working, size))
-        violated = level.G @ self.x - level.g > SATISFIED * (1.0 + np.abs(level.g) + heavy)
-        multipliers[multipliers <= negligible] = 0.0
-        held = np.flatnonzero(multipliers[: len(d)])
-        for i in held:
-            self._note(origins[i], float(multipliers[i]))
-        if self.refine:
-            self._hold(self.achieved[-1], [origins[i] for i in held])
-        self._freeze(level, violated, C[held])
-        first = len(self.row_multipliers)
-        self.row_multipliers += list(multipliers[len(d) :] / heavy)
-        self.row_origins += [first + int(i) for i in np.flatnonzero(~violated)]
-        self.G = np.vstack([self.G, level.G[~violated]])
-        self.g = np.concatenate([self.g, level.g[~violated]])
+            if not found.found or found.x is None or not np.isfinite(found.x).all():
+                self.optimal &= turn > 0
+                break
+            multipliers = found.multipliers.rows
+            self._x = self._inside(self._x + self.basis @ (T @ found.x[:p]))
+            active = places[multipliers[: len(d)] > ACTIVE * largest(multipliers)]
+            at = self._corrected(level, active)
+            left, missed = float(np.linalg.norm(at.left)), level.missed(self._x)
+            if left <= SETTLED * level.size * missed or missed <= level.rounding(self._x):
+                break
+        return at
 
-    def _move(self, z: Array) -> None:
-        self.x = np.clip(self.x + self.basis @ z, self.lower, self.upper)
+    def _corrected(self, level: Level, active: Indices) -> Conditions:
+        """Move x to the least-squares solution on the active constraints, or towards it."""
+        at = self._conditions(level, active)
+        for _ in range(CORRECTIONS):
+            onto = np.linalg.lstsq(at.C[at.on], at.d[at.on], rcond=RANK)[0]
+            slope = at.slope - self.basis.T @ (at.B.T @ (at.B @ (self.basis @ onto)))
+            z = onto + at.seen @ (at.seen.T @ slope)
+            ahead = ~at.on & (at.C @ z > at.d + ROUNDING)
+            share = (at.d[ahead] / (at.C[ahead] @ z)).min(initial=1.0)
+            x = self._inside(self._x + self.basis @ (share * z))
+            if level.missed(x) > level.missed(self._x) + level.rounding(x):
+                break
+            self._x = x
+            at = self._conditions(level, active)
+        return at
 
-    def _empty(self) -> Achieved:
-        n = len(self.x)
-        return Achieved(np.zeros((0, n)), np.zeros(0), self.x, np.zeros(0), 0.0, 0.0)
+    def _inside(self, x: Exact) -> Exact:
+        inside: Exact = np.clip(x, self.lower, self.upper)
+        return inside
 
-    def _refine(self, B: Array, r: Array, working: list[RowOrigin], size: float) -> Achieved:
-        """Move to the optimum of min ‖B x − r‖ on the constraints of the working set."""
-        if not len(r):
-            return self._empty()
-        pinned, active = self.pinned.copy(), []
-        for origin in working:
-            i = origin.number
-            if origin.side:
-                pinned[i] = True
-                self.x[i] = self.upper[i] if origin.side > 0.0 else self.lower[i]
-            else:
-                active.append(i)
-        G, g = self.G[active], self.g[active]
-        held = self.held.plus(G, self.x, sums([(G, -self.x)], g), 0.0)
-        free = np.flatnonzero(~pinned)
-        found = refined(self.x, B, r, held, free, smallest=RANK_TOLERANCE * size)
-        step = found.x - self.x
-        share = self._share(step, pinned, active)
-        lost = (1.0 - share) * float(np.linalg.norm(B @ step))
-        moved = self.x + share * step if lost else found.x
-        self.x = np.clip(moved, self.lower, self.upper)
-        gain, wrong = self._gain(B, working, held, found, pinned)
-        uncertain = found.uncertain + lost + wrong / found.weakest
-        if gain > row_tolerance(B, r):
-            uncertain, gain = uncertain + gain, 0.0
-        rest = np.zeros(len(r)) if lost else found.rest
-        return Achieved(B, r, self.x.copy(), rest, uncertain if self.clear else _UNKNOWN, gain)
+    def _conditions(self, level: Level, active: Indices) -> Conditions:
+        """The conditions of optimality at x."""
+        C, d, places, lengths = self.rows()
+        on = np.isin(places, active)
+        B, r = level.rows(level.G @ self._x - level.g > level.rounding(self._x))
+        slope = (self.basis.T @ (B.T @ (r - B @ self._x))).astype(float)
+        multipliers = np.zeros(len(d))
+        multipliers[on] = np.maximum(np.linalg.lstsq(C[on].T, slope, rcond=None)[0], 0.0)
+        free = null_basis(C[on])
+        sigma, right = np.linalg.svd(B @ self.basis @ free, full_matrices=False)[1:]
+        kept = sigma > RANK * level.size
+        seen = free @ (right[kept].T / sigma[kept])
+        return Conditions(C, d, places, lengths, on, B, r, slope, multipliers, seen)
 
-    def _share(self, step: Array, pinned: Mask, active: list[int]) -> float:
-        """Share of a step that the inactive constraints allow."""
-        open_rows = np.setdiff1d(np.arange(len(self.g)), active)
-        G, g = self.G[open_rows], self.g[open_rows]
-        moving = ~pinned
-        speed = np.concatenate([step[moving], -step[moving], G @ step])
-        slack = np.concatenate(
-            [(self.upper - self.x)[moving], (self.x - self.lower)[moving], g - G @ self.x]
-        )
-        # Violations of the size of rounding errors do not count.
-        sizes = np.concatenate([np.ones(2 * int(moving.sum())), np.linalg.norm(G, axis=1)])
-        ahead = speed > np.maximum(slack, 0.0) + ROUNDING * sizes
-        return float((np.maximum(slack, 0.0)[ahead] / speed[ahead]).min(initial=1.0))
-
-    def _gain(
-        self, B: Array, working: list[RowOrigin], held: Held, found: Refined, pinned: Mask
-    ) -> tuple[float, float]:
-        """Bound of a further decrease of ‖B x − r‖, and the sum of wrong-signed multipliers.
-
-        The decrease follows from the part of the gradient that the multipliers do not balance.
-        """
-        rho, multipliers = found.residual, found.multipliers
-        slope = sums([(B.T, rho), (held.rows.T, -multipliers)])
-        slope[np.abs(slope) <= _LAST_DIGITS * (np.abs(B.T) @ np.abs(rho))] = 0.0
-        unexplained = np.where(pinned, 0.0, np.abs(slope))
-        for origin in working:
-            if origin.side:
-                unexplained[origin.number] = max(-origin.side * slope[origin.number], 0.0)
-        # The active rows come last; the held ones before them may have multipliers of either sign.
-        active = sum(origin.side == 0.0 for origin in working)
-        wrong = float(np.maximum(-multipliers[len(multipliers) - active :], 0.0).sum())
-        width = np.minimum(self.upper - self.lower, 2.0 * (1.0 + np.abs(self.x).max()))
-        gained = float(unexplained @ width) + wrong * float(width.max())
+    def _gap(self, level: Level, at: Conditions) -> tuple[float, float]:
+        """Bounds of ‖B x − r‖ less its optimal value, and of the distance of B x from there."""
+        length = float(np.linalg.norm(at.B @ self._x - at.r))
+        width = np.minimum(self.upper - self.lower, 2.0 * (1.0 + largest(self.x)))
+        gained = float(np.linalg.norm(at.left) * np.linalg.norm(width) + at.multipliers @ at.d)
         # ½‖·‖² decreases by at most ``gained``, and ‖·‖ at most to zero.
-        length, shorter = float(np.linalg.norm(rho)), math.sqrt(2.0 * gained)
-        gain = min(shorter, gained / length) if length > 0.0 else shorter
-        return gain, wrong + float(unexplained[pinned].sum())
+        gap = min(math.sqrt(2.0 * gained), gained / length if length > 0.0 else math.inf)
+        moving = self.upper > self.lower
+        inherited = at.B[:, moving] @ np.linalg.pinv(self._held[:, moving], rcond=RANK)
+        off = float(np.linalg.norm(np.abs(inherited) @ self._uncertain))
+        off += float(np.linalg.norm(at.seen.T @ at.left))
+        weakest = float(np.linalg.norm(at.seen, axis=0).max(initial=0.0))
+        off += float(np.finfo(EXACT).eps) * level.size * length * weakest
+        return gap + off, off
 
-    def _hold(self, achieved: Achieved, stopped: list[RowOrigin]) -> None:
-        """Hold what a level achieved, and the bounds and rows that were active at its optimum."""
-        for origin in stopped:
-            if origin.side:
-                self.pinned[origin.number] = True
-                continue
-            G, g = self.G[[origin.number]], self.g[[origin.number]]
-            self.held = self.held.plus(G, self.x, sums([(G, -self.x)], g), 0.0)
-        self.held = self.held.plus(achieved.B, achieved.anchor, achieved.rest, achieved.uncertain)
+    def _hold(self, rows: Array, active: Array, uncertain: float) -> None:
+        """Reduce N to the null space of a level's rows, (m, n), and its active constraints C."""
+        lengths = np.linalg.norm(rows, axis=1)
+        rows, lengths = rows[lengths > 0.0], lengths[lengths > 0.0]
+        rows = rows / lengths[:, None]
+        self._held = np.vstack([self._held, rows, active @ self.basis.T])
+        off = np.append(uncertain / lengths, np.zeros(len(active)))
+        left = np.vstack([rows @ self.basis, active])
+        sigma = np.linalg.svd(left, compute_uv=False)
+        if ((sigma > 0.1 * RANK) & (sigma < 10.0 * RANK)).any():
+            off += UNKNOWN  # rounding decides what is left to the levels below
+        self._uncertain = np.append(self._uncertain, off)
+        self.basis = self.basis @ null_basis(left)
 
-    def _note(self, origin: RowOrigin, multiplier: float) -> None:
-        """Store an active row's multiplier, unless a higher level has stored one."""
-        value = multiplier / origin.length
-        if origin.side:
-            if self.box_multipliers[origin.number] == 0.0:
-                self.box_multipliers[origin.number] = origin.side * value
-        elif self.row_multipliers[self.row_origins[origin.number]] == 0.0:
-            self.row_multipliers[self.row_origins[origin.number]] = value
 
-    def _freeze(self, level: Level, violated: Mask, held: Array) -> None:
-        """Reduce N to the null space of the level's achieved rows and its active rows (k, p)."""
-        unique = np.vstack([level.A, level.G[violated]])
-        size = np.linalg.norm(unique, axis=1)
-        fixed = unique[size > 0.0] @ self.basis / size[size > 0.0, None]
-        rows = np.vstack([fixed, held])
-        self.clear &= clear_cut(rows)
-        self.basis = self.basis @ null_basis(rows, self.basis.shape[1])
+def null_basis(rows: Array) -> Array:
+    """Orthonormal basis of the null space of rows of length about one, (n, p)."""
+    _, sigma, right = np.linalg.svd(rows)
+    basis: Array = right[int((sigma > RANK).sum()) :].T
+    return basis
 
 
 def lexicographic(
-    levels: Sequence[Level],
-    lower: Array,
-    upper: Array,
-    start: Array | None = None,
-    *,
-    refine: bool = False,
+    levels: Sequence[Level], lower: Array, upper: Array, start: Array | None = None
 ) -> Cascade:
     """The points inside the bounds that are optimal for the levels in strict priority.
 
@@ -370,10 +337,8 @@ def lexicographic(
         lower: Bounds, −∞ where there is none, (n,).
         upper: Bounds, (n,).
         start: Starting point, (n,); zero if ``None``.
-        refine: Whether to refine each level to the last digits and to bound its error.
     """
-    begin = np.zeros(len(lower)) if start is None else start
-    cascade = Cascade.from_point(begin, lower, upper, refine=refine)
+    cascade = Cascade(np.zeros(len(lower)) if start is None else start, lower, upper)
     for level in levels:
         cascade.minimise(level)
     return cascade

@@ -53,11 +53,8 @@ def largest_scale(problem: QuadraticProgram, offset: Array | None = None) -> Lar
     hard = Level(none, none[:, 0], wide.G, wide.g)
     aim = Level(np.eye(n + 1)[n:], np.array([speed]), none, none[:, 0])
     levels = [level for level in (hard, task) if len(level.b) + len(level.g)]
-    found = lexicographic(levels, wide.lower, wide.upper)
-    if not all(level.met(found.x) for level in levels):
-        return None
-    found.minimise(aim)
-    if not found.optimal:
+    found = lexicographic([*levels, aim], wide.lower, wide.upper)
+    if not found.optimal or not all(level.met(found.x) for level in levels):
         return None
     scale, gain = float(found.x[n]) / speed, 0.0
     if scale >= 1.0 - 1e-12:

@@ -96,7 +96,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     )  # fmt: skip
     if p == 0:
         return Verified(x, "levels", Multipliers.none(held))
-    C, d, _ = cascade.rows()
+    C, d, *_ = cascade.rows()
     H = basis.T @ problem.H @ basis
     none = np.full(p, np.inf)
     reduced = QuadraticProgram(

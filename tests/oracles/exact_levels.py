@@ -30,7 +30,7 @@ KINDS = ("stretched", "parallel")
 NAMED = [("stretched", seed) for seed in (13, 18, 59, 64, 152)] + [
     ("parallel", seed) for seed in (53, 89, 90, 143, 149, 161)
 ]
-"""On these the active-set method once did not end."""
+"""On these an active-set method once did not end."""
 Singular = list[tuple[Decimal, Exact, Exact]]
 
 DIGITS = 60
