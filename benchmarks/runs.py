@@ -117,7 +117,7 @@ def followed(
 
 
 def single_steps(count: int = 100_000) -> str:
-    """Closed forms and verified QPs of single configurations, on one thread, for two arms."""
+    """Verified QPs of single configurations, on one thread, for two arms."""
     rows = []
     seven = qt.load_robot(ROOT / "scenes" / "seven_axis_arm.xml").model
     for model in (qt.load_task("deburring").model, seven):
@@ -132,10 +132,7 @@ def single_steps(count: int = 100_000) -> str:
         targets = np.tile(np.eye(4), (len(q), 1, 1))
         targets[:, :3, :3], targets[:, :3, 3] = found.rotations, found.positions
         targets[:, :3, 3] += rng.normal(scale=1e-4, size=(len(q), 3))
-        task, desired = qt.TwistTask.axis_free("tool", "site"), 0.1 * (ranges.middle - q)
-        form = partial(qt.batch.closed_form, model, task, method="gradient_projection", threads=1)
-        form(q=q[:9], targets=targets[:9], h=desired[:9])
-        closed = microseconds(partial(form, q=q, targets=targets, h=desired), len(q))
+        task = qt.TwistTask.axis_free("tool", "site")
         speed = 0.5  # rad/s
         controller = qt.Controller(
             model, [task], secondary=[qt.JointCentering(model, "natural", gain=0.3)],
@@ -145,12 +142,12 @@ def single_steps(count: int = 100_000) -> str:
         took, done = once(partial(qt.batch.step, controller, q, 0.1, targets, threads=1))
         active = (np.abs(np.abs(done.velocity) - speed) < 1e-9).any(axis=1)
         rows.append((
-            model.nv, f"{closed:.2f}", f"{1e-3 * took / len(q):.2f}", f"{100 * active.mean():.0f}",
+            model.nv, f"{1e-3 * took / len(q):.2f}", f"{100 * active.mean():.0f}",
             f"{int(done.by_reference.sum()):,} of {len(q):,}",
         ))  # fmt: skip
     headings = (
-        "joints", "closed form with kinematics, µs", "verified QP with kinematics, µs",
-        "a limit active, %", "left to `Controller.step`",
+        "joints", "verified QP with kinematics, µs", "a limit active, %",
+        "left to `Controller.step`",
     )  # fmt: skip
     return markdown_table(headings, rows, left=0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array
 from qp_twist.constraints import PositionLimit
 from qp_twist.control.controller import SINGULARITY, UNSEEN_WEIGHT
 from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of
@@ -16,8 +16,6 @@ from qp_twist.following.resolver import (
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, distinct_projectors
 from qp_twist.kernel import follow_kernel
-from qp_twist.kernel.arm_kernel import Arm
-from qp_twist.kernel.path_kernel import Rows
 from qp_twist.kernel.step_kernel import STEP, Settings, StepInputs
 from qp_twist.kernel.step_record import Sizes
 from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
@@ -27,7 +25,9 @@ from qp_twist.planning.starts import START_ITERATIONS
 
 Counts = npt.NDArray[np.int64]
 CLOSED_FORMS = ("rmr", "rmr_flipped", "minimum_norm", "gradient_projection")
-"""Closed forms that the kernel supports; it supports all QPs."""
+"""Closed forms that the kernel supports, as programs without limits; it supports all QPs."""
+STILL = np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
+"""The identity as a rigid motion of one run, (1, 12)."""
 
 
 class CompiledWalk:
@@ -37,7 +37,6 @@ class CompiledWalk:
         """Fill the arrays of a path for which :func:`walk_known` is true."""
         kind, model = METHODS[method], path_task.model
         ranges = JointRanges.of(model)
-        self._weight, self._middle = ranges.weight, ranges.middle
         self._arm = arm_of(SerialChain.of(model, path_task.frame_name, path_task.frame_type))
         waypoints = waypoints_of(path_task, method)
         rotations = np.array([waypoint.rotation().as_matrix() for waypoint in waypoints])
@@ -51,14 +50,15 @@ class CompiledWalk:
         durations = path_task.durations
         if durations is None:
             durations = np.ones(len(waypoints))
+        shown = (rotations, positions)
         self._path = follow_kernel.Path(
             rows_of(
                 *distinct_projectors(held),
-                rotations,
-                positions,
+                *shown,
                 max_linear_step=path_task.iteration.max_linear_step,
                 max_angular_step=path_task.iteration.max_angular_step,
             ),
+            rows_of(*distinct_projectors(path_task.in_force), *shown),
             np.where(durations > 0.0, durations, 1.0),
             np.tile(ranges.middle, (len(waypoints), 1)),
         )
@@ -79,7 +79,6 @@ class CompiledWalk:
             floats=floats,
             integers=integers,
         )
-        self._measured = rows_of(*distinct_projectors(path_task.in_force), rotations, positions)
         self._ranks = np.array([projector.rank for projector in path_task.in_force])
         # Run on nothing, so that compiling or loading is not part of a run's time.
         self.on_from(ranges.middle, len(waypoints))
@@ -95,47 +94,55 @@ class CompiledWalk:
             Configurations (K, nq), iterations (K,), lengths of the task errors (K, 2), m and rad,
             and the smallest singular values of the rows (K,).
         """
-        count = len(self._path.rows.which)
-        q = np.zeros((count, len(start)))
-        q[first - 1] = start
-        iterations = np.zeros(count, dtype=np.int64)
-        end = follow_kernel.follow(self._arm, self._way, self._path, first, q, iterations)
-        q = q[first:end]
-        return q, iterations[first:end], *self.measured(q, np.arange(first, end))
+        q = np.zeros((1, len(self._ranks), len(start)))
+        q[0, first - 1] = start
+        ends, iterations, errors, rows = self._followed(self._way, self._path, STILL, q, first)
+        done = slice(first, ends[0])
+        sigma = np.zeros(len(self._ranks))
+        for rank in np.unique(self._ranks[self._ranks > 0]):
+            here = np.flatnonzero(self._ranks[done] == rank) + first
+            sigma[here] = np.linalg.svd(rows[0, here, :rank], compute_uv=False)[:, -1]
+        return q[0, done], iterations[0, done], errors[0, done], sigma[done]
 
-    def many(self, moves: Array, starts: Array, kept: Array, numbers: Array, ends: Counts) -> None:
-        """Follow many runs; arguments as for ``follow_kernel.follow_many``."""
-        follow_kernel.follow_many(
-            self._arm, self._way, self._path, self._measured, moves, starts, self._weight,
-            self._middle, kept, numbers, ends,
-        )  # fmt: skip
+    def many(self, moves: Array, q: Array) -> tuple[Counts, Counts, Array]:
+        """Follow K runs of moved paths (K, 12), from and into the rows of q (K, N, nq).
 
-    def correct_starts(self, moves: Array, starts: Array) -> None:
-        """Correct q (K, nq), in place, to the first waypoints of moved paths."""
-        follow_kernel.onto_start(self._arm, self._correction, self._path, moves, starts)
+        Returns:
+            Indices of the first waypoints that are left to the reference, (K,), the iterations
+            (K, N), and the lengths of the task errors, m and rad, (K, N, 2).
+        """
+        ends, iterations, errors, _ = self._followed(self._way, self._path, moves, q, 1)
+        return ends, iterations, errors
 
-    def start_errors(self, moves: Array, starts: Array) -> Array:
-        """Lengths of the task errors at the first waypoints of moved paths, (K, 2)."""
-        count, target = len(starts), self._path.rows.targets[0]
-        turns = moves[:, :9].reshape(-1, 3, 3)
-        targets = np.zeros((count, 18))
-        targets[:, :9] = (turns @ target[:9].reshape(3, 3)).reshape(-1, 9)
-        targets[:, 9:12] = turns @ target[9:12] + moves[:, 9:]
-        which = np.full(count, self._path.rows.which[0])
-        held = self._path.rows._replace(which=which, targets=targets)
-        return _measure(self._arm, held, starts)[0]
+    def corrected_starts(self, moves: Array, starts: Array) -> tuple[Array, Array]:
+        """Starts (K, nq) corrected onto the first waypoints of moved paths.
 
-    def measured(self, q: Array, at: Indices) -> tuple[Array, Array]:
-        """Lengths of the task errors (K, 2) and smallest singular values (K,) at waypoints."""
-        seen = self._measured
-        seen = seen._replace(which=seen.which[at], targets=seen.targets[at])
-        errors, rows = _measure(self._arm, seen, q)
-        sigma = np.zeros(len(q))
-        ranks = self._ranks[at]
-        for rank in np.unique(ranks[ranks > 0]):
-            here = ranks == rank
-            sigma[here] = np.linalg.svd(rows[here, :rank], compute_uv=False)[:, -1]
-        return errors, sigma
+        Returns:
+            The corrected ones, (K, nq), and the lengths of the task errors before and after the
+            correction, m and rad, (K, 2, 2); NaN where the reference has to correct.
+        """
+        twice = np.zeros(2, dtype=np.intp)
+        rows = self._path.rows
+        rows = rows._replace(which=rows.which[twice], targets=rows.targets[twice])
+        first = follow_kernel.Path(rows, rows, np.ones(2), self._path.references[twice])
+        q = np.repeat(starts[:, None], 2, axis=1)
+        ends, _, errors, _ = self._followed(self._correction, first, moves, q, 1)
+        errors[ends < 2, 1] = np.nan
+        return q[:, 1], errors
+
+    def _followed(
+        self,
+        way: follow_kernel.FollowSettings,
+        path: follow_kernel.Path,
+        moves: Array,
+        q: Array,
+        first: int,
+    ) -> tuple[Counts, Counts, Array, Array]:
+        runs, count, nv = q.shape
+        iterations, ends = np.zeros((runs, count), dtype=np.int64), np.zeros(runs, dtype=np.int64)
+        errors, rows = np.zeros((runs, count, 2)), np.zeros((runs, count, 6, nv))
+        follow_kernel.follow(self._arm, way, path, moves, first, q, iterations, errors, rows, ends)
+        return ends, iterations, errors, rows
 
     def _way_of(
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
@@ -156,7 +163,6 @@ class CompiledWalk:
         twist_space = True if kind.constrained and kind.space == "twist" else None
         weight = UNSEEN_WEIGHT if twist_space else 1.0
         return follow_kernel.FollowSettings(
-            kind.constrained,
             twist_space,
             settings.iterations,
             settings.secondary == "plan",
@@ -211,10 +217,3 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
         and not (timed and np.isfinite(path_task.acceleration_limits).any())
         and JointRanges.of(path_task.model).only_hinges_and_slides
     )
-
-
-def _measure(arm: Arm, rows: Rows, q: Array) -> tuple[Array, Array]:
-    """Lengths of the task errors (K, 2), m and rad, and the rows UᵀJ (K, 6, nv)."""
-    errors, found = np.zeros((len(q), 2)), np.zeros((len(q), 6, q.shape[1]))
-    follow_kernel.measure(arm, rows, q, errors, found)
-    return errors, found

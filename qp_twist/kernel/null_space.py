@@ -97,22 +97,6 @@ def times_q_transposed(V, x):
 
 
 @plain
-def least_norm(V, R, b, x):
-    """Replace x (n,) by Q (R⁻ᵀb, x₂), with x₂ the last n − m entries of Qᵀx.
-
-    This is the solution of A x = b nearest to the initial x; for x = 0 the least-norm solution.
-    """
-    m = len(b)
-    times_q_transposed(V, x)
-    for row in range(m):
-        total = b[row]
-        for i in range(row):
-            total -= R[i, row] * x[i]
-        x[row] = total / R[row, row]
-    times_q(V, x)
-
-
-@plain
 def null_space(V, N):
     """Write an orthonormal basis of the null space of A to the rows of N (n − m, n)."""
     m, n = V.shape

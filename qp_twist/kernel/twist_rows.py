@@ -218,20 +218,6 @@ def desired_velocity(block, kinds, shape, pose, target, dt):
 
 
 @plain
-def left_free(kind, x, y, z, J, h, first, twist):
-    """Add (1 − M) J h of a block to ``twist`` (6,), three rows from ``first`` on."""
-    u, v, w = 0.0, 0.0, 0.0
-    for dof in range(len(h)):
-        u += J[first, dof] * h[dof]
-        v += J[first + 1, dof] * h[dof]
-        w += J[first + 2, dof] * h[dof]
-    u, v, w = _left(kind, x, y, z, u, v, w)
-    twist[first] += u
-    twist[first + 1] += v
-    twist[first + 2] += w
-
-
-@plain
 def in_basis(kinds, shape, pose, target, twist, b):
     """Uᵀt of a twist (6,) into b (r,)."""
     turn = pose if kinds[2] == BODY else target

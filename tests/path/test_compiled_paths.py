@@ -64,27 +64,20 @@ def test_poses_and_jacobians_are_mujocos(seed: int) -> None:
 
 @settings(max_examples=80, deadline=None)
 @given(SEEDS)
-def test_reflections_give_the_pseudoinverse_and_the_null_space(seed: int) -> None:
+def test_reflections_give_the_null_space(seed: int) -> None:
     from qp_twist.kernel import null_space as kernels
 
-    least_norm, null_space, reflect = map(
-        callable_from_python, (kernels.least_norm, kernels.null_space, kernels.reflect)
-    )
+    null_space, reflect = map(callable_from_python, (kernels.null_space, kernels.reflect))
 
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
     m = int(rng.integers(0, n + 1))
-    A, b, desired = rng.normal(size=(m, n)), rng.normal(size=m), rng.normal(size=n)
+    A = rng.normal(size=(m, n))
     V, R, N = np.zeros((m, n)), np.zeros((m, m)), np.zeros((n - m, n))
     reflect(A, V, R)
     null_space(V, N)
     np.testing.assert_allclose(N @ N.T, np.eye(n - m), atol=1e-12)
     np.testing.assert_allclose(N @ A.T, 0.0, atol=1e-12)
-    inverse = np.linalg.pinv(A)
-    x = desired.copy()
-    least_norm(V, R, b, x)
-    size = 1.0 + np.abs(inverse).max(initial=0.0)
-    np.testing.assert_allclose(x, desired + inverse @ (b - A @ desired), atol=1e-10 * size**2)
 
 
 @settings(max_examples=60, deadline=None)

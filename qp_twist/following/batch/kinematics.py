@@ -26,7 +26,7 @@ class Kinematics(NamedTuple):
 
 def kinematics(
     model: mujoco.MjModel,
-    frame_name: str,
+    frame_name: str | int,
     frame_type: str,
     q: npt.ArrayLike,
     *,
@@ -36,7 +36,7 @@ def kinematics(
 
     Args:
         model: A robot whose frame is moved by hinges and slides.
-        frame_name: Name of the frame.
+        frame_name: Name or id of the frame.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
         q: Configurations, rad or m, (K, nq).
         threads: Number of threads; all cores by default.

@@ -11,21 +11,20 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist import closed_form as one_by_one
 from qp_twist.checks import Array, finite_array, instance, number, one_of
 from qp_twist.control import Controller, Step
 from qp_twist.control.composition import composition_known
 from qp_twist.errors import InvalidInput, QpTwistError
+from qp_twist.following.batch.kinematics import kinematics
 from qp_twist.following.batch.rigid import pose_of, rigid_motions
 from qp_twist.following.batch.threads import shared
-from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error
 from qp_twist.kinematics import SerialChain, TwistTask
-from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 
 Mask = npt.NDArray[np.bool_]
 Targets = Sequence[mink.SE3] | npt.ArrayLike
 FORMS = ("minimum_norm", "gradient_projection", "rmr", "twa")
-"""Closed forms, in the order of the kernel's indices."""
+"""Closed forms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +146,8 @@ def closed_form(
 ) -> Array:
     """A closed form with its kinematics at many configurations: displacements (K, nv), rad or m.
 
-    The functions of :mod:`qp_twist.closed_form` with J and Δt: the error in the task's projector
-    (for RMR the operational one), times the task's gain and clamped to its largest steps. For
-    dependent rows those functions are called.
+    As the functions of :mod:`qp_twist.closed_form` with J and Δt: the error in the task's projector
+    (for RMR the operational one), times the task's gain and clamped to its largest steps.
 
     Args:
         model: The robot.
@@ -166,9 +164,6 @@ def closed_form(
         InvalidInput: If an argument is wrong.
         mink.InvalidFrame: If the model has no such frame.
     """
-    from qp_twist.kernel import batch_kernel
-    from qp_twist.kinematics.compiled_rows import arm_of
-
     instance("batch.closed_form(model, …)", model, mujoco.MjModel)
     instance("batch.closed_form(task=…)", task, TwistTask)
     if type(task) is not TwistTask or task.bands or task.relative_to is not None:
@@ -178,33 +173,46 @@ def closed_form(
         )
     one_of("batch.closed_form(method=…)", method, FORMS)
     given = np.ascontiguousarray(finite_array("q", q, (None, model.nq)))
-    desired = np.zeros((0, model.nv))
+    desired = np.zeros((len(given), model.nv))
     if h is not None:
         if method not in ("gradient_projection", "twa"):
             raise InvalidInput(f"batch.closed_form: {method} has no secondary; leave h out.")
-        desired = np.ascontiguousarray(finite_array("h", h, (len(given), model.nv)))
+        desired = finite_array("h", h, (len(given), model.nv))
     held = task.projector
     if method in ("rmr", "twa"):
         full = TwistProjector(linear=Projector.full(), angular=Projector.full())
         held = full if operational is None else operational
         instance("batch.closed_form(operational=…)", held, TwistProjector)
-    chain = SerialChain.of(model, task.frame_name, task.frame_type)
-    arm, aims = arm_of(chain), _aims((task,), np.zeros((1, 18)), [targets], len(given))[:, 0]
-    paces = task.gain, task.max_linear_step, task.max_angular_step
-    kinds = [np.array(kinds_of(p), dtype=np.int64) for p in (task.projector, held)]
-    shapes = [shape_of(p, *paces) for p in (task.projector, held)]
-    moved, done = np.zeros((len(given), model.nv)), np.zeros(len(given), dtype=bool)
+    aims = _aims((task,), np.zeros((1, 18)), [targets], len(given))[:, 0]
+    found = kinematics(model, task.frame_name, task.frame_type, given, threads=threads)
+    moved = np.zeros((len(given), model.nv))
 
     def some(part: slice) -> None:
-        batch_kernel.closed_forms(
-            arm, kinds[0], shapes[0], kinds[1], shapes[1], FORMS.index(method), given[part],
-            aims[part], desired[part], moved[part], done[part],
+        J, rotations = found.jacobians[part], found.rotations[part]
+        aim = aims[part, :9].reshape(-1, 3, 3)
+        T, error = resolved_twist_error(
+            rotations, found.positions[part], aim, aims[part, 9:12],
+            held if method == "rmr" else task.projector,
         )  # fmt: skip
+        for block, longest in (
+            (slice(3), task.max_linear_step),
+            (slice(3, 6), task.max_angular_step),
+        ):
+            length = np.linalg.norm(error[:, block], axis=1, keepdims=True)
+            error[:, block] *= task.gain * np.minimum(longest / np.maximum(length, 1e-300), 1.0)
+        twist, h, U = error[:, :, None], desired[part, :, None], T.basis
+        if method == "twa":
+            motion = J @ h
+            twist = twist + motion - U @ (U.swapaxes(-1, -2) @ motion)
+            U = held.in_world(rotations, aim).basis
+        A = U.swapaxes(-1, -2) @ J
+        inverse = np.linalg.pinv(A)
+        step = inverse @ (U.swapaxes(-1, -2) @ twist)
+        if method == "gradient_projection":
+            step += h - inverse @ (A @ h)
+        moved[part] = step[:, :, 0]
 
     shared(len(given), some, threads)
-    for k in np.flatnonzero(~done):
-        motion = desired[k] if len(desired) else np.zeros(model.nv)
-        moved[k] = _closed_form(model, task, given[k], aims[k], method, motion, held)
     return moved
 
 
@@ -274,34 +282,3 @@ def _one(
         for limit, stored in zip(controller.limits, velocities, strict=True):
             if stored is not None:
                 cast(Any, limit).velocity = stored
-
-
-def _closed_form(
-    model: mujoco.MjModel,
-    task: TwistTask,
-    q: Array,
-    aim: Array,
-    method: str,
-    h: Array,
-    held: TwistProjector,
-) -> Array:
-    """Evaluate :mod:`qp_twist.closed_form`."""
-    projector = held if method == "rmr" else task.projector
-    alone = TwistTask(
-        task.frame_name, task.frame_type, projector, gain=task.gain,
-        max_linear_step=task.max_linear_step, max_angular_step=task.max_angular_step,
-    )  # fmt: skip
-    alone.set_target(pose_of(aim))
-    configuration = mink.Configuration(model, q)
-    state = alone.state(configuration)
-    J, twist = state.jacobian, task.gain * alone.clamped(state.error)
-    if method == "minimum_norm":
-        return one_by_one.minimum_norm(J, state.projector, twist)
-    if method == "gradient_projection":
-        return one_by_one.gradient_projection(J, state.projector, twist, h)
-    if method == "rmr":
-        return one_by_one.resolved_motion_rate(J, twist, state.projector)
-    target = aim[:9].reshape(3, 3)
-    body = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
-    world = held.in_world(body.rotation().as_matrix(), target)
-    return one_by_one.twa(J, state.projector, twist, h, operational=world)

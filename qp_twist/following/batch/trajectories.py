@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 Counts = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+_RUNS = 64
+"""Number of runs whose waypoints are in memory at a time, on each thread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +143,7 @@ class _Batch:
     ) -> None:
         self.path_task, self.method, self.settings, self.walk = path_task, method, settings, walk
         self.starts, self.moves = starts.copy(), np.ascontiguousarray(moves)
+        self.ranges = JointRanges.of(path_task.model)
         self.failures: dict[int, str] = {}
         count = len(starts)
         self.numbers = np.zeros((count, 6))
@@ -163,27 +166,37 @@ class _Batch:
         )  # fmt: skip
 
     def _by_kernel(self, part: slice, kept: Array) -> None:
-        self.walk.many(
-            self.moves[part], self.starts[part], kept[part], self.numbers[part], self.ends[part]
-        )
-
-    def _off_start(self) -> npt.NDArray[np.intp]:
-        """Runs whose start is not on their first waypoint."""
-        allowed = self.path_task.iteration
-        apart, turned = self.walk.start_errors(self.moves, self.starts).T
-        reached = (apart <= allowed.position_tolerance) & (turned <= allowed.angle_tolerance)
-        return np.flatnonzero(~reached)
+        for first in range(part.start, min(part.stop, len(self.starts)), _RUNS):
+            some = slice(first, min(part.stop, first + _RUNS))
+            q = kept[some]
+            if not len(kept):
+                q = np.zeros((len(self.starts[some]), *kept.shape[1:]))
+            q[:, 0] = self.starts[some]
+            ends, iterations, errors = self.walk.many(self.moves[some], q)
+            after = np.arange(q.shape[1]) >= ends[:, None]
+            q[after], errors[after] = np.nan, np.nan
+            self.ends[some] = ends
+            self.numbers[some, :2] = np.fmax.reduce(errors, axis=1)
+            self.numbers[some, 2] = np.fmin.reduce(self.ranges.margins(q), axis=(1, 2))
+            self.numbers[some, 3] = np.nansum(self.ranges.centring(q), axis=1) / ends
+            steps = np.abs(np.diff(q, axis=1))
+            self.numbers[some, 4] = np.fmax.reduce(steps, axis=(1, 2), initial=0.0)
+            self.numbers[some, 5] = iterations.sum(axis=1)
 
     def _correct_starts(self, threads: int | None) -> None:
         """Correct starts onto their first waypoint, as :func:`qp_twist.follow` does for one run."""
-        off, original = self._off_start(), self.starts.copy()
-        moves, corrected = self.moves[off], self.starts[off]
-        shared(
-            len(off), lambda part: self.walk.correct_starts(moves[part], corrected[part]), threads
-        )
-        self.starts[off] = corrected
-        for run in self._off_start():
-            self.starts[run] = original[run]
+        corrected, errors = self.starts.copy(), np.zeros((len(self.starts), 2, 2))
+
+        def correct(part: slice) -> None:
+            corrected[part], errors[part] = self.walk.corrected_starts(
+                self.moves[part], self.starts[part]
+            )
+
+        shared(len(self.starts), correct, threads)
+        reached = np.all(errors <= self.path_task.iteration.tolerances, axis=2)
+        taken = ~reached[:, 0] & reached[:, 1]
+        self.starts[taken] = corrected[taken]
+        for run in np.flatnonzero(~reached.any(axis=1)):
             try:
                 self.starts[run] = start_of(self._task(int(run)), self.method)
             except QpTwistError as error:
@@ -201,11 +214,10 @@ class _Batch:
             return
         if done.failure:
             self.failures[run] = done.failure
-        ranges = JointRanges.of(self.path_task.model)
         self.ends[run] = len(done.q)
         self.numbers[run] = (
             done.position_error.max(), done.axis_error.max(), done.margins.min(initial=np.inf),
-            float(ranges.centring(done.q).mean()),
+            float(self.ranges.centring(done.q).mean()),
             np.abs(np.diff(done.q, axis=0)).max(initial=0.0), done.iterations.sum(),
         )  # fmt: skip
         kept[run : run + 1, : len(done.q)] = done.q
@@ -231,7 +243,9 @@ class _Batch:
 def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
     """Rotations (9) and translations (3), (K, 12); the identity if ``None``."""
     if moves is None:
-        return np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
+        from qp_twist.following.compiled_walk import STILL
+
+        return STILL
     return rigid_motions("batch.follow(moves=…)", moves)
 
 
