@@ -237,3 +237,17 @@ class _Checked:
 def checked(check: Callable[[Any, str, Any], Any]) -> Any:
     """An attribute that stores ``check(instance, name, value)`` of assigned values."""
     return _Checked(check)
+
+
+class Revised:
+    """Counts the assignments of its attributes, by which a compiled step notices a change.
+
+    Attributes whose names begin with an underscore do not count.
+    """
+
+    revision: int
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        super().__setattr__(name, value)
+        if name[0] != "_":
+            self.__dict__["revision"] = self.__dict__.get("revision", 0) + 1

@@ -37,6 +37,7 @@ from qp_twist.control.step_tables import (
     with_slacks,
 )
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.compiling import bound
 from qp_twist.kernel.live_step import (
     NO_EFFECT,
     PYTHON_JACOBIAN,
@@ -136,6 +137,7 @@ class CompiledStep:
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
+        self._live_step: Callable[..., int] | None = None
         self._lay_out(composed, 0)
 
     def _lay_out(self, composed: Controller, capacity: int) -> None:
@@ -168,10 +170,10 @@ class CompiledStep:
         g.middle[:nv] = self._ranges.middle
         g.metric[:nv], g.metric[nv:], g.limits[:] = composed.metric, composed.metric.max(), table
         self._take_settings(composed)
-        self._known_step_sizes = [_step_sizes(task) for task in self._tasks]
         for shape, task in zip(g.shapes, self._tasks, strict=True):
             shape[:] = shape_of(task.projector, *_step_sizes(task))
-        # The targets that are in the arrays now.
+        # Of the tasks and targets that are in the arrays now.
+        self._known_tasks = [-1] * len(self._tasks)
         self._known_poses: list[Any] = [None] * len(self._tasks)
         self._steady, self._displacement = np.zeros(nv), EVERYTHING
         self._take_secondary()
@@ -251,7 +253,11 @@ class CompiledStep:
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        if not (self._is_of(composed) and self._tasks_known()):
+        if composed.revision != self._revision or composed.limits != self._limits:
+            if not self._is_of(composed):
+                return None
+            self._take_settings(composed)
+        if not self._tasks_known():
             return None
         rows: Sequence[Named] = _NO_ROWS
         if self._calls_python or self._banded or self._size.k or self._slacks:
@@ -261,7 +267,11 @@ class CompiledStep:
             rows = updated
         self._update(composed, configuration, h)
         use_secondary = h.acts
-        status = live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+        if self._live_step is None:
+            self._live_step = bound(
+                live_step, self._floats, self._integers, dt, use_secondary, self.twist_space
+            )
+        status = self._live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
         if status in (AT_THE_EDGE, INFEASIBLE):
             is_infeasible, status = status == INFEASIBLE, REFUSED
             if composed.on_infeasible != "raise":
@@ -466,27 +476,26 @@ class CompiledStep:
 
     def _tasks_known(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""
-        self._banded = False
+        known, poses = self._known_tasks, self._known_poses
         for number, task in enumerate(self._tasks):
-            if (
-                task.projector is not self._projectors[number]
-                or rows_known(task) is (number in self._python_tasks)
-                or (task.frame_name, task.frame_type) != self._named[number]
-            ):
-                return False
-            if task.bands:
-                self._banded = True
+            if task.revision != known[number]:
+                if (
+                    task.projector is not self._projectors[number]
+                    or rows_known(task) is (number in self._python_tasks)
+                    or (task.frame_name, task.frame_type) != self._named[number]
+                ):
+                    return False
+                self._inputs.shapes[number, 24:] = _step_sizes(task)
+                self._banded = any(v.bands for v in self._tasks)
+                # Of a derived class ``bands`` may be computed.
+                known[number] = -1 if number in self._python_tasks else task.revision
             pose = task.target_wxyz_xyz
-            if pose is not self._known_poses[number] or pose is None:
+            if pose is not poses[number] or pose is None:
                 if pose is None:
                     raise mink.TargetNotSet(task.name)
                 if number not in self._python_tasks:
                     self._write_target(number, task)
-                self._known_poses[number] = pose
-            paces = _step_sizes(task)
-            if paces != self._known_step_sizes[number]:
-                self._known_step_sizes[number] = paces
-                self._inputs.shapes[number, 24:] = paces
+                poses[number] = pose
         return True
 
     def _update_secondary(self, configuration: mink.Configuration | None, h: Displacement) -> None:
@@ -546,7 +555,7 @@ class CompiledStep:
             self._moving[number] = moves
 
     def _take_settings(self, composed: Controller) -> None:
-        self._taken = _settings_of(composed)
+        self._revision = composed.revision
         self._smooth = composed.smooth and composed.singularity > 0.0
         limited = any(
             np.isfinite(v.max_acceleration).any()
@@ -564,8 +573,8 @@ class CompiledStep:
         self._inputs.free_costs[:] = composed.free_twist_costs
 
     def _update_state(self, composed: Controller) -> None:
-        """Write changed settings, and the windows and previous velocity of limits."""
-        changed = _settings_of(composed) != self._taken
+        """Write changed ranges, windows and the previous velocity of limits."""
+        changed = False
         for number, (table, limit) in enumerate(self._ranged):
             if limit.revision != self._revisions[number]:
                 self._revisions[number] = limit.revision
@@ -584,10 +593,6 @@ class CompiledStep:
             before[:] = motion.velocity
 
 
-_settings_of = attrgetter(
-    "singularity", "joint_weight", "on_infeasible", "smooth", "braking", "free_twist_costs"
-)
-"""Settings of a controller that can change between two steps."""
 _step_sizes = attrgetter("gain", "max_linear_step", "max_angular_step")
 """A task's gain and largest linear and angular step."""
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import (
     Array,
+    Revised,
     checked,
     finite_array,
     instance,
@@ -121,7 +122,7 @@ def _free_twist_costs(_: Any, name: str, value: tuple[float, float]) -> tuple[fl
     return linear, angular
 
 
-class Controller:
+class Controller(Revised):
     r"""A quadratic program at every step (the design of the package, in one formula).
 
     .. math::
@@ -305,7 +306,8 @@ class Controller:
         h = EVERYTHING  # nearly always
         if use_secondary is not True or displacement is not None:
             h = Displacement.of(use_secondary, displacement, self.model.nv)
-        clearances = self._sorted_limits().clearances
+        limits = self._sorted_limits()
+        clearances = limits.clearances
         if clearances:
             moving = self._moving()
             for clearance in clearances:
@@ -317,7 +319,7 @@ class Controller:
         finally:
             for clearance in clearances:
                 clearance.in_step.has_begun = False
-        self._note(step.velocity)
+        _note(limits.following, step.velocity)
         return step
 
     def build_ik(
@@ -413,14 +415,7 @@ class Controller:
         velocity = finite_array("velocity", velocity, (self.model.nv,))
         if largest(velocity) > FASTEST:
             raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
-        self._note(velocity)
-
-    def _note(self, velocity: Array) -> None:
-        for limit in self._sorted_limits().following:
-            if type(limit) is MotionLimit:
-                limit.velocity = velocity.copy()  # its own method checks it once more
-            else:
-                limit.note(velocity)
+        _note(self._sorted_limits().following, velocity)
 
     def _compiled_step(self) -> CompiledStep | None:
         """The compiled step; ``None`` with another solver or an unsupported composition."""
@@ -543,6 +538,15 @@ class Controller:
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
         )
+
+
+def _note(limits: Sequence[BoxLimit], velocity: Array) -> None:
+    """Store the joint velocity in the limits that have to know it."""
+    for limit in limits:
+        if type(limit) is MotionLimit:
+            limit.velocity = velocity.copy()  # its own method checks it once more
+        else:
+            limit.note(velocity)
 
 
 def _least(limits: Sequence[Array]) -> Array | None:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import (
     Array,
+    Revised,
     are_floats,
     checked,
     finite_array,
@@ -98,7 +99,7 @@ def _carrier(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | Non
     return value
 
 
-class TwistTask(mink.Task):
+class TwistTask(Revised, mink.Task):
     r"""Drive a frame to a target in the directions that a twist projector keeps.
 
     A :class:`mink.Task` with r = rank(T) rows,

@@ -336,7 +336,8 @@ def test_the_entry_can_be_called_more_than_once(capsys: pytest.CaptureFixture[st
 def test_ctrl_c_leaves_the_methods_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    module = importlib.import_module("qp_twist.comparison.compare")  # the package has a function of its name
+    # The package has a function of this name.
+    module = importlib.import_module("qp_twist.comparison.compare")
     follow = module.follow
 
     def interrupted(task: PathTask, method: str, **options: Any) -> Trajectory:
