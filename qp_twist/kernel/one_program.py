@@ -18,11 +18,12 @@ from qp_twist.kernel.dual_active_set import (
     row_lengths,
 )
 
-WORTH, BEYOND, LARGEST, CURVED, SOFT, DEAD = 50.0, 3.0, 1e6, 1e-2, 1e-4, 0.03
+WORTH, BEYOND, LARGEST, CURVED, SOFT, DEAD = 50.0, 3.0, 1e8, 1e-2, 1e-4, 0.03
 LEAST_MOTION, BACKOFF, _STILL = 1e-12, 1e-8, 1e-9
 """γ, δ and the other constants of ``qp.one_program``; ``LARGEST`` is a γ for which s is the largest
 and the rest optimal (a linear program with a small quadratic cost: Mangasarian, Appl. Math. Optim.
-5, 1979)."""
+5, 1979): of 65,879 random steps that had to be slowed down 5 were up to 1e-4 too slow with 1e6,
+and none by 1e-7 with 1e8."""
 OF_COSTS = 10.0
 """Multipliers up to so many times the gradient of the costs are not those of the scale: these are
 larger by the order of ``LARGEST``."""
