@@ -82,7 +82,7 @@ class Intersection:
     Two boxes may have no velocity in common (a start outside a range, a joint too fast to stop).
     Then a velocity limit yields to an acceleration limit, and a position limit, the coupling of a
     joint that does not move, or a clearance yields to any other kind: its bound becomes the nearest
-    velocity that the other limit allows.
+    velocity that the other limit allows. Others that contradict each other are refused.
 
     Attributes:
         lower: Lower velocity bounds, rad/s or m/s, (nv,).
@@ -91,12 +91,7 @@ class Intersection:
     """
 
     def __init__(self, boxes: Sequence[Box], model: mujoco.MjModel) -> None:
-        """Intersect boxes of a model.
-
-        Raises:
-            InvalidInput: If a bound is not a number, or two limits contradict each other and
-                neither yields.
-        """
+        """Intersect boxes of a model."""
         nv = model.nv
         for box in boxes:
             if box.lower.shape != (nv,) or box.upper.shape != (nv,):

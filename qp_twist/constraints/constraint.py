@@ -105,9 +105,8 @@ class Constraint(mink.Limit):
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Linear rows that keep the margins above 0, to first order: rows · Δq ≤ rooms.
 
-        Returns:
-            Rows (N, m, nv), rooms (N, m), and the index of each row's margin, (m,); by default one
-            row for each margin.
+        Rows (N, m, nv), rooms (N, m), and the index of each row's margin, (m,); by default one row
+        for each margin.
         """
         return -self.gradients(q), self.margins(q), np.arange(len(self.names))
 
@@ -199,18 +198,17 @@ def check_constraints(
             "proven between waypoints; give its controller the limits instead."
         )
     for k, constraint in enumerate(constraints):
-        label = f"{name}: constraints[{k}]"
+        label, kind = f"{name}: constraints[{k}]", type(constraint).__name__
         if not isinstance(constraint, Constraint):
             raise InvalidInput(
-                f"{label}: expected a qp_twist.Constraint, got {type(constraint).__name__}: it has "
-                "no margins that plans and checks could evaluate. Write a subclass of Constraint, "
-                "or pass it to a Controller as a limit, which needs its rows only."
+                f"{label}: expected a qp_twist.Constraint, got {kind}: it has no margins that "
+                "plans and checks could evaluate. Write a subclass of Constraint, or pass it to a "
+                "Controller as a limit, which needs its rows only."
             )
         if not constraint.only_configurations:
             raise InvalidInput(
-                f"{label}: {type(constraint).__name__} limits velocities, too, which are no "
-                "constraint on configurations; give those to the path as velocity_limits and "
-                "acceleration_limits."
+                f"{label}: {kind} limits velocities, too, which are no constraint on "
+                "configurations; give those to the path as velocity_limits and acceleration_limits."
             )
         if set(constraint.units) not in (set(), {"m"}, {"rad"}):
             raise InvalidInput(

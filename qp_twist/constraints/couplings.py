@@ -61,27 +61,23 @@ class JointCouplings(Constraint):
 
         Args:
             model: The robot.
-            tolerance: ε, rad or m.
+            tolerance: ε, rad or m, above 0.
             unit: Only those whose first joint is a hinge, ``"rad"``, or a slide, ``"m"``.
             recovery_speed: Speed at which a step corrects a violated coupling, rad/s or m/s.
-
-        Raises:
-            InvalidInput: If a number is not above 0, or a coefficient of the model is none.
         """
         ranges = JointRanges.of(model)
         self.tolerance = number("tolerance", tolerance, above=0.0)
         self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
         if unit is not None:
             one_of("unit", unit, ("rad", "m"))
-        active = (model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
-        rows = np.flatnonzero(active)
+        rows = np.flatnonzero((model.eq_type == mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0))
+        dofs = model.jnt_dofadr[model.eq_obj1id[rows]].astype(np.intp)
         if unit is not None:
-            units = np.array(ranges.units)[model.jnt_dofadr[model.eq_obj1id[rows]]]
-            rows = rows[units == unit]
+            of_unit = np.array(ranges.units)[dofs] == unit
+            rows, dofs = rows[of_unit], dofs[of_unit]
         alone = model.eq_obj2id[rows] < 0
-        joints = np.where(alone, model.eq_obj1id[rows], model.eq_obj2id[rows])
-        self.first: Indices = model.jnt_dofadr[model.eq_obj1id[rows]].astype(np.intp)
-        self.second: Indices = model.jnt_dofadr[joints].astype(np.intp)
+        self.first: Indices = dofs
+        self.second: Indices = np.where(alone, dofs, model.jnt_dofadr[model.eq_obj2id[rows]])
         self.start: Array = model.qpos0[ranges.qpos[np.column_stack([self.first, self.second])]]
         self.coefficients: Array = model.eq_data[rows, :5].copy()
         self.coefficients[alone, 1:] = 0.0
@@ -93,8 +89,6 @@ class JointCouplings(Constraint):
         self.joints = ranges.names
         self._ranges, self._reference = ranges, model.qpos0.copy()
         self._each = np.arange(len(self.names))
-        self._first = np.zeros((len(self.names), model.nv))
-        self._first[self._each, self.first] = 1.0
         # Coefficients of p and its derivatives, without powers that no coupling has.
         degree = int(np.flatnonzero(self.coefficients.any(axis=0)).max(initial=0))
         powers = self.coefficients[:, : degree + 1].T
@@ -119,7 +113,8 @@ class JointCouplings(Constraint):
 
     def slopes(self, q: Array) -> Array:
         """Derivatives of the residuals with respect to each degree of freedom, (N, C, nv)."""
-        slopes = np.repeat(self._first[None], len(q), axis=0)
+        slopes = np.zeros((len(q), len(self.names), len(self.joints)))
+        slopes[:, self._each, self.first] = 1.0
         slopes[:, self._each, self.second] -= self._p(1, self._ranges.positions(q))
         return slopes
 
@@ -184,15 +179,13 @@ def couplings_of(
 
     Tolerances and recovery speeds are by unit those of ``templates``, even of another model.
     """
-    like = {unit: couplings for couplings in templates for unit in couplings.units}
+    numbers = dict.fromkeys(("rad", "m"), (COUPLED_WITHIN, JointCouplings.recovery_speed))
+    for template in templates:
+        for unit in template.units:
+            numbers[unit] = template.tolerance, template.recovery_speed
     made = (
-        JointCouplings(
-            model,
-            like[unit].tolerance if unit in like else COUPLED_WITHIN,
-            unit=unit,
-            recovery_speed=like.get(unit, JointCouplings).recovery_speed,
-        )
-        for unit in ("rad", "m")
+        JointCouplings(model, tolerance, unit=unit, recovery_speed=speed)
+        for unit, (tolerance, speed) in numbers.items()
     )
     return tuple(couplings for couplings in made if couplings.names)
 
@@ -203,11 +196,10 @@ def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:
     Those are all but couplings of joints: ``<connect>`` and ``<weld>`` between bodies that joints
     move against each other, tendons and flexible bodies. The message begins with ``label``.
     """
-    active = (model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
-    for row in np.flatnonzero(active):
-        kind = mujoco.mjtEq(int(model.eq_type[row]))
+    others = (model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
+    for row in np.flatnonzero(others):
+        kind, between = mujoco.mjtEq(int(model.eq_type[row])), ""
         ends = [int(model.eq_obj1id[row]), int(model.eq_obj2id[row])]
-        between = ""
         if kind in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD):
             if int(model.eq_objtype[row]) == mujoco.mjtObj.mjOBJ_SITE:
                 ends = [int(model.site_bodyid[site]) for site in ends]
@@ -231,14 +223,9 @@ def share_limits(
 
     With :math:`\theta_1 = o + r\,\theta_2` the first joint brakes \|r\| times as hard as the
     second. With limits in that ratio, a velocity allowed for one joint is allowed for the other.
-    Otherwise one joint may move at a speed at which the other cannot stop in time.
-
-    Args:
-        model: The robot; only couplings that are initially active count.
-        lower: θ_min, rad or m, (nv,).
-        upper: θ_max, (nv,).
-        acceleration: Largest acceleration, rad/s² or m/s², (nv,); ``inf`` without a limit.
-        speeds: Other limits in the ratio \|r\|, each (nv,).
+    Otherwise one joint may move at a speed at which the other cannot stop in time. Arguments are
+    θ_min, θ_max, rad or m, the largest acceleration, rad/s² or m/s², and other limits in the ratio
+    \|r\|, each (nv,); ``inf`` without a limit.
 
     Raises:
         InvalidInput: If a joint with an acceleration limit is coupled nonlinearly, or coupled

@@ -133,21 +133,20 @@ class MotionLimit(PositionLimit):
         dt = number("dt", dt, above=0.0)
         room = self._room(configuration.q)
         sentences = list(self._outside(room))
-        names, units = self.ranges.names, self.ranges.units
         speed = np.array((-self.velocity, self.velocity))
         braked = speed - self.max_acceleration * dt
-        if np.count_nonzero(braked > 0.0):  # a joint that can stop in this step is not late
+        if (braked > 0.0).any():  # a joint that can stop in this step is not late
             within = self._fastest(np.maximum(room, 0.0) + NOTICEABLE, dt)
-            late = (braked > within) & (room >= -NOTICEABLE)
-            for side, dof in np.argwhere(late) if np.count_nonzero(late) else ():
+            for side, dof in np.argwhere((braked > within) & (room >= -NOTICEABLE)):
+                unit = self.units[dof]
                 sentences.append(
-                    f"{names[dof]} moves at {speed[side, dof]:.3g} {units[dof]}/s and cannot stop "
-                    f"within the {room[side, dof]:.3g} {units[dof]} to the "
-                    f"{('lower', 'upper')[side]} end of its range"
+                    f"{self.names[dof]} moves at {speed[side, dof]:.3g} {unit}/s and cannot stop "
+                    f"within the {room[side, dof]:.3g} {unit} to the {('lower', 'upper')[side]} "
+                    "end of its range"
                 )
-        for dof in (np.abs(self.velocity) > self.max_velocity + NOTICEABLE).nonzero()[0]:
+        for dof in np.flatnonzero(np.abs(self.velocity) > self.max_velocity + NOTICEABLE):
             share = abs(self.velocity[dof]) / self.max_velocity[dof]
-            sentences.append(f"{names[dof]} moves at {share:.3g} times its velocity limit")
+            sentences.append(f"{self.names[dof]} moves at {share:.3g} times its velocity limit")
         return tuple(sentences)
 
     def _fastest(self, room: Array, dt: float) -> Array:

@@ -53,8 +53,7 @@ class JointRangeLimit(BoxLimit, Constraint):
 
     def margins(self, q: Array) -> Array:
         """Distance of each joint from the nearer end, rad or m, (N, nv)."""
-        below, above = self._room(q)
-        margins: Array = np.minimum(below, above)
+        margins: Array = self._room(q).min(axis=0)
         return margins
 
     def gradients(self, q: Array) -> Array:
@@ -95,16 +94,13 @@ class PositionLimit(JointRangeLimit):
     def __init__(
         self, model: mujoco.MjModel, *, margin: float = 0.0, recovery_speed: float = 0.5
     ) -> None:
-        """Read the ranges of a model.
+        """Read the ranges of a model; limited ball joints are refused.
 
         Args:
             model: The robot.
             margin: Distance by which the ranges are narrowed at either end, rad or m: a real joint
                 lags behind its command, and overshoots.
             recovery_speed: Speed at which a joint outside returns, rad/s or m/s.
-
-        Raises:
-            InvalidInput: If a ball joint has a limit, or the margin leaves a joint no range.
         """
         super().__init__(model)
         balls = (model.jnt_type == mujoco.mjtJoint.mjJNT_BALL) & (model.jnt_limited != 0)
@@ -133,8 +129,8 @@ class PositionLimit(JointRangeLimit):
         # A joint inside its range, up to rounding, may always stand still.
         fastest = self._fastest(np.maximum(room - self.rounding, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
-        if np.count_nonzero(room < -NOTICEABLE):
-            below, above = room < -NOTICEABLE
+        below, above = room < -NOTICEABLE
+        if below.any() or above.any():
             upper = np.where(below, np.minimum(upper, self._recovery), upper)
             lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
             lower = np.where(above, np.maximum(lower, -self._recovery), lower)
@@ -147,13 +143,10 @@ class PositionLimit(JointRangeLimit):
 
     def _outside(self, room: Array) -> tuple[str, ...]:
         """A sentence for each joint with a room below 0, (2, nv)."""
-        if not np.count_nonzero(room < -NOTICEABLE):
-            return ()
         return tuple(
-            f"{self.ranges.names[dof]} is {-beyond[dof]:.3g} {self.ranges.units[dof]} {side} its "
-            "range"
-            for side, beyond in zip(("below", "above"), room, strict=True)
-            for dof in np.flatnonzero(beyond < -NOTICEABLE)
+            f"{self.names[dof]} is {-room[side, dof]:.3g} {self.units[dof]} "
+            f"{('below', 'above')[side]} its range"
+            for side, dof in np.argwhere(room < -NOTICEABLE)
         )
 
     def _keep_between(self, lower: Array, upper: Array) -> None:
@@ -179,11 +172,7 @@ class DisplacementWindow(JointRangeLimit):
     def __init__(
         self, model: mujoco.MjModel, q_ref: npt.ArrayLike, half_width: npt.ArrayLike
     ) -> None:
-        """Open it at the last waypoint, q_ref (nq,), by w, rad or m, (nv,); ∞ without a limit.
-
-        Raises:
-            InvalidInput: If a shape is wrong or a width is negative or NaN.
-        """
+        """Open it at the last waypoint, q_ref (nq,), by w, rad or m, (nv,); ∞ without a limit."""
         super().__init__(model)
         self._nq = model.nq
         self.move(q_ref, half_width)

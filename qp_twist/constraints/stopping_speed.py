@@ -26,15 +26,9 @@ def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
 
     .. math:: v = \frac{d}{(N + 1)\,\Delta t} + \frac{N a\,\Delta t}{2}.
 
-    Where rounding makes N one off, v is the same: the pieces meet there.
-
-    Args:
-        room: d, distance to the limit, rad or m, at least 0; ``inf`` without a limit.
-        acceleration: a, rad/s² or m/s², above 0; ``inf`` without a limit, then v = d/dt.
-        dt: Length of this step and of those to come, s.
-
-    Returns:
-        v, rad/s or m/s, of the arguments' common shape.
+    Where rounding makes N one off, v is the same: the pieces meet there. Arguments are d ≥ 0, rad
+    or m, ``inf`` without a limit; a > 0, rad/s² or m/s², ``inf`` without a limit, then v = d/dt;
+    and the length of this step and of those to come, s.
     """
     if not np.count_nonzero(acceleration < np.inf):
         free: Array = room / dt
@@ -56,13 +50,9 @@ def stopping_share(motion: Array, acceleration: Array, dt: float) -> float:
         s_b = \min\bigl(1,\ dt\,v(1, \ddot p)\bigr),\qquad
         \ddot p = \eta\,\min_i \frac{a_i}{|\Delta q_i|}
 
-    with v(d, a) the :func:`stopping_speed`: the task's displacement is 1, and
-    along it the joints brake by at most p̈. What η leaves is for the curvature of the motion.
-
-    Args:
-        motion: Δq that would remove the task's error, rad or m, (n,).
-        acceleration: a, rad/s² or m/s², (n,); ∞ where there is no limit.
-        dt: Length of this step and of those to come, s.
+    with v(d, a) the :func:`stopping_speed`: the task's displacement is 1, and along it the joints
+    brake by at most p̈. What η leaves is for the curvature of the motion. ``motion`` (n,) is the Δq
+    that would remove the task's error, rad or m; ``acceleration`` (n,) is ∞ without a limit.
     """
     with np.errstate(divide="ignore"):
         braking = BRAKING * float(np.min(acceleration / np.abs(motion), initial=np.inf))

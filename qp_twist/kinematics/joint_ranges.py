@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, float_array, instance, read_only
+from qp_twist.checks import Array, Indices, Mask, float_array, instance, read_only
 from qp_twist.errors import InvalidInput
 
 _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -38,8 +38,8 @@ class JointRanges:
 
     lower: Array
     upper: Array
-    qpos: np.ndarray[tuple[int], np.dtype[np.intp]]
-    hinge: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    qpos: Indices
+    hinge: Mask
     names: tuple[str, ...]
     nq: int
 
@@ -67,27 +67,24 @@ class JointRanges:
         return f"JointRanges({list(self.names)}, {limited} of {len(self.names)} limited)"
 
     @cached_property
-    def limited(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    def limited(self) -> Mask:
         """Which degrees of freedom have a range of finite, non-zero width, shape (nv,)."""
         width = self.upper - self.lower
-        limited = np.isfinite(width) & (width > 0.0)
+        limited: Mask = np.isfinite(width) & (width > 0.0)
         limited.setflags(write=False)
         return limited
 
     @cached_property
     def middle(self) -> Array:
         """θ̄, the middle of each range; 0 without a range, shape (nv,)."""
-        middle = np.zeros_like(self.lower)
-        limited = self.limited
-        middle[limited] = 0.5 * (self.lower[limited] + self.upper[limited])
-        return read_only(middle)
+        lower, upper = np.where(self.limited, (self.lower, self.upper), 0.0)
+        return read_only(0.5 * (lower + upper))
 
     @cached_property
     def weight(self) -> Array:
         """Diagonal of W, that is 1/(θ_max − θ_min), or 0 without a range; 1/rad or 1/m, (nv,)."""
-        weight = np.zeros_like(self.lower)
-        weight[self.limited] = 1.0 / (self.upper - self.lower)[self.limited]
-        return read_only(weight)
+        width = np.where(self.limited, self.upper - self.lower, np.inf)
+        return read_only(1.0 / width)
 
     @property
     def metric(self) -> Array:
@@ -121,7 +118,7 @@ class JointRanges:
         """Whether every joint has one coordinate of q, unlike ball and free joints."""
         return bool((self.qpos >= 0).all())
 
-    def inside(self, positions: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    def inside(self, positions: Array) -> Mask:
         """Whether all of the positions (…, nv) are in their ranges, (…)."""
         return np.asarray((self.room(positions) >= 0.0).all(axis=-1))
 
