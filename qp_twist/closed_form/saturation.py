@@ -75,18 +75,9 @@ def saturation_in_null_space(
 
     For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse. A
     task whose residual due to bounds is at most 1e-8 (longest row of A + max |b|) counts as met.
-    Without a projector (``None``) A and b are any rows J (m, n) and Δt (m,).
-
-    Args:
-        jacobian: J, shape (6, n).
-        projector: T of the task.
-        twist: Δt, shape (6,).
-        lower: Smallest displacement of each joint, at most 0, −∞ without a bound, shape (n,).
-        upper: Largest displacement of each joint, at least 0, +∞ without a bound, shape (n,).
-        optimal: The optimal form instead of the basic one.
-
-    Raises:
-        InvalidInput: If a shape is wrong, an entry is not a number, or the bounds exclude 0.
+    Without a projector (``None``) A and b are any rows J (m, n) and Δt (m,). The bounds (n,) are
+    displacements around 0, ±∞ where there is none; what has another shape, is not a number or
+    excludes 0 raises :class:`~qp_twist.InvalidInput`.
 
     Example:
         >>> result = saturation_in_null_space([[2.0, 1.0]], None, [3.0], [-1, -1], [1, 1])

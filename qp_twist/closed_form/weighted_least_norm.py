@@ -67,16 +67,9 @@ def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.Arra
     gradient is therefore its value there, 2.5 · 10⁷ over the range, times one plus the share of the
     range beyond: large, finite, and decreasing on the way back.
 
-    Args:
-        q: Joint positions θ, rad or m, shape (n,).
-        lower: θ_min, shape (n,); −∞ where there is none.
-        upper: θ_max, shape (n,); +∞ where there is none.
-
-    Returns:
-        ∂H/∂θ, 1/rad or 1/m, shape (n,); 0 for a joint without two finite limits or without range.
-
-    Raises:
-        InvalidInput: If a shape is wrong, an entry is NaN, or a limit is below the other.
+    Arguments are θ, θ_min and θ_max, rad or m, (n,) each, ±∞ where there is none; the result is
+    ∂H/∂θ, 1/rad or 1/m, (n,), 0 for a joint without two finite limits or without range. A wrong
+    shape, NaN or limits in the wrong order raise :class:`~qp_twist.InvalidInput`.
     """
     theta = finite_array("q", q, (None,))
     low, high = (float_array(n, v) for n, v in (("lower", lower), ("upper", upper)))
@@ -86,8 +79,9 @@ def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.Arra
             f"{low.tolist()} and {high.tolist()}."
         )
     limited = np.isfinite(low) & np.isfinite(high) & (low < high)
-    width = np.where(limited, high - np.where(limited, low, 0.0), 1.0)
-    share = np.where(limited, (theta - np.where(limited, low, 0.0)) / width, 0.5)
+    low, high = np.where(limited, low, 0.0), np.where(limited, high, 1.0)
+    width = high - low
+    share = np.where(limited, (theta - low) / width, 0.5)
     inside = np.clip(share, NEAREST, 1.0 - NEAREST)
     gradient: Array = (2.0 * inside - 1.0) / (4.0 * (inside * (1.0 - inside)) ** 2 * width)
     gradient *= 1.0 + np.abs(share - inside)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, read_only
 
+Complex = npt.NDArray[np.complex128]
 _WORLD = read_only(np.eye(3))
 _REST = read_only(np.zeros(6))
 
@@ -104,8 +106,8 @@ def turn_about(
 ) -> tuple[Array, Array, Array]:
     """The angle φ of a frame's rotation about an axis relative to its target, on K motions.
 
-    With the quaternion (η, ε) of the relative rotation φ/2 is the direction of (η, a·ε) in the
-    plane. That vector stays near its chord; φ is bounded while the chord keeps away from 0.
+    With the quaternion (η, ε) of the relative rotation φ/2 is the argument of η + i a·ε. That
+    number stays near its chord; φ is bounded while the chord keeps away from 0.
     Returned are φ at both ends, continuous between them, and the bound of its deviation, rad, (K,).
     """
     one, two = (
@@ -115,9 +117,8 @@ def turn_about(
         for pair in (before, after)
     )
     two[(one * two).sum(axis=1) < 0.0] *= -1.0
-    a, b = (np.column_stack([q[:, 3], q[:, :3] @ axis]) for q in (one, two))
-    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
-    begin = 2.0 * np.arctan2(a[:, 1], a[:, 0])
+    a, b = (q[:, 3] + 1j * (q[:, :3] @ axis) for q in (one, two))
+    turn, begin = np.angle(a.conj() * b), 2.0 * np.angle(a)
     total = stretch.turn + stretch.target_turn
     away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
     near = _nearest_to_zero(a, b)
@@ -134,11 +135,10 @@ def angle_of_chord(chord: Array) -> Array:
     return angle
 
 
-def _nearest_to_zero(a: Array, b: Array) -> Array:
-    """Least length on the chord from each a (K, 2) to b (K, 2)."""
+def _nearest_to_zero(a: Complex, b: Complex) -> Array:
+    """Least absolute value on the chord from each a to b in the complex plane, (K,)."""
     way = b - a
-    square = np.einsum("ki,ki->k", way, way)
-    along = -np.einsum("ki,ki->k", a, way)
+    along, square = -(a.conj() * way).real, np.abs(way) ** 2
     share = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    least: Array = np.linalg.norm(a + share[:, None] * way, axis=1)
+    least: Array = np.abs(a + share * way)
     return least

@@ -94,23 +94,17 @@ class ParametrisedArm:
         if any(at != screw.dof for at, screw in zip(chain.qpos, chain.screws, strict=True)):
             return []  # of models with ball or free joints
         hinges = [k for k, screw in enumerate(chain.screws) if not screw.slides]
-        every = _random(chain, _CHECKED)
-        found, speeds = [], []
-        for solved in itertools.combinations(hinges, 6):
-            arm = cls._of(chain, solved)
-            if arm is not None:
-                found.append(arm)
-                speeds.append(arm._sines(every))
-        chosen: list[int] = []
+        found = [cls._of(chain, solved) for solved in itertools.combinations(hinges, 6)]
+        every, chosen = _random(chain, _CHECKED), list[ParametrisedArm]()
+        speeds = [(arm._sines(every), arm) for arm in found if arm is not None]
         reached = np.zeros(_CHECKED)
-        while found and len(chosen) < _AT_MOST:
-            gains = [np.maximum(reached, speed).mean() - reached.mean() for speed in speeds]
-            best = int(np.argmax(gains))
-            if chosen and gains[best] < _WORTH:
+        while speeds and len(chosen) < _AT_MOST:
+            speed, arm = max(speeds, key=lambda each: np.maximum(reached, each[0]).mean())
+            reached, before = np.maximum(reached, speed), reached
+            if chosen and reached.mean() - before.mean() < _WORTH:
                 break
-            chosen.append(best)
-            reached = np.maximum(reached, speeds[best])
-        return [found[k] for k in chosen]
+            chosen.append(arm)
+        return chosen
 
     @classmethod
     def _of(cls, chain: SerialChain, solved: tuple[int, ...]) -> ParametrisedArm | None:
@@ -183,18 +177,16 @@ class ParametrisedArm:
         solutions have to lead to these poses.
         """
         q = _random(self.chain, _CHECKED)
-        rotations, positions = self.chain.poses(q)
-        found = self.branches(rotations, positions, q[:, list(self.parameters)])
+        poses = self.chain.poses(q)
+        found = self.branches(*poses, q[:, list(self.parameters)])
         hinges = [self.chain.screws[k].dof for k in self.solved]
         apart = np.remainder(found - q[:, None] + np.pi, 2.0 * np.pi) - np.pi
         apart = np.abs(apart[:, :, hinges]).max(axis=2)
         nearest = np.nanmin(apart, axis=1, initial=np.inf)
         row, branch = np.nonzero(np.isfinite(apart))
         again = self.chain.poses(found[row, branch])
-        off = max(
-            np.abs(again[0] - rotations[row]).max(initial=0.0),
-            np.abs(again[1] - positions[row]).max(initial=0.0),
-        )
+        pairs = zip(again, poses, strict=True)
+        off = max(np.abs(one - other[row]).max(initial=0.0) for one, other in pairs)
         if off < _EXACT and (nearest < 1e2 * _EXACT).all():
             return True
         return False if off < _NEAR_POSE and (nearest < _NEAR_JOINTS).mean() > _FOUND else None
@@ -276,8 +268,11 @@ def _last_two_meet(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, Array
     z, a = axes.directions[..., None], axes.anchors[..., None]
     m = _meeting_point(axes, (1, 2))[..., None]
     one = _each(_distant(-z[0], a[0], t, m, _norm(p - m)))
-    u = _rotated(z[0], -one, t - a[0]) + a[0] - m
-    two, three = _two_turns(z[1], z[2], p - m, u)
+    # R(z₂, q₂) R(z₃, q₃) v = u
+    v, u = np.broadcast_arrays(p - m, _rotated(z[0], -one, t - a[0]) + a[0] - m)
+    three = _each(_projected(z[2], v, z[1], _dot(z[1], u)))
+    turned = _rotated(z[2], three, np.repeat(v, 2, axis=2))
+    two = _about(z[1], turned, np.repeat(u, 2, axis=2))
     return np.repeat(one, 2, axis=1), two, three
 
 
@@ -292,14 +287,6 @@ def _last_two_parallel(axes: _Axes, p: Array, t: Array) -> tuple[Array, Array, A
 
 
 # ---------------------------------------------------------------- subproblems
-
-
-def _two_turns(z1: Array, z2: Array, v: Array, u: Array) -> tuple[Array, Array]:
-    """Angles (K, 2B) with R(z1, q1) R(z2, q2) v = u (3, K, B)."""
-    v, u = np.broadcast_arrays(v, u)
-    second = _each(_projected(z2, v, z1, _dot(z1, u)))
-    turned = _rotated(z2, second, np.repeat(v, 2, axis=2))
-    return _about(z1, turned, np.repeat(u, 2, axis=2)), second
 
 
 def _distant(z: Array, a: Array, x: Array, m: Array, distance: Array) -> tuple[Array, Array]:

@@ -76,19 +76,19 @@ def _carrier(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | Non
     """Check the frame that carries the target, as far as possible without a model."""
     if value is None:
         return None
+    what = "TwistTask(relative_to=…)"
     if not isinstance(value, tuple) or len(value) != 2:
         raise InvalidInput(
-            f"TwistTask(relative_to=…): expected (name, type) of a frame, as in ('part', 'body'), "
-            f"got {value!r}."
+            f"{what}: expected (name, type) of a frame, as in ('part', 'body'), got {value!r}."
         )
     name, kind = value
-    check_frame("TwistTask(relative_to=…)", name, kind)
+    check_frame(what, name, kind)
     if name == "" or (not isinstance(name, str) and name < 0):
-        raise InvalidInput(f"TwistTask(relative_to=…): no {kind} is called {name!r}.")
+        raise InvalidInput(f"{what}: no {kind} is called {name!r}.")
     if value == (task.frame_name, task.frame_type):
         raise InvalidInput(
-            f"TwistTask(relative_to=…): {name!r} is the controlled frame itself, which never "
-            "moves relative to itself; name the frame that carries the target."
+            f"{what}: {name!r} is the controlled frame itself, which never moves relative to "
+            "itself; name the frame that carries the target."
         )
     if task.projector.has_axis and task.projector.frame == "world":
         raise InvalidInput(
@@ -121,8 +121,7 @@ class TwistTask(Revised, mink.Task):
     Args:
         frame_name: Name or id of the frame to control.
         frame_type: ``"body"``, ``"geom"`` or ``"site"``.
-        projector: T, the twist directions of the task. Its axes are rebuilt in the world at every
-            step.
+        projector: T, the twist directions of the task, rebuilt in the world at every step.
         gain: Share of the error to remove in one step, in [0, 1].
         cost: Weight of each row where mink treats the task as soft, 1/m and 1/rad, (r,), the
             linear rows first, or one number for all.
