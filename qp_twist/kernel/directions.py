@@ -13,7 +13,6 @@ import numpy as np
 
 from qp_twist.kernel.bounds import MOTION, stopping_speed
 from qp_twist.kernel.compiling import inner, part, plain
-from qp_twist.kernel.null_space import ROUNDING, SWEEPS, jacobi_rotation
 
 REGULAR, MOST_REGULAR = 0.05, 50.0
 """σ₁, m/rad or 1, from which on a direction is met as stated; in units of ε if that is less."""
@@ -21,6 +20,10 @@ BEND = 0.6
 """ℓ as a share of the largest singular value."""
 SMOOTHED = 0.005
 """T, s."""
+_SWEEPS = 60
+"""Limit of the sweeps; ten are enough in practice."""
+_ROUNDING = 1e-15
+"""Cosine of the angle below which rows count as orthogonal; share below which a row is zero."""
 HELD = 1e-10
 """As in ``qp.directions``."""
 BRAKING = 0.8
@@ -68,14 +71,14 @@ def _squares(A, square):
 
 
 @plain
-def rotate(A, rate, ahead, square, stated):
-    """Rotate rows (m, n), and with them two columns (m,) and rows (m, p), until A is orthogonal.
+def rotate(A, along, square):
+    """Rotate rows (m, n), and with them other rows (m, p), until those of A are orthogonal.
 
     One-sided Jacobi: Hestenes, J. SIAM 6 (1958). ``square`` receives σ².
     """
     m, n = A.shape
     turned, sweeps = True, 0
-    while turned and sweeps < SWEEPS:
+    while turned and sweeps < _SWEEPS:
         turned, sweeps = False, sweeps + 1
         whole = _squares(A, square)
         for i in range(m):
@@ -84,23 +87,22 @@ def rotate(A, rate, ahead, square, stated):
                 for k in range(n):
                     both += A[i, k] * A[j, k]
                 first, second = square[i], square[j]
-                if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
+                if abs(both) <= _ROUNDING * max(math.sqrt(first * second), _ROUNDING * whole):
                     continue
                 turned = True
-                cos, sin = jacobi_rotation(first, second, both)
+                zeta = (second - first) / (2.0 * both)
+                tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
+                cos = 1.0 / math.sqrt(1.0 + tan * tan)
+                sin = cos * tan
                 # What one row loses in length the other one gains; rounding is left for a sweep.
-                moved = both * sin / cos
+                moved = both * tan
                 square[i], square[j] = max(first - moved, 0.0), second + moved
                 for k in range(n):
                     a, b = A[i, k], A[j, k]
                     A[i, k], A[j, k] = cos * a - sin * b, sin * a + cos * b
-                a, b = rate[i], rate[j]
-                rate[i], rate[j] = cos * a - sin * b, sin * a + cos * b
-                a, b = ahead[i], ahead[j]
-                ahead[i], ahead[j] = cos * a - sin * b, sin * a + cos * b
-                for k in range(stated.shape[1]):
-                    a, b = stated[i, k], stated[j, k]
-                    stated[i, k], stated[j, k] = cos * a - sin * b, sin * a + cos * b
+                for k in range(along.shape[1]):
+                    a, b = along[i, k], along[j, k]
+                    along[i, k], along[j, k] = cos * a - sin * b, sin * a + cos * b
     _squares(A, square)
 
 
@@ -119,11 +121,13 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
         damp: Whether t counts.
     """
     m = len(b)
+    rows, along, square = A.copy(), np.empty((m, 2 + stated.shape[1])), np.empty(m)
+    along[:, 0], along[:, 1], along[:, 2:] = b, ahead, stated
+    rotate(rows, along, square)
     d = Directions(
-        A.copy(), b.copy(), ahead.copy(), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
-        stated.copy(),
+        rows, along[:, 0].copy(), along[:, 1].copy(), square, np.zeros(m), np.zeros(m),
+        np.zeros(m), along[:, 2:].copy(),
     )  # fmt: skip
-    rotate(d.rows, d.rate, d.ahead, d.square, d.stated)
     largest, smallest, far, first = 0.0, math.inf, 0.0, regular_from(singularity)
     for i in range(m):
         largest = max(largest, d.square[i])

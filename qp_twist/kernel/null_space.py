@@ -8,11 +8,6 @@ from qp_twist.kernel.compiling import part, plain
 
 INDEPENDENT = 1e-8
 """Rows whose smallest pivot is below this share of the largest are left to the reference."""
-SWEEPS = 60
-"""Limit of the sweeps; ten are enough in practice."""
-ROUNDING = 1e-15
-"""Cosine of the angle below which columns count as orthogonal; share below which a column is
-zero."""
 
 
 @part
@@ -137,53 +132,3 @@ def row_space(A, V):
         reflection(v, rank, math.sqrt(left))
         rank += 1
     return rank
-
-
-@part
-def jacobi_rotation(first, second, both):
-    """Cosine and sine of the rotation that makes two vectors orthogonal, from their products."""
-    zeta = (second - first) / (2.0 * both)
-    tan = (1.0 if zeta > 0.0 else -1.0) / (abs(zeta) + math.sqrt(1.0 + zeta * zeta))
-    cos = 1.0 / math.sqrt(1.0 + tan * tan)
-    return cos, cos * tan
-
-
-@plain
-def right_singular(A, V, sigma):
-    """Write right singular vectors of A (m, n) to the rows of V (n, n), the values to sigma (n,).
-
-    One-sided Jacobi: pairs of columns of A are rotated until all are orthogonal. A becomes AVᵀ; the
-    singular values are not sorted. Hestenes, J. SIAM 6 (1958).
-    """
-    m, n = A.shape
-    whole = 0.0
-    for i in range(n):
-        for j in range(n):
-            V[i, j] = 1.0 if i == j else 0.0
-        for row in range(m):
-            whole += A[row, i] * A[row, i]
-    turned, sweeps = True, 0
-    while turned and sweeps < SWEEPS:
-        turned, sweeps = False, sweeps + 1
-        for i in range(n):
-            for j in range(i):
-                first, second, both = 0.0, 0.0, 0.0
-                for row in range(m):
-                    first += A[row, i] * A[row, i]
-                    second += A[row, j] * A[row, j]
-                    both += A[row, i] * A[row, j]
-                if abs(both) <= ROUNDING * max(math.sqrt(first * second), ROUNDING * whole):
-                    continue
-                turned = True
-                cos, sin = jacobi_rotation(first, second, both)
-                for row in range(m):
-                    a, b = A[row, i], A[row, j]
-                    A[row, i], A[row, j] = cos * a - sin * b, sin * a + cos * b
-                for k in range(n):
-                    a, b = V[i, k], V[j, k]
-                    V[i, k], V[j, k] = cos * a - sin * b, sin * a + cos * b
-    for i in range(n):
-        total = 0.0
-        for row in range(m):
-            total += A[row, i] * A[row, i]
-        sigma[i] = math.sqrt(total)

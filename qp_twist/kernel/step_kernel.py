@@ -7,9 +7,9 @@ from typing import Annotated, NamedTuple
 
 from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.compiling import inner, plain
-from qp_twist.kernel.directions import regular_from, stopping_share
+from qp_twist.kernel.directions import regular_from, rotate, stopping_share
 from qp_twist.kernel.dual_active_set import cholesky
-from qp_twist.kernel.null_space import null_space, right_singular, row_space
+from qp_twist.kernel.null_space import null_space, row_space
 from qp_twist.kernel.one_program import EMPTY, OPTIMAL, solve
 from qp_twist.kernel.record import Floats, Integers, RecordType, reader
 from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
@@ -124,10 +124,11 @@ read_step = reader(STEP)
 
 
 @plain
-def _clear_cut(H, metric, N, nearly, work):
-    """Whether rows with Gram matrix H are well conditioned outside their null space N (p, n).
+def _all_seen(H, metric, N, nearly, work):
+    """Whether rows with the Gram matrix H see all motion well but N (p, n), which they do not see.
 
-    True if M^(−1/2) H M^(−1/2) + trace · NᵀN has no small eigenvalue.
+    True if M^(−1/2) H M^(−1/2) + t NᵀN has no small eigenvalue. Its trace t serves as an upper
+    bound of the largest one.
     """
     n, trace = len(metric), 0.0
     for i in range(n):
@@ -143,18 +144,6 @@ def _clear_cut(H, metric, N, nearly, work):
 
 
 @plain
-def _rows_in_units_of(metric, A, free, seen):
-    """The rows A and those of 1 − T, each column divided by its root of the metric."""
-    m, n = A.shape
-    for j in range(n):
-        root = math.sqrt(metric[j])
-        for i in range(m):
-            seen[i, j] = A[i, j] / root
-        for i in range(len(free)):
-            seen[m + i, j] = free[i, j] / root
-
-
-@plain
 def _unseen(w, metric, nearly):
     """Fill ``w.directions`` (joints times √metric) and ``w.sigma``; return how many there are.
 
@@ -162,24 +151,31 @@ def _unseen(w, metric, nearly):
     the null space of the rows. Otherwise they are the rows' right singular vectors; eigenvectors of
     H would lose accuracy with the square of the rows' condition number.
     """
-    n = len(metric)
-    _rows_in_units_of(metric, w.A, w.free, w.seen)
-    rank = row_space(w.seen, w.directions)
+    m, n, largest = len(w.A), len(metric), 0.0
+    for j in range(n):  # the columns of the rows A and of those of 1 − T
+        root = math.sqrt(metric[j])
+        for i in range(m):
+            w.seen[j, i] = w.A[i, j] / root
+        for i in range(len(w.free)):
+            w.seen[j, m + i] = w.free[i, j] / root
+    rank = row_space(w.seen.T, w.directions)
     N = w.J[: n - rank]
     null_space(w.directions[:rank], N)
     for i in range(n - rank):
         w.sigma[i] = 1.0
         for j in range(n):
             w.directions[i, j] = N[i, j]
-    if _clear_cut(w.H, metric, w.directions[: n - rank], nearly, w.J):
+    if _all_seen(w.H, metric, w.directions[: n - rank], nearly, w.J):
         return n - rank
-    right_singular(w.seen, w.directions, w.sigma)
-    largest = 0.0
+    for i in range(n):
+        for j in range(n):
+            w.directions[i, j] = 1.0 if i == j else 0.0
+    rotate(w.seen, w.directions, w.sigma)
     for i in range(n):
         largest = max(largest, w.sigma[i])
     for i in range(n):
-        share = w.sigma[i] / (nearly * largest) if largest > 0.0 else 0.0
-        w.sigma[i] = 1.0 - min(1.0, share * share)
+        share = w.sigma[i] / (nearly * nearly * largest) if largest > 0.0 else 0.0
+        w.sigma[i] = 1.0 - min(1.0, share)
     return n
 
 
@@ -243,22 +239,6 @@ def desired_velocities(qpos, addresses, middle, stiffness, displacement, dt, use
 
 
 @plain
-def _all_seen(H, metric, nearly, work):
-    """Whether the rows with the Gram matrix H see every motion well, as is usual.
-
-    The trace of M^(−1/2) H M^(−1/2) serves as an upper bound of its largest eigenvalue.
-    """
-    n, trace = len(metric), 0.0
-    for i in range(n):
-        for j in range(i + 1):
-            work[i, j] = H[i, j] / math.sqrt(metric[i] * metric[j])
-        trace += work[i, i]
-    for i in range(n):
-        work[i, i] -= nearly * nearly * trace
-    return cholesky(work)
-
-
-@plain
 def _twist_cost(w, metric, weight, nearly):
     """H = FᵀF + AᵀA with F = ``w.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
     A, free, H, c, desired = w.A, w.free, w.H, w.c, w.line
@@ -281,7 +261,7 @@ def _twist_cost(w, metric, weight, nearly):
             for k in range(len(A)):
                 total += A[k, i] * A[k, j]
             H[i, j] = H[j, i] = total
-    if not _all_seen(H, metric, nearly, w.J):
+    if not _all_seen(H, metric, w.directions[:0], nearly, w.J):
         _add_unseen(w, metric, weight, nearly)
 
 

@@ -75,8 +75,8 @@ class Program(NamedTuple):
     J: Annotated[Floats, "nv", "nv"]
     R: Annotated[Floats, "m", "m"]
     free: Annotated[Floats, "free", "nv"]
-    seen: Annotated[Floats, "m + free", "nv"]
-    """All rows in units of the metric: see ``step_kernel``."""
+    seen: Annotated[Floats, "nv", "m + free"]
+    """The columns of all rows in units of the metric: see ``step_kernel``."""
     directions: Annotated[Floats, "nv", "nv"]
     sigma: Annotated[Floats, "nv"]
 
