@@ -23,20 +23,16 @@ from qp_twist.kernel.gather_bounds_and_rows import (
     narrow_to_range,
 )
 from qp_twist.kernel.program_step import (
-    keep_independent,
     program_step,
     scaled_step,
 )
 from qp_twist.kernel.step_record import PROGRAM, Sizes
-from qp_twist.kernel.verified_program import DEPENDENT, DONE, INFEASIBLE, SCALED
-from qp_twist.qp.verification import EQUALITY_TOLERANCE
+from qp_twist.kernel.verified_program import DONE, INFEASIBLE, SCALED
 
 _MOST = 64
 """Number of program shapes for which arrays are kept."""
 _FIRST = {"acceleration": 0.0, "position": 2000.0}
 """First number of each kind of bound, 1000 for other kinds: of equal bounds the lowest counts."""
-_GONE = 1e-9
-"""A row depends on others if its remainder after projecting them out is at most this long."""
 _mine = threading.local()
 
 
@@ -66,7 +62,6 @@ class CompiledProgram:
         # Arrays by m and their capacity of inequality rows.
         self._kept: dict[tuple[int, int], _Arrays] = {}
         self._size, self._result = Sizes(n, 0, 0, 1, 0, 0, 0, 0), np.zeros(0)
-        self._dependent: tuple[Array, Array] | None = None
 
     @classmethod
     def of(cls, n: int) -> CompiledProgram:
@@ -85,7 +80,6 @@ class CompiledProgram:
         self._is_valid = True
         self._box[:] = self._open
         self._kinds, self._sources = {}, []
-        self._dependent = None
 
     def add_costs(self, costs: list[WeightedRows | mink.Objective], damping: float | Array) -> None:
         r"""Add up the costs of the tasks, as mink does, and the damping of all joints."""
@@ -193,34 +187,19 @@ class CompiledProgram:
 
         Args:
             dt: Length of the step, s.
-            threshold: Singular value of A below which the reference solves the program. Linearly
-                dependent rows that are consistent count once.
+            threshold: Singular value of A below which the reference solves the program; 0: never.
+                Linearly dependent rows that are consistent count once.
             scales: Whether to solve A x = s b with the largest feasible s if A x = b is infeasible.
         """
         if not self._is_valid:
             return False
-        status = self._solve(dt, threshold, self._m, scales)
-        if status == DEPENDENT:
-            m = self._m
-            A, b = self._A[:m].copy(), self._b[:m].copy()
-            kept = keep_independent(self._A, self._b, m, _GONE, np.empty((m, self.n)))
-            if kept < m:
-                status = self._solve(dt, threshold, kept, scales)
-                off = float(np.abs(A @ self.velocity - self.scale * b).max())
-                if not off <= EQUALITY_TOLERANCE * (1.0 + float(np.abs(b).max())):
-                    status = DEPENDENT
-                self._dependent = A, b
-            self._A[:m], self._b[:m] = A, b
-        return status in (DONE, SCALED)
-
-    def _solve(self, dt: float, threshold: float, m: int, scales: bool) -> int:
         k = self._k
         room = 0 if k == 0 else max(8, 1 << (k - 1).bit_length())
-        arrays = self._kept.get((m, room))
+        arrays = self._kept.get((self._m, room))
         if arrays is None:
             if len(self._kept) >= _MOST:
                 self._kept.clear()
-            arrays = self._kept[m, room] = _Arrays(self.n, m, room)
+            arrays = self._kept[self._m, room] = _Arrays(self.n, self._m, room)
         self._size, self._result = arrays.begin(k)
         status: int = program_step(
             self._H, self._c, self._lift, STEEPEST, dt, self._A, self._b, self._box, self._rows,
@@ -229,7 +208,7 @@ class CompiledProgram:
         )  # fmt: skip
         if status == INFEASIBLE and scales:
             status = scaled_step(arrays.floats, arrays.integers, TOLERANCES)
-        return status
+        return status in (DONE, SCALED)
 
     @property
     def velocity(self) -> Array:
@@ -253,20 +232,10 @@ class CompiledProgram:
             _rows_of(limit, self._which[first:end].copy(), names)
             for limit, first, end in self._sources
         ]
-        if self._dependent is not None:
-            solved_ranks: tuple[int, ...] = (self._size.m,)
-        else:
-            solved_ranks = ranks
-        labels = StepLabels(solved_ranks, self._size.m, names, self._kinds)
+        labels = StepLabels(ranks, self._size.m, names, self._kinds)
         step = LazyStep.made(self.velocity, self._result, self._size, labels, sources)
         if self.scale < 1.0:
             step.set_outcome(Status.SCALED, self.scale, (), False)
-        if self._dependent is not None:
-            A, b = self._dependent
-            apart = np.split(A @ self.velocity - self.scale * b, np.cumsum(ranks)[:-1])
-            sigma = np.linalg.svd(A, compute_uv=False)
-            smallest = 0.0 if len(A) > self.n else float(sigma[-1])
-            step.__dict__.update(residuals=tuple(apart), sigma_min=smallest)
         return step
 
 

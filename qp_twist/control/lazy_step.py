@@ -114,6 +114,8 @@ class LazyStep(Step):
         elif name == "sigma_min":
             sigma = np.linalg.svd(left.A[: labels.first], compute_uv=False)
             value = float(sigma[-1]) if len(sigma) else np.inf
+            if labels.first > len(labels.names):  # more rows than joints
+                value = 0.0
         else:
             value = QuadraticProgram(
                 left.H, left.c, left.A, left.b, left.G, left.g, left.lower, left.upper

@@ -251,7 +251,8 @@ def _solved(
         if not largest(rows.b) <= FASTEST:
             _check_rows(constraint, rows)
         program.add_equality(rows.A, rows.b)
-    if not options and program.solve(dt, threshold, on_infeasible == "scale"):
+    slowed = threshold if threshold > DEFAULT_SINGULARITY else 0.0
+    if not options and program.solve(dt, slowed, on_infeasible == "scale"):
         return problem, program
     return problem, _by_reference(
         problem, program.cost(dt), configuration, solver, on_infeasible, threshold, options

@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 
-from qp_twist.kernel.compiling import entry, kernel, plain
+from qp_twist.kernel.compiling import kernel, plain
 from qp_twist.kernel.directions import directions, free_of
 from qp_twist.kernel.one_program import EMPTY, OPTIMAL, first_level, solve
 from qp_twist.kernel.step_kernel import take
 from qp_twist.kernel.step_record import read_program
 from qp_twist.kernel.verified_program import (
-    DEPENDENT,
     DONE,
     INFEASIBLE,
     REFUSED,
@@ -74,11 +73,12 @@ def program_step(
         floats: Memory of ``step_record.Program``.
         integers: The same; its table comes first.
         level_ends: Number of rows of the only level, (1,).
-        threshold: Singular value below which the equality rows count as ``DEPENDENT``.
+        threshold: Singular value of the equality rows below which the reference slows a direction
+            down; 0 for never. Dependent rows that are consistent count once.
         tolerances: Of the verification.
 
     Returns:
-        ``DONE``, ``DEPENDENT``, ``INFEASIBLE``, or ``REFUSED`` if the step is not solved inside all
+        ``DONE``, ``INFEASIBLE``, or ``REFUSED`` if the step is not solved inside all
         limits for any other reason.
     """
     w = read_program(floats, integers, integers)
@@ -94,8 +94,8 @@ def program_step(
         w.g[row] = ends[row]
         for j in range(len(w.x)):
             w.G[row, j] = rows[row, j]
-    if not well_conditioned(w.A, level_ends, threshold, w.R, w.J):
-        return DEPENDENT
+    if threshold > 0.0 and not well_conditioned(w.A, level_ends, threshold, w.R, w.J):
+        return REFUSED
     found = solve(w.H, w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, tolerances)
     if found.status != OPTIMAL:
         return INFEASIBLE if found.status == EMPTY and len(w.b) > 0 else REFUSED
@@ -113,6 +113,10 @@ def scaled_step(floats, integers, tolerances):
     w = read_program(floats, integers, integers)
     m, c = len(w.b), w.c.copy()
     d = directions(w.A, w.b, np.zeros(m), np.zeros((m, 0)), 0.0, 1.0, 0.0, False)
+    for i in range(m):
+        # Rows contradict each other: the reference meets their consistent part.
+        if d.square[i] == 0.0 and abs(d.rate[i]) > tolerances.equality:
+            return REFUSED
     free_of(d, c)
     found, scale, relaxed = first_level(
         w.H.copy(), c, d, w.G, w.g, w.lower, w.upper, False, True, False, tolerances
@@ -127,49 +131,3 @@ def scaled_step(floats, integers, tolerances):
     for i in range(len(w.b)):
         w.b[i] *= scale
     return SCALED
-
-
-@entry
-def keep_independent(A, b, m, dependent, basis):
-    """Move linearly independent rows to the front of A and b.
-
-    Gram-Schmidt with pivoting on the longest remainder. The caller has to check whether the other
-    rows are consistent with these.
-
-    Args:
-        A: Rows, (≥ m, n), reordered in place.
-        b: Right-hand sides, (≥ m,), reordered in place.
-        m: Number of rows.
-        dependent: A row whose remainder is at most this long counts as dependent.
-        basis: Workspace, (≥ m, n).
-
-    Returns:
-        The number of independent rows.
-    """
-    n = A.shape[1]
-    for row in range(m):
-        for j in range(n):
-            basis[row, j] = A[row, j]
-    for kept in range(min(m, n)):
-        longest, which = 0.0, kept
-        for row in range(kept, m):
-            total = 0.0
-            for j in range(n):
-                total += basis[row, j] * basis[row, j]
-            if total > longest:
-                longest, which = total, row
-        length = math.sqrt(longest)
-        if not length > dependent:
-            return kept
-        b[kept], b[which] = b[which], b[kept]
-        for j in range(n):
-            A[kept, j], A[which, j] = A[which, j], A[kept, j]
-            basis[kept, j], basis[which, j] = basis[which, j], basis[kept, j]
-            basis[kept, j] /= length
-        for row in range(kept + 1, m):
-            total = 0.0
-            for j in range(n):
-                total += basis[row, j] * basis[kept, j]
-            for j in range(n):
-                basis[row, j] -= total * basis[kept, j]
-    return min(m, n)

@@ -8,15 +8,15 @@ from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.dual_active_set import cholesky
 
 (
-    DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, DEPENDENT, AT_THE_EDGE, BRAKED,
-    BRAKED_BELOW, FADED,
-) = range(11)  # fmt: skip
+    DONE, REFUSED, SCALED, RELAXED, PRIORITIZED, INFEASIBLE, AT_THE_EDGE, BRAKED, BRAKED_BELOW,
+    FADED,
+) = range(10)  # fmt: skip
 """Outcome of a step.
 
 ``DONE``: verified, with all rows met. ``REFUSED``: the reference has to compute the step.
 ``SCALED``: verified with the rows scaled by s < 1. ``RELAXED``: verified, the first level in least
 squares. ``PRIORITIZED``: verified, the first of several levels met. ``INFEASIBLE``: no velocity
-inside the limits meets all rows. ``DEPENDENT``: equality rows linearly dependent, to the threshold.
+inside the limits meets all rows.
 ``AT_THE_EDGE``: a direction is too weak for the error: ``edge_step`` computes the step. ``BRAKED``:
 verified, at the share s < 1 from which the joints can stop in time. ``BRAKED_BELOW``: verified, the
 first level at full speed and a lower one at such a share. ``FADED``: verified, with less

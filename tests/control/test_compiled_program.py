@@ -8,13 +8,10 @@ import mink
 import numpy as np
 import pytest
 import qpsolvers
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from qp_twist.constraints import Box, LimitRows
 from qp_twist.control.compiled_program import CompiledProgram
 from qp_twist.control.mink_costs import WeightedRows
-from qp_twist.kernel.program_step import keep_independent
 
 DT = 0.01
 UNNAMED: Any = None
@@ -86,7 +83,7 @@ def test_a_solved_program_is_at_its_optimum_and_nearly_all_are_solved(part: int)
     for seed in range(150 * part, 150 * (part + 1)):
         drawn = Drawn(seed)
         program = drawn.laid_down()
-        if not program.solve(DT, 1e-9):
+        if not program.solve(DT, 0.0):
             continue
         solved += 1
         x, stated = program.velocity.copy(), drawn.stated()
@@ -104,30 +101,13 @@ def test_a_solved_program_is_at_its_optimum_and_nearly_all_are_solved(part: int)
     assert solved >= 147
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_rows_that_stay_are_as_many_as_the_rank(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    m, n = (int(k) for k in rng.integers(1, 9, size=2))
-    rank = int(rng.integers(0, min(m, n) + 1))
-    A = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, n))
-    x = rng.normal(size=n)
-    rows, sides = A.copy(), A @ x
-    kept = keep_independent(rows, sides, m, 1e-9, np.empty((m, n)))
-    assert kept == rank
-    assert np.linalg.matrix_rank(rows[:kept]) == rank
-    # The same rows in another order, each with its own side.
-    np.testing.assert_allclose(rows @ x, sides, atol=1e-12)
-    np.testing.assert_allclose(np.sort(rows, axis=0), np.sort(A, axis=0))
-
-
 def test_programs_of_all_sizes_one_after_the_other_do_not_mix() -> None:
     """The same program again, after others of other sizes, to the last bit."""
     first = [Drawn(seed) for seed in range(40)]
     velocities = []
     for drawn in (*first, *reversed(first)):
         program = drawn.laid_down()
-        program.solve(DT, 1e-9)
+        program.solve(DT, 0.0)
         velocities.append(program.velocity.copy())
     for there, back in zip(velocities[:40], velocities[:39:-1], strict=True):
         np.testing.assert_array_equal(there, back)
