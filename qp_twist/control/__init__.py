@@ -1,7 +1,7 @@
 """The controller: one verified step."""
 
 from .controller import Controller as Controller
-from .named_problem import NamedProblem as NamedProblem
+from .posing import NamedProblem as NamedProblem
 from .servo import Servo as Servo
 from .solve_ik import ik_step as ik_step
 from .solve_ik import solve_ik as solve_ik

@@ -22,11 +22,9 @@ from qp_twist.constraints import (
     is_mink_box,
 )
 from qp_twist.control.composition import BOXES, damps_by_error, rows_known
-from qp_twist.control.displacement import EVERYTHING, Displacement
 from qp_twist.control.lazy_step import LazyStep, StepLabels
-from qp_twist.control.lost_words import in_words
 from qp_twist.control.mink_costs import mink_costs
-from qp_twist.control.posing import free_rows
+from qp_twist.control.posing import EVERYTHING, Displacement, free_rows, in_words
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import (
     TOLERANCES,

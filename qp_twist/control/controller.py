@@ -38,9 +38,14 @@ from qp_twist.constraints import (
 )
 from qp_twist.control.clear_velocity import clear_velocity
 from qp_twist.control.composition import composition_known
-from qp_twist.control.displacement import EVERYTHING, Displacement
-from qp_twist.control.named_problem import NamedProblem
-from qp_twist.control.posing import FASTEST, LevelItem, pose
+from qp_twist.control.posing import (
+    EVERYTHING,
+    FASTEST,
+    Displacement,
+    LevelItem,
+    NamedProblem,
+    pose,
+)
 from qp_twist.control.solving import solved_step
 from qp_twist.control.step import Step
 from qp_twist.errors import InvalidInput

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import threading
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from qp_twist.checks import Array, largest, number
-from qp_twist.control.forward_time import ForwardTime
 from qp_twist.kinematics import TwistTask
 
 
@@ -31,29 +31,73 @@ class Input:
     in_tool: bool = False
     velocity: Array | None = None
 
+    @property
+    def stops(self) -> bool:
+        """Whether it asks the robot to stand: a twist or a joint velocity of zero."""
+        moving = self.velocity if self.twist is None else self.twist
+        return self.pose is None and moving is not None and largest(moving) == 0.0
+
 
 class NewestInputs:
-    """Keeps the newest input of each task until the next tick.
+    r"""Keeps the newest input of each task until the next tick, and the time of a servo.
 
-    The key of an input is its task; that of joint velocities is ``None``.
+    The key of an input is its task; that of joint velocities is ``None``. Ages are measured in a
+    time τ that never goes back and goes on while ticks are computed, although a clock may be set
+    back, as that of a simulation that is reset, stand still, or return NaN: else an input could
+    count as fresh for ever. From tick to tick
+
+    .. math::
+
+        \tau \leftarrow \tau + \begin{cases}
+            c - c_{before} & \text{if the clock } c \text{ has advanced} \\
+            0 & \text{if it stands still, for at most \textit{stale\_after}} \\
+            dt & \text{otherwise}
+        \end{cases}
 
     Attributes:
+        clock: Function that returns seconds.
         refused: Number of refused inputs, by reason.
     """
 
-    def __init__(self, time: ForwardTime, stale_after: float) -> None:
-        """Start empty; an input older than ``stale_after``, s, is refused."""
+    def __init__(self, clock: Callable[[], float], period: float, stale_after: float) -> None:
+        """Start empty at τ = 0, with dt in s; an input older than ``stale_after``, s, is refused.
+
+        So long may the clock stand still, too, as coarse clocks do.
+        """
         self.refused: Counter[str] = Counter()
-        self._time, self._stale_after = time, stale_after
+        self._period, self._stale_after = period, stale_after
+        self._time, self._still = 0.0, 0.0
         self._waiting: dict[TwistTask | None, Input] = {}
         self._stamps: dict[TwistTask | None, float] = {}
         self._lock = threading.Lock()
+        self.use(clock)
+
+    def use(self, clock: Callable[[], float]) -> None:
+        """Go on with another clock."""
+        with self._lock:
+            self.clock, self._reading = clock, clock()
+
+    def tick(self) -> float:
+        """τ of the tick that begins now, s."""
+        reading = self.clock()
+        with self._lock:
+            elapsed = reading - self._reading
+            if math.isfinite(reading):
+                self._reading = reading
+            if math.isfinite(elapsed) and elapsed > 0.0:
+                self._still = 0.0
+            elif elapsed == 0.0 and self._still < self._stale_after:
+                self._still += self._period
+            else:
+                elapsed = self._period
+            self._time += elapsed
+            return self._time
 
     def put(self, task: TwistTask | None, at: float | None, **content: Any) -> bool:
         """Keep an input, unless it is out of date, of the future or older than the last one.
 
-        A stop, which is a twist or a joint velocity of zero, is always kept, and counts as new. An
-        input that is stamped a little ahead of the clock is as old as one of now.
+        A stop is always kept, and counts as new. An input that is stamped a little ahead of the
+        clock is as old as one of now. Any thread may call it.
 
         Args:
             task: Key of the input.
@@ -63,13 +107,16 @@ class NewestInputs:
         Returns:
             Whether it was kept. A refused one is counted.
         """
-        stops = _is_stop(**content)
-        if stops and _is_no_time(at):
-            at = None
-        elif at is not None:
+        stops = Input(0.0, **content).stops
+        if at is not None and not (stops and isinstance(at, float) and not math.isfinite(at)):
             at = number("at", at)
+        reading = self.clock()
         with self._lock:
-            stamp, now = self._time.stamped(at)
+            if not math.isfinite(reading):
+                reading = self._reading
+            now = self._time + max(0.0, reading - self._reading)  # 0 where it is NaN
+            age = 0.0 if at is None else reading - at
+            stamp = now - (age if math.isfinite(age) else 0.0)
             last, reason = self._stamps.get(task, stamp), ""
             if stops:
                 stamp, last = now, max(last, min(stamp, now))
@@ -92,16 +139,3 @@ class NewestInputs:
         with self._lock:
             inputs, self._waiting = self._waiting, {}
         return inputs
-
-
-def _is_stop(
-    pose: Array | None = None, twist: Array | None = None, velocity: Array | None = None, **_: Any
-) -> bool:
-    """Whether an input asks the robot to stand."""
-    moving = velocity if twist is None else twist
-    return pose is None and moving is not None and largest(moving) == 0.0
-
-
-def _is_no_time(at: float | None) -> bool:
-    """Whether a stamp is NaN or infinite, as of a clock that has failed."""
-    return isinstance(at, float) and not math.isfinite(at)

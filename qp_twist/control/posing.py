@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import mink
 import numpy as np
+import numpy.typing as npt
+import qpsolvers
 
-from qp_twist.checks import Array, largest
+from qp_twist.checks import Array, finite_array, largest, number
 from qp_twist.constraints import GatheredLimits, Named, gather_limits, stopping_share
 from qp_twist.control.composition import damps_by_error
-from qp_twist.control.displacement import Displacement
-from qp_twist.control.lost_words import in_words
 from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement
@@ -32,6 +32,29 @@ STEEPEST = 1e12
 """Largest linear cost, relative to the largest quadratic one."""
 
 LevelItem = mink.tasks.BaseTask | mink.Limit
+
+
+class Displacement(NamedTuple):
+    """The joint displacement reference h of one step."""
+
+    share: float
+    """Share of the secondary objectives' displacement, from 0 to 1."""
+    added: Array | None
+    """What is added to it, rad or m, (nv,); ``None`` for nothing."""
+    acts: bool
+    """Whether h is not zero by these two."""
+
+    @classmethod
+    def of(cls, share: bool | float, added: npt.ArrayLike | None, nv: int) -> Displacement:
+        """Check the arguments of :meth:`Controller.step <qp_twist.Controller.step>`."""
+        share = number("use_secondary", float(share), at_least=0.0, at_most=1.0)
+        if added is None:
+            return EVERYTHING if share == 1.0 else cls(share, None, share > 0.0)
+        return cls(share, finite_array("displacement", added, (nv,)), True)
+
+
+EVERYTHING = Displacement(1.0, None, True)
+"""h as the secondary objectives state it."""
 
 
 class TaskRows(NamedTuple):
@@ -105,6 +128,31 @@ class Posed:
             for task, (_, b) in zip(tasks, first.tasks, strict=True)
         ]
         return in_words(found, tasks, bases)
+
+
+class NamedProblem(qpsolvers.Problem):
+    r"""min ½ xᵀP x + qᵀx  subject to  A x = b,  G x ≤ h,  lb ≤ x ≤ ub,  as qpsolvers has it.
+
+    Attributes:
+        unknowns: Names of x: the joints, whose velocities they are, then slacks of soft bands.
+        equalities: Names of the rows of A.
+        inequalities: Names of the rows of G.
+    """
+
+    def __init__(self, posed: Posed) -> None:
+        """Take the arrays of a step, and name them."""
+        p, bands = posed.problem, posed.problem.n - len(posed.limits.lower)
+        super().__init__(p.H, p.c, p.G, p.g, p.A, p.b, p.lower, p.upper)
+        rows = [rows for level in posed.levels for rows in level.tasks]
+        self.unknowns = (*posed.limits.names, *(f"slack {i + 1}" for i in range(bands)))
+        self.equalities = tuple(
+            f"{name_of(task)} row {i + 1}"
+            for task, (A, _) in zip(posed.tasks, rows, strict=True)
+            for i in range(len(A))
+        )
+        self.inequalities = tuple(
+            f"{name} ({kind})" for source in posed.sources for name, kind in source.names
+        )
 
 
 def pose(
@@ -348,3 +396,33 @@ def check_magnitudes(problem: QuadraticProgram) -> None:
         f"step: the linear cost reaches {problem.pull:.3g}, more than {STEEPEST:g} times the "
         "quadratic one; check the targets, costs and gains of the mink tasks."
     )
+
+
+# ----------------------------------------------------------------------------- lost directions
+
+
+def in_words(
+    lost: Sequence[LostDirection], tasks: Sequence[mink.tasks.BaseTask], bases: Sequence[Array]
+) -> tuple[LostDirection, ...]:
+    """Lost directions of tasks with the bases U of their rows, each with its place in words."""
+    return tuple([replace(d, where=_where(d, tasks, bases)) for d in lost])
+
+
+def _where(
+    lost: LostDirection, tasks: Sequence[mink.tasks.BaseTask], bases: Sequence[Array]
+) -> str:
+    """The task that a direction takes most from, and the part of its twist."""
+    parts = np.split(lost.direction, np.cumsum([basis.shape[1] for basis in bases])[:-1])
+    most = int(np.argmax([np.linalg.norm(part) for part in parts]))
+    task = tasks[most]
+    if not isinstance(task, TwistTask):
+        return f"{type(task).__name__} row {int(np.argmax(np.abs(parts[most])))}"
+    twist = bases[most] @ parts[most]
+    # The sign of a singular vector is arbitrary: make the largest entry positive.
+    twist *= np.sign(twist[np.argmax(np.abs(twist))])
+    texts = [
+        f"{block} ({', '.join(f'{value:.2f}' for value in entries.round(2) + 0.0)})"
+        for block, entries in (("linear", twist[:3]), ("angular", twist[3:]))
+        if np.abs(entries).max() > 0.005
+    ]
+    return f"{task.name} {', '.join(texts)}"

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
 from qp_twist.control.controller import Controller
-from qp_twist.control.forward_time import ForwardTime
 from qp_twist.control.newest_inputs import Input, NewestInputs
 from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status, Step
@@ -120,7 +119,7 @@ class Servo:
         )
         if clock is not None and not callable(clock):
             raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
-        self._time = ForwardTime(clock or time.monotonic, self.period, self.stale_after)
+        self._inputs = NewestInputs(clock or time.monotonic, self.period, self.stale_after)
         _check_stopping(controller, self.stop_within)
         self._velocity = np.zeros(controller.model.nv)
         tasks = [t for t in controller.twist_tasks if not isinstance(t, GazeTask)]
@@ -129,7 +128,6 @@ class Servo:
                 "Servo: the controller has no TwistTask with a target pose; add one."
             )
         self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
-        self._inputs = NewestInputs(self._time, self.stale_after)
         self.refused = self._inputs.refused
         self._joints: Input | None = None
         self._behind = False
@@ -144,11 +142,11 @@ class Servo:
     @property
     def clock(self) -> Callable[[], float]:
         """Time, s, in which inputs are stamped."""
-        return self._time.clock
+        return self._inputs.clock
 
     @clock.setter
     def clock(self, clock: Callable[[], float]) -> None:
-        self._time.take(clock)
+        self._inputs.use(clock)
 
     # ------------------------------------------------------------------ inputs
 
@@ -262,7 +260,7 @@ class Servo:
         It raises nothing that a target, a limit or a singularity can cause: where no step is found
         the joints are brought to rest, and the tick says why.
         """
-        began, worked, now = time.perf_counter(), time.thread_time(), self._time.tick()
+        began, worked, now = time.perf_counter(), time.thread_time(), self._inputs.tick()
         if self._called is not None and now - self._called > 1.5 * self.period:
             self.times.called_late += 1
         self._called = now

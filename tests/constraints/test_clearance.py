@@ -23,7 +23,7 @@ from oracles.distances import Distances
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.control.displacement import EVERYTHING
+from qp_twist.control.posing import EVERYTHING
 
 pytestmark = pytest.mark.any_blas  # distances are the kernel's own
 
