@@ -14,7 +14,7 @@ from qp_twist.constraints import BindingLimit
 from qp_twist.errors import InvalidInput
 from qp_twist.qp.backend import check_solver
 from qp_twist.qp.failures import InfeasibleStep, SolverInaccurate
-from qp_twist.qp.levels import Level, lexicographic
+from qp_twist.qp.levels import Cascade, Level
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, solve_within
@@ -107,7 +107,7 @@ def solve_levels(
         np.eye(n), -desired, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
     )
     scale, start, multipliers = 1.0, np.clip(desired, low, high), None
-    closest = lexicographic(parsed[:1], low, high, start).x
+    closest = Cascade(parsed[:1], low, high, start).x
     if not parsed[0].met(closest) and on_infeasible != "relax":
         largest = largest_scale(problem)
         if on_infeasible == "raise":
@@ -120,7 +120,7 @@ def solve_levels(
             scale = largest.scale * (1.0 - SCALE_BACKOFF)
             start, multipliers = largest.x, largest.box_multipliers
             parsed[0] = replace(parsed[0], b=scale * parsed[0].b)
-    cascade = lexicographic(parsed, low, high, start)
+    cascade = Cascade(parsed, low, high, start)
     result = solve_within(problem, cascade, solver)
     if isinstance(result, Refused):
         raise SolverInaccurate(f"solve_levels: {result.says}.", problem)

@@ -13,6 +13,7 @@ from qp_twist.constraints import BindingLimit, binding_limits
 from qp_twist.control.posing import Posed
 from qp_twist.control.step import NOT_THE_LIMITS, Status, Step
 from qp_twist.qp import (
+    Cascade,
     Found,
     InfeasibleStep,
     Level,
@@ -22,7 +23,6 @@ from qp_twist.qp import (
     Verified,
     costs_along,
     first_level,
-    lexicographic,
     solve,
     solve_within,
     widened,
@@ -197,7 +197,7 @@ def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:
     start = np.zeros(wide.n)
     if found is not None:
         start[: problem.n] = found.x
-    cascade = lexicographic([hard, *blocks], wide.lower, wide.upper, start)
+    cascade = Cascade([hard, *blocks], wide.lower, wide.upper, start)
     if not hard.met(cascade.x):
         status = Status.RELAXED
     result = solve_within(wide, cascade, solver)

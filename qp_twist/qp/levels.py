@@ -144,7 +144,7 @@ class Conditions(NamedTuple):
 
 
 class Cascade:
-    """The points that are optimal for all levels so far: x + N z with C z ≤ d.
+    """The points inside the bounds that are optimal for levels in order: x + N z with C z ≤ d.
 
     Attributes:
         basis: N, orthonormal, (n, p).
@@ -156,10 +156,20 @@ class Cascade:
         optimal: Whether an optimum was found for every level.
     """
 
-    def __init__(self, x: Array, lower: Array, upper: Array) -> None:
-        """Start from a point, clipped to the bounds. Unknowns with lower = upper stay fixed."""
-        n = len(x)
-        self._x: Exact = np.clip(x, lower, upper).astype(EXACT)
+    def __init__(
+        self, levels: Sequence[Level], lower: Array, upper: Array, start: Array | None = None
+    ) -> None:
+        """Go from a point to the optimum of one level after the other.
+
+        Args:
+            levels: From the most to the least important.
+            lower: Bounds, −∞ where there is none, (n,).
+            upper: Bounds, (n,).
+            start: A point, moved into the bounds, (n,); zero if ``None``.
+        """
+        n = len(lower)
+        start = np.zeros(n) if start is None else start
+        self._x: Exact = np.clip(start, lower, upper).astype(EXACT)
         self.lower, self.upper = lower, upper
         self.basis = np.eye(n)[:, upper > lower]
         self.G, self.g = np.zeros((0, n)), np.zeros(0)
@@ -168,6 +178,8 @@ class Cascade:
         self.optimal = True
         self._held, self._uncertain = np.zeros((0, n)), np.zeros(0)
         self._achieved: list[tuple[Array, Array, Array, float]] = []
+        for level in levels:
+            self._minimise(level)
 
     @property
     def x(self) -> Array:
@@ -200,7 +212,7 @@ class Cascade:
         room = np.maximum(d[places], 0.0).astype(float) / lengths
         return C[places] / lengths[:, None], room, places, lengths
 
-    def minimise(self, level: Level) -> None:
+    def _minimise(self, level: Level) -> None:
         """Keep only the points that are optimal for another level."""
         n, first = len(self._x), len(self.row_multipliers)
         negligible = HELD * level.missed(self._x) + level.rounding(self._x)
@@ -248,7 +260,7 @@ class Cascade:
                 self.optimal &= turn > 0
                 break
             multipliers = found.multipliers.rows
-            self._x = self._inside(self._x + self.basis @ (T @ found.x[:p]))
+            self._x = self._moved(T @ found.x[:p])
             active = places[multipliers[: len(d)] > ACTIVE * largest(multipliers)]
             at = self._corrected(level, active)
             left, missed = float(np.linalg.norm(at.left)), level.missed(self._x)
@@ -265,16 +277,16 @@ class Cascade:
             z = onto + at.seen @ (at.seen.T @ slope)
             ahead = ~at.on & (at.C @ z > at.d + ROUNDING)
             share = (at.d[ahead] / (at.C[ahead] @ z)).min(initial=1.0)
-            x = self._inside(self._x + self.basis @ (share * z))
+            x = self._moved(share * z)
             if level.missed(x) > level.missed(self._x) + level.rounding(x):
                 break
             self._x = x
             at = self._conditions(level, active)
         return at
 
-    def _inside(self, x: Exact) -> Exact:
-        inside: Exact = np.clip(x, self.lower, self.upper)
-        return inside
+    def _moved(self, z: Array) -> Exact:
+        moved: Exact = np.clip(self._x + self.basis @ z, self.lower, self.upper)
+        return moved
 
     def _conditions(self, level: Level, active: Indices) -> Conditions:
         """The conditions of optimality at x."""
@@ -325,20 +337,3 @@ def null_basis(rows: Array) -> Array:
     _, sigma, right = np.linalg.svd(rows)
     basis: Array = right[int((sigma > RANK).sum()) :].T
     return basis
-
-
-def lexicographic(
-    levels: Sequence[Level], lower: Array, upper: Array, start: Array | None = None
-) -> Cascade:
-    """The points inside the bounds that are optimal for the levels in strict priority.
-
-    Args:
-        levels: From the most to the least important.
-        lower: Bounds, −∞ where there is none, (n,).
-        upper: Bounds, (n,).
-        start: Starting point, (n,); zero if ``None``.
-    """
-    cascade = Cascade(np.zeros(len(lower)) if start is None else start, lower, upper)
-    for level in levels:
-        cascade.minimise(level)
-    return cascade

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.qp.levels import Level, lexicographic
+from qp_twist.qp.levels import Cascade, Level
 from qp_twist.qp.problem import QuadraticProgram
 
 SCALE_BACKOFF = 1e-8
@@ -53,7 +53,7 @@ def largest_scale(problem: QuadraticProgram, offset: Array | None = None) -> Lar
     hard = Level(none, none[:, 0], wide.G, wide.g)
     aim = Level(np.eye(n + 1)[n:], np.array([speed]), none, none[:, 0])
     levels = [level for level in (hard, task) if len(level.b) + len(level.g)]
-    found = lexicographic([*levels, aim], wide.lower, wide.upper)
+    found = Cascade([*levels, aim], wide.lower, wide.upper)
     if not found.optimal or not all(level.met(found.x) for level in levels):
         return None
     scale, gain = float(found.x[n]) / speed, 0.0
