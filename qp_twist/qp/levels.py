@@ -240,7 +240,7 @@ class Cascade:
         seen = int((sigma > RANK * level.size).sum())
         T = right.T.copy()  # z = T u: of u the cost sees the first entries, each by itself
         T[:, :seen] /= sigma[:seen]
-        free, at = np.full(p + k, np.inf), self._conditions(level, np.zeros(0, dtype=np.intp))
+        at = self._conditions(level, np.zeros(0, dtype=np.intp))
         for turn in range(ROUNDS if p and level.size else 0):
             weight = (max(PROXIMAL * SHARPER**turn, SHARPEST) * level.size) ** 2
             cost = np.concatenate([np.ones(seen), np.full(p - seen, weight), np.ones(k)])
@@ -251,11 +251,7 @@ class Cascade:
                 [[C @ T, np.zeros((len(d), k))], [level.G @ self.basis @ T, -np.eye(k)]]
             )
             bounds = np.append(d, level.g - level.G @ self._x).astype(float)
-            none = np.zeros((0, p + k))
-            found = solve_raw(
-                QuadraticProgram(np.diag(cost), c, none, none[:, 0], rows, bounds, -free, free),
-                INNER,
-            )
+            found = solve_raw(QuadraticProgram.free(np.diag(cost), c, rows, bounds), INNER)
             if not found.found or found.x is None or not np.isfinite(found.x).all():
                 self.optimal &= turn > 0
                 break

@@ -37,6 +37,12 @@ class QuadraticProgram:
     lower: Array
     upper: Array
 
+    @classmethod
+    def free(cls, H: Array, c: Array, G: Array, g: Array) -> QuadraticProgram:
+        """A program without equality rows and bounds."""
+        none, end = np.zeros((0, len(c))), np.full(len(c), np.inf)
+        return cls(H, c, none, none[:, 0], G, g, -end, end)
+
     @property
     def n(self) -> int:
         """Number of unknowns."""

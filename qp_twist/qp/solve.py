@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.qp.backend import RawSolution, solve_raw
+from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.levels import Cascade
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers, feasible, proof_of_optimality
@@ -55,21 +55,16 @@ def solve(
     """
     if np.count_nonzero(problem.lower > problem.upper):
         return Refused("the bounds leave no room", False)
-    result = verified(problem, solve_raw(problem, solver, options), solver)
-    if not isinstance(result, str):
-        return result
-    return Refused(f"{solver} returned {result}", not result.startswith("no solution"))
-
-
-def verified(problem: QuadraticProgram, raw: RawSolution, solver: str) -> Verified | str:
-    """The result if it satisfies the problem and is optimal, else what is wrong with it."""
+    raw = solve_raw(problem, solver, options)
     if not raw.found:
-        return "no solution"
+        return Refused(f"{solver} returned no solution", False)
     point = feasible(problem, raw.x)
     if isinstance(point, str):
-        return point
+        return Refused(f"{solver} returned {point}", True)
     proof = proof_of_optimality(problem, point, raw.multipliers)
-    return proof if isinstance(proof, str) else Verified(point.x, solver, proof)
+    if isinstance(proof, str):
+        return Refused(f"{solver} returned {proof}", True)
+    return Verified(point.x, solver, proof)
 
 
 def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Verified | Refused:
@@ -79,7 +74,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     other by rounding, and z = 0 satisfies it.
 
     Args:
-        problem: The program; of it only the cost counts.
+        problem: The program; of it the cost counts, and the bounds, which are the cascade's.
         cascade: What the levels have left.
         solver: The backend.
 
@@ -89,24 +84,15 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     if not cascade.optimal:
         return Refused("a priority level ran out of iterations", False)
     x, basis = cascade.x, cascade.basis
-    n, p = basis.shape
-    held = QuadraticProgram(
-        problem.H, problem.c, np.zeros((0, n)), np.zeros(0),
-        cascade.G, cascade.g, cascade.lower, cascade.upper,
-    )  # fmt: skip
-    if p == 0:
-        return Verified(x, "levels", Multipliers.none(held))
+    within = replace(problem, A=problem.A[:0], b=problem.b[:0], G=cascade.G, g=cascade.g)
+    if basis.shape[1] == 0:
+        return Verified(x, "levels", Multipliers.none(within))
     C, d, *_ = cascade.rows()
-    H = basis.T @ problem.H @ basis
-    none = np.full(p, np.inf)
-    reduced = QuadraticProgram(
-        0.5 * (H + H.T), basis.T @ (problem.H @ x + problem.c), np.zeros((0, p)), np.zeros(0),
-        C, d, -none, none,
-    )  # fmt: skip
-    result = solve(reduced, solver)
+    H, c = basis.T @ problem.H @ basis, basis.T @ (problem.H @ x + problem.c)
+    result = solve(QuadraticProgram.free(0.5 * (H + H.T), c, C, d), solver)
     if isinstance(result, Refused):
         return result
-    moved = feasible(held, np.clip(x + basis @ result.x, cascade.lower, cascade.upper))
+    moved = feasible(within, np.clip(x + basis @ result.x, problem.lower, problem.upper))
     if isinstance(moved, str):
         return Refused(f"{result.solver} returned {moved}", True)
     return replace(result, x=moved.x)
