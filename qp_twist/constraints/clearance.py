@@ -250,14 +250,11 @@ class Clearance(Constraint):
 
     def _nearer(self, best: NearestPair, q: Array, at: Array) -> NearestPair:
         """The nearest of the best so far and configurations q (K, nq) at places ``at`` (K,)."""
-        enough = min(best.distance, _NEAR)
-        found = self._shapes.distances(q, enough)
-        if found.min() > enough and best.distance > enough:  # only bounds are known so far
-            found = self._shapes.distances(q, np.inf)
-        row, pair = np.unravel_index(int(np.argmin(found)), found.shape)
-        if found[row, pair] >= best.distance:
+        distances, pairs = self.closest(q)
+        row = int(np.argmin(distances))
+        if distances[row] >= best.distance:
             return best
-        return NearestPair(float(found[row, pair]), float(at[row]), self.names[pair])
+        return NearestPair(float(distances[row]), float(at[row]), self.names[pairs[row]])
 
     def closest(self, q: Array) -> tuple[Array, Indices]:
         """Distance of the nearest pair at configurations q (N, nq), m, (N,), and its index, (N,).

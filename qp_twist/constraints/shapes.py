@@ -237,7 +237,7 @@ class ClearanceStep:
         nv, pairs = len(ranges.lower), len(shapes.cell.pairs)
         # Pairs and joints have rows; then come corrections, and those that hold a velocity.
         rows = 2 * pairs + 200 + 4 * nv
-        self._shapes, self._state = shapes, Braking.empty(ranges.nq, nv, pairs, rows)
+        self._shapes, self._state = shapes, Braking.empty(ranges.nq, nv, rows)
         self._state.lower[:], self._state.upper[:] = ranges.lower, ranges.upper
         self._state.hardest[:] = self._state.fastest[:] = np.inf
         self._limits: tuple[Array | None, Array | None] = None, None

@@ -60,7 +60,6 @@ PAIR = np.dtype(
         ("middle", _I),  # that of the first one that moves B but not A
         ("last", _I),  # behind the last of them
         ("obstacle", _I),  # whether A or B moves with an obstacle
-        ("lower", _F),  # lower bound of the distance, m, plus how far its shapes had moved then
         ("change", _F),  # scratch: largest change of the distance on a way, m
         ("near", _F),  # scratch: distance at the beginning of the way, m
         ("bend", _F),  # scratch: second derivative
@@ -68,7 +67,6 @@ PAIR = np.dtype(
         # Of one step (clearance_rows):
         ("kept", _F),  # the distance to keep, m
         ("reach", _F),  # from this margin on it matters to no velocity of the step, m
-        ("counts", _I),  # whether a velocity of the step may bring it too near
         ("worst", _F),  # least margin on the way, m; a bound if it is above ``reach``
         ("sample", _I),  # number n of the step in which it is found
         ("still", _F),  # the same if nothing else moved, of a pair with an obstacle
@@ -105,11 +103,8 @@ class Cell(NamedTuple):
         )  # fmt: skip
 
     def copy(self) -> Cell:
-        """A copy of all that kernels write."""
-        return Cell(
-            self.bodies.copy(), self.joints.copy(), self.shapes.copy(), self.vertices,
-            self.pairs.copy(), self.links, self.simplex.copy(),
-        )  # fmt: skip
+        """A copy, for another thread."""
+        return Cell._make(array.copy() for array in self)
 
 
 @part
@@ -289,46 +284,6 @@ def distance_of(cell, pair, enough, deep):
     return pair_distance(a, b, cell.vertices, enough, cell.simplex[0], deep)
 
 
-@plain
-def _place_next(cell, q, is_first):
-    """Place everything at the next configuration, and add up how far each shape has moved at most.
-
-    The motion of a shape is at most that of its ball's centre, and the chord of its turn times the
-    ball's radius. Along a path or through a layer configurations follow each other closely: a pair
-    that was far apart is known to be so at many of them.
-    """
-    place(cell, q)
-    for g in range(len(cell.shapes)):
-        shape = cell.shapes[g]
-        shift = _apart(shape.middle, shape.middle_before)
-        turn = _chord(shape.R, shape.R_before)
-        for i in range(3):
-            shape.middle_before[i] = shape.middle[i]
-        for i in range(9):
-            shape.R_before[i] = shape.R[i]
-        if is_first:
-            shape.moved = 0.0
-            continue
-        shape.moved += shift
-        if turn > 0.0:  # a plane, whose ball is infinite, mostly stands still
-            shape.moved += turn * shape.ball
-    if is_first:
-        for k in range(len(cell.pairs)):
-            cell.pairs[k].lower = -math.inf
-
-
-@plain
-def _next_distance_of(cell, pair, enough, deep):
-    """As :func:`distance_of` after :func:`_place_next`, not computed where a bound is known."""
-    moved = cell.shapes[pair.one].moved + cell.shapes[pair.other].moved
-    lower = pair.lower - moved
-    if lower > enough:
-        return lower
-    lower = distance_of(cell, pair, enough, deep)
-    pair.lower = lower + moved
-    return lower
-
-
 @entry
 def distances(cell, q, enough, out):
     """Write the signed distances of all pairs at configurations q (N, nq) to out (N, P), m.
@@ -337,9 +292,9 @@ def distances(cell, q, enough, out):
     """
     show_obstacles(cell, False)
     for row in range(len(q)):
-        _place_next(cell, q[row], row == 0)
+        place(cell, q[row])
         for k in range(len(cell.pairs)):
-            out[row, k] = _next_distance_of(cell, cell.pairs[k], enough, True)
+            out[row, k] = distance_of(cell, cell.pairs[k], enough, True)
 
 
 @entry
@@ -347,10 +302,10 @@ def first_below(cell, q, distance, out):
     """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
     show_obstacles(cell, False)
     for row in range(len(q)):
-        _place_next(cell, q[row], row == 0)
+        place(cell, q[row])
         out[row] = -1
         for k in range(len(cell.pairs)):
-            if _next_distance_of(cell, cell.pairs[k], distance, False) < distance:
+            if distance_of(cell, cell.pairs[k], distance, False) < distance:
                 out[row] = k
                 break
 
@@ -407,27 +362,6 @@ def _least_between(near, far, change, bend):
     return max(least, math.sqrt(low)) if low > 0.0 else least
 
 
-@plain
-def _look_ahead(cell, travel):
-    """Write by how much each shape moves at most while joints travel by ``travel`` (nv,).
-
-    As :func:`change_of` bounds it, with all joints between the shape and the world.
-    """
-    for g in range(len(cell.shapes)):
-        shape = cell.shapes[g]
-        change, b = 0.0, shape.body
-        while b > 0:
-            body = cell.bodies[b]
-            for k in range(body.joints):
-                joint = cell.joints[body.first + body.joints - 1 - k]
-                moved = travel[joint.dof]
-                if moved == 0.0:
-                    continue
-                change += moved * (1.0 if joint.slides else _arm_of(joint, shape) + change)
-            b = body.parent
-        shape.ahead = change
-
-
 @entry
 def changes(cell, q, travel, out):
     """Write bounds (N, P) of the distances' variation on motions from q (N, nq), m."""
@@ -453,10 +387,6 @@ def least_distances(cell, before, after, travel, curve, distance, out):
     .. math:: K = 2 c^2 + (d_0 + d_1 + c) A, \qquad
         d^2(s) \ge (1 - s)\,d_0^2 + s\,d_1^2 - \tfrac12 K s (1 - s).
 
-    Distances are computed only where a bound of d₀ does not show that ``distance`` is kept, and the
-    variation of a pair only where the motion of its two shapes, each for itself, could take it
-    there from the bound known at the row before.
-
     Args:
         cell: The cell.
         before: Configurations at the beginning, (N, nq).
@@ -469,18 +399,12 @@ def least_distances(cell, before, after, travel, curve, distance, out):
     """
     show_obstacles(cell, False)
     for row in range(len(before)):
-        _place_next(cell, before[row], row == 0)
-        _look_ahead(cell, travel[row])
+        place(cell, before[row])
         left = False
         for k in range(len(cell.pairs)):
             pair = cell.pairs[k]
-            one, other = cell.shapes[pair.one], cell.shapes[pair.other]
-            lower = pair.lower - one.moved - other.moved - one.ahead - other.ahead
-            if lower > distance:
-                out[row, k] = lower
-                continue
             pair.change, pair.bend = _motion_of(cell, pair, travel[row], curve[row])
-            pair.near = _next_distance_of(cell, pair, distance + pair.change, True)
+            pair.near = distance_of(cell, pair, distance + pair.change, True)
             out[row, k] = pair.near - pair.change
             left = left or out[row, k] < distance
         if not left:

@@ -38,7 +38,6 @@ from qp_twist.kernel.clearance_kernel import (
 )
 from qp_twist.kernel.compiling import entry, part, plain
 from qp_twist.kernel.convex import dot
-from qp_twist.kernel.dual_active_set import ROUNDING
 
 _LATEST = 1 << 40
 """Number of a step at which everything is at rest."""
@@ -71,46 +70,30 @@ _Floats = npt.NDArray[np.float64]
 class Braking(NamedTuple):
     """The joints in a step, the rows of a clearance, and scratch; pairs are in the cell."""
 
-    q: _Floats
-    """Configuration at its beginning, (nq,)."""
-    before: _Floats
-    """v₀, rad/s or m/s, (nv,)."""
-    hardest: _Floats
-    """Acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none."""
-    fastest: _Floats
-    """Velocity limits, rad/s or m/s, (nv,); ∞ where there are none."""
-    lower: _Floats
-    """Lower end of each joint's range, rad or m, (nv,); −∞ where there is none."""
-    upper: _Floats
-    """Upper end, likewise."""
-    braked: _Floats
-    """w, (nv,)."""
-    at: _Floats
-    """Configuration on the way, (nq,)."""
-    travel: _Floats
-    """Scratch, (nv,)."""
-    slope: _Floats
-    """Likewise."""
-    gradients: _Floats
-    """Derivatives of the margins on the way of w, (P, nv); 0 of pairs without a row."""
-    G: _Floats
-    """G q̇ ≤ g, (R, nv)."""
-    g: _Floats
-    """(R,)."""
-    room: _Floats
-    """The part of g that is what is left of the margin, or 0, (R,)."""
-    pair: npt.NDArray[np.int64]
-    """The pair of each row, (R,)."""
+    q: _Floats  # configuration at its beginning, (nq,)
+    at: _Floats  # configuration on the way, (nq,)
+    before: _Floats  # v₀, rad/s or m/s, (nv,)
+    hardest: _Floats  # acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none
+    fastest: _Floats  # velocity limits, rad/s or m/s, (nv,); ∞ where there are none
+    lower: _Floats  # lower end of each joint's range, rad or m, (nv,); −∞ where there is none
+    upper: _Floats  # upper end, likewise
+    braked: _Floats  # w, (nv,)
+    travel: _Floats  # scratch, (nv,)
+    slope: _Floats  # scratch, (nv,)
+    G: _Floats  # G q̇ ≤ g, (R, nv)
+    g: _Floats  # (R,)
+    room: _Floats  # the part of g that is what is left of the margin, or 0, (R,)
+    pair: npt.NDArray[np.int64]  # the pair of each row, (R,)
 
     @classmethod
-    def empty(cls, coordinates: int, dofs: int, pairs: int, rows: int) -> Braking:
-        """Zeros, for so many coordinates, degrees of freedom, pairs and rows."""
-        per_joint = np.zeros((8, dofs))
-        before, hardest, fastest, lower, upper, braked, travel, slope = per_joint
+    def empty(cls, coordinates: int, dofs: int, rows: int) -> Braking:
+        """Zeros, for so many coordinates, degrees of freedom and rows."""
+        q, at = np.zeros((2, coordinates))
+        before, hardest, fastest, lower, upper, braked, travel, slope = np.zeros((8, dofs))
+        g, room = np.zeros((2, rows))
         return cls(
-            np.zeros(coordinates), before, hardest, fastest, lower, upper, braked,
-            np.zeros(coordinates), travel, slope, np.zeros((pairs, dofs)), np.zeros((rows, dofs)),
-            np.zeros(rows), np.zeros(rows), np.zeros(rows, np.int64),
+            q, at, before, hardest, fastest, lower, upper, braked, travel, slope,
+            np.zeros((rows, dofs)), g, room, np.zeros(rows, np.int64),
         )  # fmt: skip
 
 
@@ -164,15 +147,6 @@ def _margin(cell, pair, enough):
     return distance_of(cell, pair, enough + pair.kept, True) - pair.kept
 
 
-@part
-def _take_gradient(cell, s, k):
-    """Keep the derivatives of the distance that was computed last, of pair k, and its direction."""
-    pair = cell.pairs[k]
-    gradient_of(cell, pair, s.gradients[k])
-    for i in range(3):
-        pair.normal[i] = cell.simplex[0].away[i]
-
-
 @plain
 def _look(cell, pair, n):
     """Take the margin of a pair at a place on the way if it is the least so far."""
@@ -182,75 +156,57 @@ def _look(cell, pair, n):
 
 
 @plain
-def _look_between(cell, s, velocity, dt, last):
-    """Look at places between the ends of the way, and beside the least of them by halving.
-
-    A pair that passes by may be nearer between two places than at either.
-    """
-    spacing = 1 + (last - 1) // _SAMPLES
-    for n in range(spacing, last, spacing):
-        _go(cell, s, velocity, n, dt)
-        for k in range(len(cell.pairs)):
-            if cell.pairs[k].near < cell.pairs[k].reach:
-                _look(cell, cell.pairs[k], n)
+def _look_at(cell, s, velocity, n, dt):
+    """Place everything where it is after n steps, and look at the pairs that may be near."""
+    _go(cell, s, velocity, n, dt)
     for k in range(len(cell.pairs)):
-        pair = cell.pairs[k]
-        half = spacing if pair.near < pair.reach and pair.worst < _BESIDE else 1
-        while half > 1:
-            half = (half + 1) // 2
-            middle = pair.sample
-            for n in (middle - half, middle + half):
-                if 0 < n < last:
-                    _go(cell, s, velocity, n, dt)
-                    _look(cell, pair, n)
+        if cell.pairs[k].near < cell.pairs[k].reach:
+            _look(cell, cell.pairs[k], n)
 
 
 @plain
-def _look_along(cell, s, velocity, dt, slopes, only_obstacles):
+def _look_along(cell, s, velocity, dt, only_obstacles):
     """Write the least margins on the way of a velocity, and where, to ``worst`` and ``sample``.
 
-    Everything is placed at its beginning. With ``slopes`` also the gradients of those that are
-    below ``reach`` there. Pairs that do not count, or move with no obstacle if only these are
-    asked for, have none.
-
-    The joints brake towards rest, so their travel between the ends of the way bounds what a margin
-    can lose on it.
+    ``near`` is a bound of them: the joints brake towards rest, so that their travel between the
+    ends of the way bounds what a margin can lose. Where it does not decide, places on the way are
+    looked at, and those beside the least of them by halving: a pair that passes by may be nearer
+    between two places than at either. If only pairs with an obstacle are asked for, the others have
+    infinite margins.
     """
     last = _last(velocity, s.hardest, dt)
     for j in range(len(velocity)):
-        braking = s.hardest[j] * dt
-        near, _ = _moved(velocity[j], braking, 0, dt)
-        far, _ = _moved(velocity[j], braking, last, dt)
+        near, _ = _moved(velocity[j], s.hardest[j] * dt, 0, dt)
+        far, _ = _moved(velocity[j], s.hardest[j] * dt, last, dt)
         s.travel[j] = abs(far - near)
+    _go(cell, s, velocity, 0, dt)
     left = False
     for k in range(len(cell.pairs)):
         pair = cell.pairs[k]
-        if not (pair.obstacle if only_obstacles else pair.counts):
-            pair.near = pair.worst = math.inf
+        pair.near = pair.worst = math.inf
+        if only_obstacles and not pair.obstacle:
             continue
-        pair.change = change_of(cell, pair, s.travel) if last > 0 else 0.0
-        enough = pair.reach + pair.change
-        pair.near = _margin(cell, pair, enough)
-        pair.worst, pair.sample = pair.near, 0
-        if slopes and pair.near < pair.reach:
-            _take_gradient(cell, s, k)
-        left = left or pair.near < enough
+        change = change_of(cell, pair, s.travel) if last > 0 else 0.0
+        pair.worst, pair.sample = _margin(cell, pair, pair.reach + change), 0
+        pair.near = pair.worst - change
+        left = left or pair.near < pair.reach
     if last == 0 or not left:
         return
-    _go(cell, s, velocity, last, dt)
-    left = False
-    for k in range(len(cell.pairs)):
-        pair = cell.pairs[k]
-        enough = pair.reach + pair.change
-        if pair.near < enough:
-            far = _margin(cell, pair, enough)
-            if far < pair.worst:
-                pair.worst, pair.sample = far, last
-            # Between the two ends the margin is at least this.
-            pair.near = 0.5 * (pair.near + far - pair.change)
-            left = left or pair.near < pair.reach
-    if left:
-        _look_between(cell, s, velocity, dt, last)
+    spacing = 1 + (last - 1) // _SAMPLES
+    _look_at(cell, s, velocity, last, dt)
+    for n in range(spacing, last, spacing):
+        _look_at(cell, s, velocity, n, dt)
+    while spacing > 1:
+        spacing = (spacing + 1) // 2
+        for k in range(len(cell.pairs)):
+            pair = cell.pairs[k]
+            if not (pair.near < pair.reach and pair.worst < _BESIDE):
+                continue
+            middle = pair.sample
+            for n in (middle - spacing, middle + spacing):
+                if 0 < n < last:
+                    _go(cell, s, velocity, n, dt)
+                    _look(cell, pair, n)
 
 
 @plain
@@ -260,30 +216,27 @@ def _take_reaches(cell, s, dt, horizon, moves):
     With acceleration limits on all joints those velocities end at most ``travel`` from rest of w; a
     joint without one goes at most as fast as it may.
     """
-    longest = 0.0
+    bounded = True
     for j in range(len(s.before)):
         braking = s.hardest[j] * dt
-        if moves and not math.isinf(braking):
-            longest = math.inf  # a pair gives way long before
         s.braked[j] = math.copysign(max(abs(s.before[j]) - braking, 0.0), s.before[j])
         s.travel[j] = _STEPS_AHEAD * s.fastest[j] * dt
         if not math.isinf(braking):
+            bounded = bounded and not moves  # a pair gives way long before
             here, _ = _moved(s.braked[j], braking, _LATEST, dt)
             one, _ = _moved(s.before[j] + braking, braking, _LATEST, dt)
             other, _ = _moved(s.before[j] - braking, braking, _LATEST, dt)
             s.travel[j] = max(abs(one - here), abs(other - here))
-        longest = max(longest, s.travel[j])
+        bounded = bounded and not math.isinf(s.travel[j])
     _go(cell, s, s.braked, 0, dt)
     for k in range(len(cell.pairs)):
         pair = cell.pairs[k]
-        pair.reach, pair.counts = horizon, 1
-        if not math.isinf(longest):
-            pair.reach = min(horizon, change_of(cell, pair, s.travel))
+        pair.reach = min(horizon, change_of(cell, pair, s.travel)) if bounded else horizon
 
 
 @plain
 def _row(s, k, until, closing, room, dt, recovery, row):
-    """Write the row of pair k from its gradient; return by how much its margin may decrease, m.
+    """Turn the gradient of pair k in G into its row; return by how much its margin may decrease, m.
 
     Args:
         s: The joints and the rows.
@@ -296,20 +249,20 @@ def _row(s, k, until, closing, room, dt, recovery, row):
         recovery: Speed at which a pair that is too near is moved apart, m/s.
         row: Number of the row.
     """
-    gradient, G, along, able, harder = s.gradients[k], s.G[row], 0.0, 0.0, 0.0
-    for j in range(len(gradient)):
-        braking, slope = s.hardest[j] * dt, dt
+    G, along, able, harder = s.G[row], 0.0, 0.0, 0.0
+    for j in range(len(G)):
+        braking, slope, gradient = s.hardest[j] * dt, dt, G[j]
         if math.isinf(braking):
-            able += math.inf if gradient[j] != 0.0 else 0.0
+            able += math.inf if gradient != 0.0 else 0.0
         else:
             one, _ = _moved(s.before[j] + braking, braking, until, dt)
             other, _ = _moved(s.before[j] - braking, braking, until, dt)
             slope = (one - other) / (2.0 * braking)
-            most = s.before[j] + math.copysign(braking, gradient[j]) - s.braked[j]
-            able += gradient[j] * slope * most
-        G[j] = -gradient[j] * slope / dt
+            most = s.before[j] + math.copysign(braking, gradient) - s.braked[j]
+            able += gradient * slope * most
+        G[j] = -gradient * slope / dt
         along += G[j] * s.braked[j]
-        harder += abs(gradient[j]) * min(s.hardest[j], _SUDDEN)
+        harder += abs(gradient) * min(s.hardest[j], _SUDDEN)
     if room < 0.0:
         room = max(room, -recovery * dt)
     elif closing > 0.0 and harder > 0.0:
@@ -324,14 +277,8 @@ def _row(s, k, until, closing, room, dt, recovery, row):
 def _rows_before_ends(cell, s, k, dt, count):
     """Add rows of joints that brake gently before the ends of their ranges; return their number.
 
-    What the hardest braking leads to is always allowed, so that a safe velocity is left.
-
-    Args:
-        cell: The cell.
-        s: The joints and the rows.
-        k: The pair by which the rows are named: of those whose obstacle comes, the nearest.
-        dt: Length of the step, s.
-        count: Number of rows so far.
+    They are named by pair k, and are behind the first ``count`` ones. What the hardest braking
+    leads to is always allowed, so that a safe velocity is left.
     """
     for i in range(len(cell.joints)):
         joint = cell.joints[i]
@@ -374,37 +321,30 @@ def write_rows(cell, s, dt, asked, horizon, recovery, moves):
     _take_reaches(cell, s, dt, horizon, moves)
     if moves:
         _ask(cell, asked, False)
-        _go(cell, s, s.braked, 0, dt)
-        _look_along(cell, s, s.braked, dt, False, True)
+        _look_along(cell, s, s.braked, dt, True)
         for k in range(len(cell.pairs)):
             cell.pairs[k].still = cell.pairs[k].worst
         _ask(cell, asked, True)
-        _go(cell, s, s.braked, 0, dt)
-    _look_along(cell, s, s.braked, dt, True, False)
-    last, count, placed = _last(s.braked, s.hardest, dt), 0, -1
+    _look_along(cell, s, s.braked, dt, False)
+    last, count, placed, nearest = _last(s.braked, s.hardest, dt), 0, -1, -1
     least = nearest_left = math.inf
-    nearest = -1
     for k in range(len(cell.pairs)):
         pair = cell.pairs[k]
         then_left, n = pair.worst, pair.sample
         left = pair.still if moves and pair.obstacle else then_left
         least = min(least, left)
         pair.floor = 0.0
+        for i in range(3):
+            pair.normal[i] = 0.0
         if min(left, then_left) >= pair.reach:
-            # The horizon is no bound of the motion, and samples are not the whole way.
-            if pair.reach < horizon and pair.near >= pair.reach:
-                pair.counts = 0
-            for j in range(len(s.before)):
-                s.gradients[k, j] = 0.0
-            for i in range(3):
-                pair.normal[i] = 0.0
             continue
-        if n > 0 or not then_left < pair.reach:
-            if placed != n:
-                _go(cell, s, s.braked, n, dt)
-                placed = n
-            distance_of(cell, pair, math.inf, True)
-            _take_gradient(cell, s, k)
+        if placed != n:
+            _go(cell, s, s.braked, n, dt)
+            placed = n
+        distance_of(cell, pair, math.inf, True)
+        gradient_of(cell, pair, s.G[count])
+        for i in range(3):
+            pair.normal[i] = cell.simplex[0].away[i]
         closing = max(left - then_left, 0.0) / dt
         until = n if n < last else _LATEST
         room = _row(s, k, until, closing, left - closing * n * dt, dt, recovery, count)
@@ -417,31 +357,15 @@ def write_rows(cell, s, dt, asked, horizon, recovery, moves):
     return count, least
 
 
-@part
-def _is_allowed(s, velocity, dt):
-    """Whether a velocity (nv,) keeps the limits from which the reaches follow, but for rounding."""
-    for j in range(len(velocity)):
-        braking = s.hardest[j] * dt
-        if math.isinf(braking) and not abs(velocity[j]) <= s.fastest[j]:
-            return False
-        if not abs(velocity[j] - s.before[j]) <= (1.0 + ROUNDING) * braking:
-            return False
-    return True
-
-
 @entry
 def lack_of(cell, s, velocity, dt):
     """By how much a velocity (nv,) leads below the margins that its step may leave, m.
 
     After :func:`write_rows`. What is left of each margin is in ``worst``, where it is negative.
     """
-    allowed = _is_allowed(s, velocity, dt)
     for k in range(len(cell.pairs)):
         cell.pairs[k].reach = 0.0
-        if not allowed:
-            cell.pairs[k].counts = 1
-    _go(cell, s, velocity, 0, dt)
-    _look_along(cell, s, velocity, dt, False, False)
+    _look_along(cell, s, velocity, dt, False)
     lack = 0.0
     for k in range(len(cell.pairs)):
         cell.pairs[k].worst -= cell.pairs[k].floor
@@ -459,12 +383,10 @@ def _correction(cell, s, k, velocity, left, dt, row):
     pair, G = cell.pairs[k], s.G[row]
     distance_of(cell, pair, math.inf, True)
     gradient_of(cell, pair, G)
-    along, rate, known = dot(cell.simplex[0].away, pair.normal), 0.0, False
-    for i in range(3):
-        known = known or pair.normal[i] != 0.0
+    along, rate = dot(cell.simplex[0].away, pair.normal), 0.0  # no row, no normal: along = 0
     for j in range(len(G)):
         rate += G[j] * velocity[j]
-    if (known and along < 0.0) or (not known and rate >= 0.0):
+    if along < 0.0 or (along == 0.0 and rate >= 0.0):
         return False
     end = left / dt
     for j in range(len(G)):

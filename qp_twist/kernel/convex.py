@@ -45,10 +45,6 @@ SHAPE = np.dtype(
         ("x", _F, 3),  # its position in the world, m
         ("R", _F, 9),
         ("middle", _F, 3),  # the centre of its ball there
-        ("middle_before", _F, 3),  # at the configuration before
-        ("R_before", _F, 9),
-        ("moved", _F),  # by how much one of its points has moved at most, over all of them, m
-        ("ahead", _F),  # by how much one moves at most on the way that comes next, m
     ],
     align=True,
 )

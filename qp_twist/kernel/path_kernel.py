@@ -49,22 +49,16 @@ class Couplings(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Arrays for one configuration at a time."""
+    """Arrays for one configuration at a time; N is for the null space of the rows A."""
 
     pose: Any
     J: Any
     A: Any
     b: Any
-    side: Any
-    square: Any
     V: Any
     R: Any
     N: Any
     free: Any
-    step: Any
-    there: Any
-    nearest: Any
-    free_costs: Any
 
 
 @kernel
@@ -72,9 +66,8 @@ def workspace(nv, couplings):
     """A workspace for a robot of ``nv`` degrees of freedom."""
     m = 6 + len(couplings.dofs)
     return Workspace(
-        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros(m),
-        np.zeros((m, m)), np.zeros((m, nv)), np.zeros((m, m)), np.zeros((nv, nv)),
-        np.zeros((0, nv)), np.zeros(nv), np.zeros(nv), np.zeros(nv), np.ones(2),
+        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((m, nv)),
+        np.zeros((m, m)), np.zeros((nv, nv)), np.zeros((0, nv)),
     )  # fmt: skip
 
 
@@ -97,76 +90,49 @@ def _coupled_rows(couplings, q, A, b):
 
 @kernel
 def rows_at(arm, rows, couplings, at, q, w):
-    """Write UᵀJ, UᵀΔt and the couplings' rows at a waypoint to w.A (r, nv), w.b (r,); return r."""
+    """UᵀJ, UᵀΔt and the couplings' rows at a waypoint: A (r, nv) and b (r,), in w."""
     pose_and_jacobian(arm, q, w.pose, w.J)
     kinds = rows.kinds[rows.which[at]]
     twist_rows(
         kinds, rows.shapes[rows.which[at]], w.pose, rows.targets[at], w.J, 1.0, w.A, w.b, w.free,
-        w.free_costs,
+        w.b,
     )  # fmt: skip
-    r = kinds[0] + kinds[1]
-    _coupled_rows(couplings, q, w.A[r:], w.b[r:])
-    return r + len(couplings.dofs)
-
-
-@kernel
-def _shortest(A, b, rounding, square, step):
-    """As ``planning.path_rows._shortest``, for one q; return whether there is a step."""
-    m, n = A.shape
-    trace = 0.0
-    for i in range(m):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(n):
-                total += A[i, k] * A[j, k]
-            square[i, j] = total
-        trace += square[i, i]
-    for i in range(m):
-        square[i, i] += rounding * trace if trace > 0.0 else 1.0
-    if not cholesky(square[:m, :m]):
-        return False
-    cholesky_solve(square, b)
-    for k in range(n):
-        step[k] = 0.0
-        for i in range(m):
-            step[k] += A[i, k] * b[i]
-    return True
+    task = kinds[0] + kinds[1]
+    _coupled_rows(couplings, q, w.A[task:], w.b[task:])
+    r = task + len(couplings.dofs)
+    return w.A[:r], w.b[:r]
 
 
 @kernel
 def _length(b):
     """‖b‖."""
-    square = 0.0
-    for i in range(len(b)):
-        square += b[i] * b[i]
-    return math.sqrt(square)
+    return math.sqrt((b * b).sum())
 
 
 @kernel
-def _towards(q, step, longest, there):
-    """Write q + step, shortened to ``longest`` in every joint."""
-    largest = longest
-    for dof in range(len(q)):
-        largest = max(largest, abs(step[dof]))
-    for dof in range(len(q)):
-        there[dof] = q[dof] + step[dof] * (longest / largest)
+def _shortest(A, b, damping, wild):
+    """Aᵀ(AAᵀ + λ1)⁻¹b; λ is a share of the trace, larger where a joint would move by ``wild``."""
+    square = A @ A.T
+    trace = np.trace(square)
+    step = np.zeros(A.shape[1])
+    while True:
+        damped, solved = square.copy(), b.copy()
+        for i in range(len(b)):
+            damped[i, i] += damping * trace if trace > 0.0 else 1.0
+        if cholesky(damped):
+            cholesky_solve(damped, solved)
+            step = solved @ A
+            if np.abs(step).max() <= wild:
+                return step
+        damping *= 100.0
+        if damping >= 1.0:
+            return step
 
 
 @kernel
-def _tame_step(w, r, rounding):
-    """Write the shortest step that satisfies w.A and w.b, r rows, to w.step, damped if it is wild.
-
-    Return whether there is one.
-    """
-    w.side[:r] = w.b[:r]
-    while rounding < 1.0:
-        if not _shortest(w.A[:r], w.b[:r], rounding, w.square, w.step):
-            return False
-        if np.abs(w.step).max() <= _WILD:
-            return True
-        rounding *= 100.0
-        w.b[:r] = w.side[:r]
-    return True
+def _towards(q, step, longest):
+    """q + step, shortened to ``longest`` in every joint."""
+    return q + step * (longest / max(longest, np.abs(step).max()))
 
 
 @kernel
@@ -176,21 +142,19 @@ def _newton(arm, rows, couplings, at, q, settings, w):
     If Newton's method does not converge, but comes near, the errors are minimised.
     """
     iterations, on_task, longest, rounding, near, _, _ = settings
-    least = math.inf
+    least, nearest = math.inf, q.copy()
     for _ in range(iterations):
-        r = rows_at(arm, rows, couplings, at, q, w)
-        size = _length(w.b[:r])
+        A, b = rows_at(arm, rows, couplings, at, q, w)
+        size = _length(b)
         if size <= on_task:
             return True
         if size < least:
             least = size
-            w.nearest[:] = q
-        if not _tame_step(w, r, rounding):
-            break
-        _towards(q, w.step, longest, q)
+            nearest[:] = q
+        q[:] = _towards(q, _shortest(A, b, rounding, _WILD), longest)
     if least > near:
         return False
-    q[:] = w.nearest
+    q[:] = nearest
     return _least_errors(arm, rows, couplings, at, q, settings, w)
 
 
@@ -198,35 +162,31 @@ def _newton(arm, rows, couplings, at, q, settings, w):
 def _least_errors(arm, rows, couplings, at, q, settings, w):
     """Minimise ‖b‖ by damped steps, in place; return whether the errors are within tolerances.
 
-    Levenberg's and Marquardt's method. The damping keeps rows that the joints hardly change, as
-    those that only a rounded angle of the model makes independent, from moving them far.
+    Levenberg's and Marquardt's method.
     """
     iterations, on_task, longest, _, _, linear, angular = settings
-    damping, done = _LEAST_DAMPING, False
+    damping = _LEAST_DAMPING
     for _ in range(2 * iterations):
-        r = rows_at(arm, rows, couplings, at, q, w)
-        before = _length(w.b[:r])
-        if not _shortest(w.A[:r], w.b[:r], damping, w.square, w.step):
-            break
-        _towards(q, w.step, longest, w.there)
-        r = rows_at(arm, rows, couplings, at, w.there, w)
-        gained = before - _length(w.b[:r])
+        A, b = rows_at(arm, rows, couplings, at, q, w)
+        before = _length(b)
+        there = _towards(q, _shortest(A, b, damping, math.inf), longest)
+        gained = before - _length(rows_at(arm, rows, couplings, at, there, w)[1])
         if gained > 0.0:
-            q[:] = w.there
+            q[:] = there
             damping = max(0.1 * damping, _LEAST_DAMPING)
-            done = gained <= _SETTLED * before
-        else:
-            done = damping > 1.0
-            damping *= 10.0
-        if done:
+            if gained <= _SETTLED * before:
+                break
+        elif damping > 1.0:
             break
+        else:
+            damping *= 10.0
     kinds = rows.kinds[rows.which[at]]
-    r = rows_at(arm, rows, couplings, at, q, w)
+    _, b = rows_at(arm, rows, couplings, at, q, w)
     split, end = kinds[0], kinds[0] + kinds[1]
     return (
-        _length(w.b[:split]) <= linear
-        and _length(w.b[split:end]) <= angular
-        and _length(w.b[end:r]) <= on_task
+        _length(b[:split]) <= linear
+        and _length(b[split:end]) <= angular
+        and _length(b[end:]) <= on_task
     )
 
 
@@ -247,65 +207,39 @@ def correct(arm, rows, couplings, q, at, settings):
 
 @kernel
 def _centring(q, weight, middle):
-    total = 0.0
-    for dof in range(len(q)):
-        offset = weight[dof] * (middle[dof] - q[dof])
-        total += 0.5 * offset * offset
-    return total
+    return 0.5 * ((weight * (middle - q)) ** 2).sum()
 
 
 @kernel
-def _along_null_space(N, weight, middle, q, gram, side, step):
-    """Compute the step in the rows of N (d, nv) that minimises ‖W(θ̄ − θ − step)‖; return its gain.
+def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
+    """As ``planning.bound.centred_nearby``, from one configuration on its waypoint.
 
-    Solves the normal equations, regularised by 1e-12 for directions in which W is zero. The gain is
-    to first order.
+    Each step, along the rows of N (d, nv), minimises ‖W(θ̄ − θ − step)‖; 1e-12 is added to the
+    normal equations for directions in which W is zero.
     """
-    d, n = N.shape
-    for i in range(d):
-        side[i] = 0.0
-        for dof in range(n):
-            side[i] += N[i, dof] * weight[dof] ** 2 * (middle[dof] - q[dof])
-        for j in range(i + 1):
-            gram[i, j] = 1e-12 if i == j else 0.0
-            for dof in range(n):
-                gram[i, j] += weight[dof] * N[i, dof] * weight[dof] * N[j, dof]
-    for dof in range(n):
-        step[dof] = 0.0
-    if not cholesky(gram[:d, :d]):
-        return 0.0
-    cholesky_solve(gram, side[:d])
-    expected = 0.0
-    for dof in range(n):
-        for i in range(d):
-            step[dof] += N[i, dof] * side[i]
-        expected += step[dof] * weight[dof] ** 2 * (middle[dof] - q[dof])
-    return expected
-
-
-@kernel
-def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w, gram, side):
-    """As ``planning.bound.centred_nearby``, from one configuration on its waypoint."""
     rounds, longest, settled = descent
     nv, share = len(q), 1.0
-    step, there = np.empty(nv), np.empty(nv)
     for _ in range(rounds):
-        r = rows_at(arm, rows, couplings, at, q, w)
+        A, _ = rows_at(arm, rows, couplings, at, q, w)
+        r = len(A)
         if r >= nv:
             return
-        reflect(w.A[:r], w.V[:r], w.R)
+        reflect(A, w.V[:r], w.R)
         N = w.N[: nv - r]
         null_space(w.V[:r], N)
-        expected = share * _along_null_space(N, weight, middle, q, gram, side, step)
-        for dof in range(nv):
-            step[dof] *= share
-        _towards(q, step, longest, there)
+        weighted, away = N * weight, weight * (middle - q)
+        gram, step = weighted @ weighted.T + 1e-12 * np.eye(nv - r), weighted @ away
+        if not cholesky(gram):
+            return
+        cholesky_solve(gram, step)
+        along = share * (step @ N)
+        expected = (along * weight * away).sum()  # gain to first order
+        there = _towards(q, along, longest)
         gained = -1.0
         if _newton(arm, rows, couplings, at, there, settings, w):
             gained = _centring(q, weight, middle) - _centring(there, weight, middle)
         if gained > 0.0:
-            for dof in range(nv):
-                q[dof] = there[dof]
+            q[:] = there
         elif gained < 0.0:
             share *= 0.4
         if not (expected > settled and share > 0.01):
@@ -319,12 +253,9 @@ def centred_nearby(arm, rows, couplings, q, at, weight, middle, settings, descen
     ``settings`` as for :func:`correct`; ``descent``: largest number of rounds, largest step of a
     joint, rad or m, and the decrease of z below which it stops.
     """
-    nv = q.shape[1]
-    w, gram, side = workspace(nv, couplings), np.zeros((nv, nv)), np.zeros(nv)
+    w = workspace(q.shape[1], couplings)
     for k in range(len(q)):
         if _newton(arm, rows, couplings, at[k], q[k], settings, w):
-            _down(
-                arm, rows, couplings, at[k], q[k], weight, middle, settings, descent, w, gram, side
-            )
+            _down(arm, rows, couplings, at[k], q[k], weight, middle, settings, descent, w)
         else:
             q[k, :] = math.nan
