@@ -54,7 +54,8 @@ ROUNDING, SETTLED = 1e-13, 1e-15
 """Shares of their terms below which a residual and a gradient count as zero."""
 EXACT = np.longdouble
 """Numbers in which residuals and gradients are summed: nearly dependent rows divide their rounding
-by the square of a small singular value (Björck, BIT 7, 1967)."""
+by the square of a small singular value (Björck, BIT 7, 1967). Where they are doubles, on Windows
+and Apple's processors, 19 of 212 ill-conditioned hierarchies are not proven instead of 2."""
 UNKNOWN = 1e100
 """An uncertainty that exceeds every residual but does not overflow."""
 
