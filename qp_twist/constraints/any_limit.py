@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import operator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 from weakref import WeakKeyDictionary
@@ -34,9 +33,8 @@ _KNOWN: dict[type, str] = {
     "minimum_distance_from_collisions collision_detection_distance broadphase broadphase_min_pairs",
 }
 """Attributes of mink's limits."""
-_JointIndices = tuple[Indices, Indices, Indices, Indices]
-_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange]] = WeakKeyDictionary()
-_joints: WeakKeyDictionary[mink.Limit, tuple[tuple[object, ...], _JointIndices]] = (
+_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange | None]] = WeakKeyDictionary()
+_joints: WeakKeyDictionary[mink.Limit, tuple[object, object, tuple[Indices, Indices]]] = (
     WeakKeyDictionary()
 )
 
@@ -123,28 +121,17 @@ def check_model(name: str, item: Any, nv: int) -> None:
 
 
 class MinkRange(NamedTuple):
-    """Bounds of a :class:`mink.ConfigurationLimit`, ball joints included, without its rows."""
+    """Bounds of a :class:`mink.ConfigurationLimit` without its rows."""
 
     lower: Array
     """θ_min, (nq,)."""
     upper: Array
     """θ_max, (nq,)."""
     gain: float
-    ball_angles: Array
-    """φ_max of the limited ball joints, rad."""
     addresses: Indices
     """Indices in q of the joints that have a range, (k,)."""
     dofs: Indices
     """Their degrees of freedom, (k,)."""
-    ball_addresses: Indices
-    """Indices of the ball joints' quaternions in q."""
-    ball_dofs: Indices
-    """First degree of freedom of each."""
-
-    @property
-    def first_ball_row(self) -> int:
-        """Index of the first ball joint's row in the limit, after two rows for each other joint."""
-        return 2 * len(self.dofs)
 
 
 def is_mink_box(limit: Any) -> bool:
@@ -162,38 +149,37 @@ def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
     return _joints_of(limit)[0]
 
 
-def _joints_of(limit: mink.ConfigurationLimit) -> _JointIndices:
-    """The indices of a limit's joints, as in MinkRange; read again if its arrays are replaced."""
+def _joints_of(limit: mink.ConfigurationLimit) -> tuple[Indices, Indices]:
+    """Addresses and dofs of a limit's joints, as in MinkRange; read again if it has others."""
     kept, model = _joints.get(limit), limit.model
-    source = limit.indices, model, limit._ball_qposadr, limit._ball_dofadr
-    if kept is None or any(map(operator.is_not, kept[0], source)):
-        dofs, balls, ball_dofs = (np.array(source[k], dtype=np.intp) for k in (0, 2, 3))
+    if kept is None or kept[0] is not limit.indices or kept[1] is not model:
+        dofs = np.array(limit.indices, dtype=np.intp)
         addresses = model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp)
-        kept = _joints[limit] = source, (addresses, dofs, balls, ball_dofs)
-    return kept[1]
+        kept = _joints[limit] = limit.indices, model, (addresses, dofs)
+    return kept[2]
 
 
 def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange | None:
-    """The range of a limit; ``None`` if it is for another model, or not as mink builds it.
+    """The range of a limit; ``None`` if it limits a ball joint, or is not for this model.
 
     The bounds are read in each call.
     """
     refuse_unknown_attributes(limit)
     joints, own, nq = _joints_of(limit), limit.model, model.nq
-    lower, upper, angles = limit.lower, limit.upper, limit._ball_max_angle
+    lower, upper = limit.lower, limit.upper
     if not (
-        own.nq == nq
+        is_mink_box(limit)
+        and own.nq == nq
         and own.nv == model.nv
         and (limit.projection_matrix is None) == (len(joints[1]) == 0)
         and are_floats(lower, nq)
         and are_floats(upper, nq)
-        and are_floats(angles, len(joints[3]))
     ):
         return None
-    return MinkRange(lower, upper, float(limit.gain), angles, *joints)
+    return MinkRange(lower, upper, float(limit.gain), *joints)
 
 
-def default_range(model: mujoco.MjModel) -> MinkRange:
+def default_range(model: mujoco.MjModel) -> MinkRange | None:
     """The range of ``mink.ConfigurationLimit(model)``, cached while the model's ranges stay.
 
     mink builds one in each call, which takes longer than the rest of a step. Joints and their order
@@ -202,10 +188,8 @@ def default_range(model: mujoco.MjModel) -> MinkRange:
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
     kept = _of_models.get(model)
     if kept is None or kept[0] != ranges:
-        made = range_of(mink.ConfigurationLimit(model), model)
-        assert made is not None
         # Only arrays: a reference to the model would keep it alive for ever.
-        kept = _of_models[model] = ranges, made
+        kept = _of_models[model] = ranges, range_of(mink.ConfigurationLimit(model), model)
     return kept[1]
 
 

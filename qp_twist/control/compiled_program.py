@@ -8,7 +8,7 @@ from typing import Any
 import mink
 import numpy as np
 
-from qp_twist.checks import Array, Indices, are_floats
+from qp_twist.checks import Array, are_floats
 from qp_twist.constraints import Box, LimitRows, MinkRange, Named, RowsOf, kind_of
 from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.control.lazy_step import LazyStep, StepLabels
@@ -17,7 +17,6 @@ from qp_twist.control.posing import STEEPEST
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import TOLERANCES
 from qp_twist.kernel.gather_bounds_and_rows import (
-    append_ball_ranges,
     append_rows,
     narrow_box,
     narrow_to_range,
@@ -57,7 +56,7 @@ class CompiledProgram:
         self._rows, self._ends = np.zeros((n, n)), np.zeros(n)
         self._which = np.zeros(n, dtype=np.intp)
         self._limit_rows, self._limit_ends = np.zeros((n, n)), np.zeros(n)
-        self._sources = list[tuple[mink.Limit | MinkRange, int, int]]()
+        self._sources = list[tuple[mink.Limit, int, int]]()
         self._k, self._is_valid = 0, True
         # Arrays by m and their capacity of inequality rows.
         self._kept: dict[tuple[int, int], _Arrays] = {}
@@ -133,15 +132,6 @@ class CompiledProgram:
             q, limit.lower, limit.upper, limit.gain, dt, limit.addresses, limit.dofs,
             self._number("position"), self._box,
         )  # fmt: skip
-        count = len(limit.ball_dofs)
-        if count and self._reserve(count):
-            self._record_source(
-                limit,
-                append_ball_ranges(
-                    q, limit.ball_angles, limit.gain, dt, limit.ball_addresses, limit.ball_dofs,
-                    limit.first_ball_row, self._rows, self._ends, self._which, self._k,
-                ),
-            )  # fmt: skip
 
     def add_rows(self, limit_rows: LimitRows, dt: float) -> None:
         """Rows G Δq ≤ h of a limit, (k, n)."""
@@ -174,7 +164,7 @@ class CompiledProgram:
             self._which = _longer(self._which, self._k + count)
         return self._is_valid
 
-    def _record_source(self, limit: mink.Limit | MinkRange, end: int) -> None:
+    def _record_source(self, limit: mink.Limit, end: int) -> None:
         """Record the limit of the rows that were appended up to ``end``."""
         if end < 0:
             self._is_valid = False
@@ -229,8 +219,7 @@ class CompiledProgram:
             names: Joint names by degree of freedom.
         """
         sources: list[Named] = [
-            _rows_of(limit, self._which[first:end].copy(), names)
-            for limit, first, end in self._sources
+            RowsOf.at(limit, self._which[first:end].copy()) for limit, first, end in self._sources
         ]
         labels = StepLabels(ranks, self._size.m, names, self._kinds)
         step = LazyStep.made(self.velocity, self._result, self._size, labels, sources)
@@ -256,20 +245,6 @@ class _Arrays:
             found = self._by_rows[k] = size, self.floats[: PROGRAM.end(size, "sensitivity")]
         PROGRAM.resize(self.integers, found[0])
         return found
-
-
-class _BallRows:
-    """Names of the ball joints' rows of a joint range."""
-
-    def __init__(self, limit: MinkRange, which: Indices, names: tuple[str, ...]) -> None:
-        dofs = limit.ball_dofs[which - limit.first_ball_row]
-        self.names = [(names[dof], "position") for dof in dofs]
-
-
-def _rows_of(limit: mink.Limit | MinkRange, which: Indices, names: tuple[str, ...]) -> Named:
-    if isinstance(limit, MinkRange):
-        return _BallRows(limit, which, names)
-    return RowsOf.at(limit, which)
 
 
 def _longer(array: Any, length: int) -> Any:

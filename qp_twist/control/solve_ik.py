@@ -287,7 +287,11 @@ def _evaluated(
         costs = [mink_cost(task, configuration) for task in costed]
         bounds: list[MinkRange | LimitRows | tuple[Box, ...]]
         if limiting is None:
-            bounds = [default_range(configuration.model)]
+            model = configuration.model
+            bounds = [
+                default_range(model)
+                or LimitRows.of(mink.ConfigurationLimit(model), configuration, dt)
+            ]
         else:
             bounds = [bounds_of(limit, configuration, dt) for limit in limiting]
         rows = [_constraint_rows(task, configuration, dt) for task in equalities]

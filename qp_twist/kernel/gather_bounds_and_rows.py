@@ -22,8 +22,6 @@ from qp_twist.kernel.compiling import entry, plain
 
 INVALID = -1
 """A bound or row is not a number, or too large to compute with."""
-_NO_AXIS = 1e-9
-"""Angle of a ball joint below which its axis is not defined, as mink has it, rad."""
 
 
 @plain
@@ -67,51 +65,6 @@ def narrow_to_range(q, lower, upper, gain, dt, addresses, dofs, number, box):
         low, high = gain * (lower[at] - q[at]) / dt, gain * (upper[at] - q[at]) / dt
         fine &= _narrow(dofs[k], low, high, number, box)
     return fine
-
-
-@entry
-def append_ball_ranges(q, angles, gain, dt, addresses, dofs, first, rows, ends, which, at):
-    """Append aᵀ q̇ ≤ k (φ_max − φ)/dt for ball joints turned by φ about the axis a.
-
-    Args:
-        q: Joint positions, (nq,).
-        angles: φ_max, rad, (k,).
-        gain: The share k.
-        dt: Length of the step, s.
-        addresses: Indices of their quaternions in q, (k,).
-        dofs: First degree of freedom of each, (k,).
-        first: Index of the first ball joint's row in its limit.
-        rows: Result.
-        ends: Result.
-        which: Result.
-        at: Number of rows before.
-
-    Returns:
-        Number of rows after.
-    """
-    for k in range(len(dofs)):
-        start = addresses[k]
-        w, x, y, z = q[start], q[start + 1], q[start + 2], q[start + 3]
-        sine = math.sqrt(x * x + y * y + z * z)
-        turn = 2.0 * math.atan2(sine, w)
-        if turn > math.pi:  # the opposite rotation is shorter
-            turn -= 2.0 * math.pi
-        angle = abs(turn)
-        end = gain * (angles[k] - angle) / dt
-        if not -math.inf < end < math.inf:
-            return INVALID
-        for j in range(rows.shape[1]):
-            rows[at, j] = 0.0
-        if angle > _NO_AXIS:
-            side = (1.0 if turn > 0.0 else -1.0) / sine
-            rows[at, dofs[k]] = side * x
-            rows[at, dofs[k] + 1] = side * y
-            rows[at, dofs[k] + 2] = side * z
-        elif end >= 0.0:
-            continue
-        ends[at], which[at] = end, first + k
-        at += 1
-    return at
 
 
 @entry

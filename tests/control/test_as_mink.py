@@ -406,9 +406,8 @@ def laid_down(limits: list[mink.Limit], c: mink.Configuration) -> CompiledProgra
     program = CompiledProgram(c.model.nv)
     program.begin()
     for limit in limits:
-        if isinstance(limit, mink.ConfigurationLimit):
-            found = range_of(limit, c.model)
-            assert found is not None
+        found = range_of(limit, c.model) if isinstance(limit, mink.ConfigurationLimit) else None
+        if found is not None:  # without a ball joint
             program.add_range(found, c.data.qpos, DT)
         elif isinstance(limit, mink.VelocityLimit):
             box = speeds_of(limit, c.model.nv)
@@ -505,10 +504,14 @@ EDITS: dict[str, Callable[[mujoco.MjModel, Any, Any], None]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", EDITS)
+@pytest.mark.parametrize(
+    ("name", "ball"),
+    [(n, ball) for n in EDITS for ball in (True, False) if ball or "ball" not in n],
+)
 @pytest.mark.parametrize("passed", [False, True])
-def test_what_is_edited_is_noticed(name: str, passed: bool) -> None:
-    model = mujoco.MjModel.from_xml_string(ARM)
+def test_what_is_edited_is_noticed(name: str, ball: bool, passed: bool) -> None:
+    arm = ARM if ball else ARM.replace(' range="0 1.5"', "")  # the ball joint has a range or not
+    model = mujoco.MjModel.from_xml_string(arm)
     c, tasks = tight(model)
     position = mink.ConfigurationLimit(model)
     velocity = mink.VelocityLimit(model, {"a": 120.0, "b": 60.0})
