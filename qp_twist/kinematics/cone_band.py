@@ -36,11 +36,9 @@ class ConeBand(ToleranceBand):
         \dot{\mathbf x} = (\mathbf k\cdot\boldsymbol\omega)\,\mathbf e
         + \big(\theta\,(\mathbf n - \cot\theta\,\mathbf e)\cdot\boldsymbol\omega\big)\,\mathbf k
 
-    A single row along e would let u leave the cone sideways, by much if u is near its middle. So
-    the disc ‖x‖ ≤ upper is enclosed by a polygon of 16 rows, one of them along e: a sideways motion
-    t at the rim overshoots by t²/(2 upper), at most by the excess of the polygon's corners. The
-    lower end is one row along e: a sideways motion only moves u away from n. Beyond 90° the two
-    exchange their roles.
+    A single row along e would let u leave the cone sideways, so the disc ‖x‖ ≤ upper is enclosed by
+    a polygon of 16 rows (:doc:`/equations`). The lower end is one row along e: a sideways motion
+    only moves u away from n. Beyond 90° the two exchange their roles.
 
     Arguments are the axis in the body and the reference, (3,) each, the largest angle, up to π, and
     the smallest, rad, and those of :class:`ToleranceBand`; what has the wrong type or range raises

@@ -90,9 +90,9 @@ class Manipulability(SecondaryObjective):
         data.qpos[:] = configuration.q
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
+        J, body = np.empty((6, model.nv)), body_of(model, *frame)
         for direction in np.eye(model.nv):
             data.qvel[:] = direction
             mujoco.mj_comVel(model, data)
-            J = np.empty((6, model.nv))
-            mujoco.mj_jacDot(model, data, J[:3], J[3:], position, body_of(model, *frame))
+            mujoco.mj_jacDot(model, data, J[:3], J[3:], position, body)
             yield J

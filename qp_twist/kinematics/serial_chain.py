@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -61,36 +60,25 @@ class SerialChain:
 
     @classmethod
     def of(cls, model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> SerialChain:
-        """Read the chain from a model.
-
-        Raises:
-            InvalidInput: If a ball or free joint moves the frame.
-            mink.InvalidFrame: If the model has no such frame.
-        """
+        """Read the chain from a model; a ball or free joint that moves the frame is refused."""
         instance("model", model, mujoco.MjModel)
         configuration = mink.Configuration(model, model.qpos0)
         data = configuration.data
         rotation, position = frame_pose(configuration, frame_name, frame_type)
         ranges = JointRanges.of(model)
-        screws = []
+        screws, qpos = [], []
         for dof in dofs_above(model, frame_name, frame_type):
-            joint = int(model.dof_jntid[dof])
-            if ranges.qpos[dof] < 0:
+            joint, at = int(model.dof_jntid[dof]), int(ranges.qpos[dof])
+            if at < 0:
                 raise InvalidInput(
                     f"{ranges.names[dof]!r}, which moves the frame {frame_name!r}, is a ball or "
                     "free joint; only chains of hinges and slides are taken."
                 )
-            screws.append(
-                Screw(
-                    data.xaxis[joint].copy(),
-                    data.xanchor[joint].copy(),
-                    dof,
-                    not bool(ranges.hinge[dof]),
-                    float(model.qpos0[ranges.qpos[dof]]),
-                )
-            )
-        qpos = tuple(int(ranges.qpos[screw.dof]) for screw in screws)
-        return cls(tuple(screws), rotation, position, int(model.nv), qpos)
+            axis, anchor = data.xaxis[joint].copy(), data.xanchor[joint].copy()
+            slides = not ranges.hinge[dof]
+            screws.append(Screw(axis, anchor, dof, slides, float(model.qpos0[at])))
+            qpos.append(at)
+        return cls(tuple(screws), rotation, position, int(model.nv), tuple(qpos))
 
     def poses(self, q: Array) -> tuple[Array, Array]:
         """Rotations (K, 3, 3) and origins (K, 3) of the frame at configurations q (K, nq)."""
@@ -188,11 +176,11 @@ def largest_reach(chain: SerialChain, ranges: JointRanges) -> float:
     if not chain.screws:
         return 0.0
     points = [*(screw.anchor for screw in chain.screws), chain.position]
-    reach = sum(float(np.linalg.norm(b - a)) for a, b in itertools.pairwise(points))
+    reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     for screw in chain.screws:
         if screw.slides:
-            ends = ranges.lower[screw.dof], ranges.upper[screw.dof]
-            reach += float(np.abs(np.array(ends) - screw.reference).max())
+            ends = np.array([ranges.lower[screw.dof], ranges.upper[screw.dof]])
+            reach += float(np.abs(ends - screw.reference).max())
     return reach
 
 
