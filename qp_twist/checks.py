@@ -82,14 +82,13 @@ def largest(values: Array) -> float:
     return float(sizes.item(sizes.argmax())) if sizes.size else 0.0
 
 
-def within(
-    name: str, array: Array, largest: float, *, error: type[InvalidInput] = InvalidInput
-) -> Array:
-    """``array`` if no entry exceeds ``largest``, beyond which others are lost in rounding."""
-    if not float(np.abs(array).max(initial=0.0)) <= largest:
-        raise error(
-            f"{name}: an entry of size {float(np.abs(array).max()):.3g} is too large to compute "
-            f"with; entries up to {largest:g} are taken. Check the units."
+def within(name: str, array: Array, most: float) -> Array:
+    """``array`` if no entry exceeds ``most``, beyond which others are lost in rounding."""
+    size = largest(array)
+    if not size <= most:
+        raise InvalidInput(
+            f"{name}: an entry of size {size:.3g} is too large to compute with; entries up to "
+            f"{most:g} are taken. Check the units."
         )
     return array
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, float_array
+from qp_twist.checks import Array, Mask, float_array
 from qp_twist.closed_form.resolutions import RANK_TOLERANCE, ProjectorLike, task_rows
 from qp_twist.errors import InvalidInput
 from qp_twist.qp.verification import row_tolerance
@@ -36,7 +36,7 @@ class Saturation:
 
     displacement: Array
     scale: float
-    saturated: npt.NDArray[np.bool_]
+    saturated: Mask
     proven: bool
 
 
@@ -112,7 +112,7 @@ def _bounds(lower: npt.ArrayLike, upper: npt.ArrayLike, n: int) -> tuple[Array, 
 
 def saturation_path(
     Q: Array, c: Array, lower: Array, upper: Array, *, release: bool
-) -> tuple[Array, float, npt.NDArray[np.bool_], bool]:
+) -> tuple[Array, float, Mask, bool]:
     r"""Follow x(s) with Q x = s c inside the bounds, from x(0) = 0 to the largest s ≤ 1.
 
     Between two corners the joints that are held at a bound do not move, and the free ones move by
