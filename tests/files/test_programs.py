@@ -134,7 +134,8 @@ def test_changed_programs_are_refused_or_fail(
     number = re.compile(r"(?<![\w.])-?\d+\.\d{3,}")
     for place in places[30], places[len(places) // 2], places[-2]:
         line = lines[place]
-        values = list(number.finditer(line))[:3]
+        # Of the first place all three, as a check of 401 waypoints takes half a second.
+        values = list(number.finditer(line))[: 3 if place == places[30] else 1]
         for value in values:
             old = value[0]
             flipped = old[1:] if old[0] == "-" else f"-{old}"
