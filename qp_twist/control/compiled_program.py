@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import mink
@@ -16,6 +17,7 @@ from qp_twist.control.mink_costs import WeightedRows
 from qp_twist.control.posing import STEEPEST
 from qp_twist.control.step import Status
 from qp_twist.control.step_tables import TOLERANCES
+from qp_twist.kernel.compiling import bound
 from qp_twist.kernel.gather_bounds_and_rows import (
     append_rows,
     narrow_box,
@@ -60,6 +62,7 @@ class CompiledProgram:
         self._k, self._is_valid = 0, True
         # Arrays by m and their capacity of inequality rows.
         self._kept: dict[tuple[int, int], _Arrays] = {}
+        self._program_step: Callable[..., int] | None = None
         self._size, self._result = Sizes(n, 0, 0, 1, 0, 0, 0, 0), np.zeros(0)
 
     @classmethod
@@ -191,11 +194,14 @@ class CompiledProgram:
                 self._kept.clear()
             arrays = self._kept[self._m, room] = _Arrays(self.n, self._m, room)
         self._size, self._result = arrays.begin(k)
-        status: int = program_step(
+        arguments = (
             self._H, self._c, self._lift, STEEPEST, dt, self._A, self._b, self._box, self._rows,
             self._ends, UNLIMITED, arrays.floats, arrays.integers, arrays.level_ends, threshold,
             TOLERANCES,
         )  # fmt: skip
+        if self._program_step is None:
+            self._program_step = bound(program_step, *arguments)
+        status: int = self._program_step(*arguments)
         if status == INFEASIBLE and scales:
             status = scaled_step(arrays.floats, arrays.integers, TOLERANCES)
         return status in (DONE, SCALED)
