@@ -107,8 +107,7 @@ def solve_levels(
         np.eye(n), -desired, parsed[0].A, parsed[0].b, parsed[0].G, parsed[0].g, low, high
     )
     scale, start, multipliers = 1.0, np.clip(desired, low, high), None
-    closest = Cascade(parsed[:1], low, high, start).x
-    if not parsed[0].met(closest) and on_infeasible != "relax":
+    if on_infeasible != "relax" and not parsed[0].met(Cascade(parsed[:1], low, high, start).x):
         largest = largest_scale(problem)
         if on_infeasible == "raise":
             raise InfeasibleStep(
