@@ -43,6 +43,7 @@ ROOMS = {
     "errors": "of refused input",
     "files": "written whole; tables",
     "notebook": "reprs",
+    "shipped": "tasks, scenes",
 }
 # The numbers are those of the table in docs/architecture.md.
 STEPS = {
