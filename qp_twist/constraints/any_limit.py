@@ -133,6 +133,14 @@ class MinkRange(NamedTuple):
     dofs: Indices
     """Their degrees of freedom, (k,)."""
 
+    def box(self, q: Array, dt: float, nv: int) -> Box:
+        """Bounds k (θ_min − θ)/dt and k (θ_max − θ)/dt with mink's gain k, each (nv,)."""
+        lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
+        share, at = self.gain / dt, self.addresses
+        lower[self.dofs] = share * (self.lower[at] - q[at])
+        upper[self.dofs] = share * (self.upper[at] - q[at])
+        return Box("position", lower, upper)
+
 
 def is_mink_box(limit: Any) -> bool:
     """Whether a limit is one of mink's on single joints.

@@ -129,8 +129,8 @@ class PositionLimit(JointRangeLimit):
         # A joint inside its range, up to rounding, may always stand still.
         fastest = self._fastest(np.maximum(room - self.rounding, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
-        below, above = room < -NOTICEABLE
-        if below.any() or above.any():
+        if np.count_nonzero(room < -NOTICEABLE):
+            below, above = room < -NOTICEABLE
             upper = np.where(below, np.minimum(upper, self._recovery), upper)
             lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
             lower = np.where(above, np.maximum(lower, -self._recovery), lower)
@@ -143,6 +143,8 @@ class PositionLimit(JointRangeLimit):
 
     def _outside(self, room: Array) -> tuple[str, ...]:
         """A sentence for each joint with a room below 0, (2, nv)."""
+        if not np.count_nonzero(room < -NOTICEABLE):  # nearly always
+            return ()
         return tuple(
             f"{self.names[dof]} is {-room[side, dof]:.3g} {self.units[dof]} "
             f"{('below', 'above')[side]} its range"
