@@ -208,7 +208,7 @@ def controller(added: str, solver: str) -> qt.Controller:
     elif added == "mink's `ConfigurationLimit` and `VelocityLimit`":
         limits = [mink.ConfigurationLimit(MODEL), mink.VelocityLimit(MODEL, {"joint_1": 1.0})]
     if added in HINDERED:
-        limits = [qt.MotionLimit(MODEL, velocity=0.5)]
+        limits = [qt.MotionLimit(MODEL, velocity=0.5, acceleration=None)]
         options |= {"on_infeasible": "relax" if added == "relaxed" else "scale"}
     composed = qt.Controller(
         MODEL, tasks, secondary=[qt.JointCentering(MODEL)], limits=limits, solver=solver, **options
