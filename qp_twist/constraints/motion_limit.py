@@ -105,9 +105,11 @@ class MotionLimit(PositionLimit):
         share_limits(model, lower, upper, hardest, fastest, self._recovery)
         self._keep_between(lower, upper)
         self.max_velocity, self.max_acceleration = fastest, hardest
-        limited = np.isfinite(self.max_velocity)
-        self._recovery = np.where(limited, self.max_velocity, self._recovery)
         self.velocity = np.zeros(model.nv)
+
+    @property
+    def _returning(self) -> Array:
+        return np.where(np.isfinite(self.max_velocity), self.max_velocity, super()._returning)
 
     def note(self, velocity: npt.ArrayLike) -> None:
         """Store the joint velocity (nv,), commanded or measured, for the next step."""

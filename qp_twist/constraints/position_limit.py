@@ -89,6 +89,7 @@ class PositionLimit(JointRangeLimit):
     kind = "position"
     lower: Array = array_attribute()
     upper: Array = array_attribute()
+    recovery_speed: float = checked(lambda _, name, value: number(name, value, above=0.0))
     revision: int
 
     def __init__(
@@ -110,8 +111,8 @@ class PositionLimit(JointRangeLimit):
                 "is not a bound on one velocity; pass limits=[mink.ConfigurationLimit(model)] "
                 "instead."
             )
-        self.recovery_speed = number("recovery_speed", recovery_speed, above=0.0)
-        self._recovery = np.full(model.nv, self.recovery_speed)
+        self._recovery = np.ones(model.nv)
+        self.recovery_speed = recovery_speed
         margin = number("margin", margin, at_least=0.0)
         lower, upper = self.ranges.lower + margin, self.ranges.upper - margin
         if (lower > upper).any():
@@ -122,6 +123,11 @@ class PositionLimit(JointRangeLimit):
             )
         self._keep_between(lower, upper)
 
+    @property
+    def _returning(self) -> Array:
+        """Speed at which each joint returns from outside its range, rad/s or m/s, (nv,)."""
+        return self._recovery * self.recovery_speed
+
     def bounds(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         """(θ_min − θ)/dt and (θ_max − θ)/dt, rad/s or m/s, each (nv,)."""
         dt = number("dt", dt, above=0.0)
@@ -130,10 +136,10 @@ class PositionLimit(JointRangeLimit):
         fastest = self._fastest(np.maximum(room - self.rounding, 0.0), dt)
         lower, upper = -fastest[0], fastest[1]
         if np.count_nonzero(room < -NOTICEABLE):
-            below, above = room < -NOTICEABLE
-            upper = np.where(below, np.minimum(upper, self._recovery), upper)
+            (below, above), back = room < -NOTICEABLE, self._returning
+            upper = np.where(below, np.minimum(upper, back), upper)
             lower = np.where(below, np.minimum(-room[0] / dt, upper), lower)
-            lower = np.where(above, np.maximum(lower, -self._recovery), lower)
+            lower = np.where(above, np.maximum(lower, -back), lower)
             upper = np.where(above, np.maximum(room[1] / dt, lower), upper)
         return lower, upper
 

@@ -188,6 +188,8 @@ class Controller(Revised):
     on_infeasible: str = checked(
         lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
     )
+    secondary_space: str = checked(lambda _, name, value: one_of(name, value, ("joint", "twist")))
+    solver: str = checked(lambda _, name, value: check_solver(value))
     smooth: bool = checked(_flag)
     braking: bool = checked(_flag)
 
@@ -239,7 +241,7 @@ class Controller(Revised):
         self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
         self.secondary = tuple(_sequence("secondary", secondary))
-        self.secondary_space = one_of("secondary_space", secondary_space, ("joint", "twist"))
+        self.secondary_space = secondary_space
         self.limits: list[mink.Limit] = (
             [PositionLimit(model), *couplings_of(model)]
             if limits is None
@@ -248,7 +250,7 @@ class Controller(Revised):
         if solver is None:
             known = composition_known(self.levels, self.limits)
             solver = COMPILED if known else "daqp"
-        self.solver = check_solver(solver)
+        self.solver = solver
         self.on_infeasible = on_infeasible
         self._check_types()
         self._seen = _Sorted.of([])

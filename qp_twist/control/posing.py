@@ -92,6 +92,8 @@ class Posed:
         tasks: The tasks of all levels.
         configuration: Where the robot is.
         threshold: ε, singular value below which directions fade.
+        asked: The combinations of each task's rows that the first level consists of, in columns;
+            ``None`` for all rows as they are.
         braked: Share of the first level's speed from which its motion can stop in time.
         braking: The joint, and the side of its acceleration limit, that decide this, or decide it
             of a lower level.
@@ -104,6 +106,7 @@ class Posed:
     tasks: Sequence[mink.tasks.BaseTask]
     configuration: mink.Configuration
     threshold: float
+    asked: Sequence[Array] | None = None
     braked: float = 1.0
     braking: tuple[int, str] | None = None
 
@@ -127,6 +130,8 @@ class Posed:
             task.state(self.configuration).basis if isinstance(task, TwistTask) else np.eye(len(b))
             for task, (_, b) in zip(tasks, first.tasks, strict=True)
         ]
+        if self.asked is not None:
+            bases = [basis @ turn for basis, turn in zip(bases, self.asked, strict=True)]
         return in_words(found, tasks, bases)
 
 
@@ -414,10 +419,9 @@ def _where(
     """The task that a direction takes most from, and the part of its twist."""
     parts = np.split(lost.direction, np.cumsum([basis.shape[1] for basis in bases])[:-1])
     most = int(np.argmax([np.linalg.norm(part) for part in parts]))
-    task = tasks[most]
+    task, twist = tasks[most], bases[most] @ parts[most]
     if not isinstance(task, TwistTask):
-        return f"{type(task).__name__} row {int(np.argmax(np.abs(parts[most])))}"
-    twist = bases[most] @ parts[most]
+        return f"{type(task).__name__} row {int(np.argmax(np.abs(twist)))}"
     # The sign of a singular vector is arbitrary: make the largest entry positive.
     twist *= np.sign(twist[np.argmax(np.abs(twist))])
     texts = [

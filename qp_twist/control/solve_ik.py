@@ -333,9 +333,10 @@ def _by_reference(
         for rows in evaluated.rows
     ]
     # What a constraint contradicts in itself it does not ask for.
+    turns = [v.left[:, v.sigma > 0.0] for v in whole]
     asked = [
-        (v.left[:, v.sigma > 0.0].T @ r.A, v.rate[v.sigma > 0.0])
-        for v, r in zip(whole, evaluated.rows, strict=True)
+        (turn.T @ r.A, v.rate[v.sigma > 0.0])
+        for turn, v, r in zip(turns, whole, evaluated.rows, strict=True)
     ]
     A, b = stacked(asked, configuration.model.nv)
     directions = Directions.of(A, b, evaluated.dt, threshold, damp=False, smooth=False)
@@ -346,7 +347,7 @@ def _by_reference(
     check_magnitudes(problem)
     posed = Posed(
         problem, [level], limits, list(limits.sources), evaluated.constraints, configuration,
-        threshold,
+        threshold, turns,
     )  # fmt: skip
     try:
         return solved_step(posed, solver, on_infeasible, options)

@@ -45,8 +45,7 @@ class Manipulability(SecondaryObjective):
     ) -> None:
         super().__init__(model, gain, cost=cost)
         instance("task", task, TwistTask)
-        self._frame = task.frame_name, task.frame_type
-        frame_id(model, *self._frame)
+        frame_id(model, task.frame_name, task.frame_type)
         if not 0 < task.projector.rank <= model.nv:
             raise InvalidInput(
                 f"Manipulability: the task has {task.projector.rank} rows and the robot {model.nv} "
@@ -85,7 +84,8 @@ class Manipulability(SecondaryObjective):
 
     def _jacobian_derivatives(self, configuration: mink.Configuration) -> Iterator[Array]:
         """∂J/∂q_i of the task's frame, world axes, (6, nv) for each degree of freedom i."""
-        model, data, frame = configuration.model, self._scratch, self._frame
+        model, data = configuration.model, self._scratch
+        frame = self.task.frame_name, self.task.frame_type
         _, position = frame_pose(configuration, *frame)
         data.qpos[:] = configuration.q
         mujoco.mj_kinematics(model, data)

@@ -72,6 +72,28 @@ def _cost(task: TwistTask, name: str, value: npt.ArrayLike) -> Array:
     return given
 
 
+def _projector(task: TwistTask, _: str, value: Any) -> TwistProjector:
+    """T of another rank takes the cost along if that is one number for all rows."""
+    if not isinstance(value, TwistProjector):
+        raise InvalidInput(f"{task.name}: projector must be a TwistProjector, got {value!r}.")
+    cost = task.__dict__.get("_cost")
+    if cost is not None and len(cost) != value.rank:
+        if len(set(cost.tolist())) > 1:
+            raise InvalidInput(
+                f"{task.name}: its cost has one entry for each of {len(cost)} rows, and the new "
+                f"projector {value.rank} rows; assign one number to cost first."
+            )
+        task.__dict__["_cost"] = np.full(value.rank, cost[0] if len(cost) else 1.0)
+    return value
+
+
+def _gain(task: TwistTask, _: str, value: Any) -> float:
+    gain = number(f"{task.name}: gain", value)
+    if not 0.0 <= gain <= 1.0:
+        raise mink.InvalidGain(f"{task.name}: gain must be from 0 to 1, got {gain:g}.")
+    return gain
+
+
 def _carrier(task: TwistTask, _: str, value: Any) -> tuple[str | int, str] | None:
     """Check the frame that carries the target, as far as possible without a model."""
     if value is None:
@@ -149,6 +171,8 @@ class TwistTask(Revised, mink.Task):
         (5, 6)
     """
 
+    projector: TwistProjector = checked(_projector)
+    gain: float = checked(_gain)
     cost: Array = checked(_cost)
     relative_to: tuple[str | int, str] | None = checked(_carrier)
     max_linear_step: float = checked(_step_limit)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, largest
 from qp_twist.qp.levels import Cascade, Level
 from qp_twist.qp.problem import QuadraticProgram
 
@@ -44,12 +44,18 @@ def largest_scale(problem: QuadraticProgram, offset: Array | None = None) -> Lar
         problem: The program; of it all but the cost counts.
         offset: b₀, (m,); zero if ``None``.
     """
-    n, k, speed = problem.n, len(problem.g), float(np.abs(problem.b).max(initial=0.0)) or 1.0
+    n, k = problem.n, len(problem.g)
     none = np.zeros((0, n + 1))
-    # The unknown is s in units of speed, so that all rows are of one size.
+    # The rows are as long as one, and the unknown is s in units of the largest right-hand side:
+    # what counts as zero must not depend on the rows' unit.
+    longest = float(np.linalg.norm(problem.A, axis=1).max(initial=0.0)) or 1.0
+    b = problem.b / longest
+    speed = largest(b) or 1.0
     wide = problem.widened(1)
-    wide.A[:, n], wide.lower[n], wide.upper[n] = -problem.b / speed, 0.0, speed
-    task = Level(wide.A, 0.0 * problem.b if offset is None else offset, none, none[:, 0])
+    wide.A[:, :n] /= longest
+    wide.A[:, n], wide.lower[n], wide.upper[n] = -b / speed, 0.0, speed
+    held = 0.0 * b if offset is None else offset / longest
+    task = Level(wide.A, held, none, none[:, 0])
     hard = Level(none, none[:, 0], wide.G, wide.g)
     aim = Level(np.eye(n + 1)[n:], np.array([speed]), none, none[:, 0])
     levels = [level for level in (hard, task) if len(level.b) + len(level.g)]
