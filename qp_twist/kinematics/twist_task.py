@@ -75,7 +75,11 @@ def _cost(task: TwistTask, name: str, value: npt.ArrayLike) -> Array:
 def _projector(task: TwistTask, _: str, value: Any) -> TwistProjector:
     """T of another rank takes the cost along if that is one number for all rows."""
     if not isinstance(value, TwistProjector):
-        raise InvalidInput(f"{task.name}: projector must be a TwistProjector, got {value!r}.")
+        raise InvalidInput(
+            f"TwistTask({task.frame_name!r}, {task.frame_type!r}): projector must be a "
+            f"TwistProjector, got {value!r}. The frame that carries the target, mink's root_name "
+            "and root_type, is relative_to=(name, type)."
+        )
     cost = task.__dict__.get("_cost")
     if cost is not None and len(cost) != value.rank:
         if len(set(cost.tolist())) > 1:
@@ -191,15 +195,9 @@ class TwistTask(Revised, mink.Task):
         max_angular_step: float = math.inf,
         bands: Sequence[ToleranceBand] = (),
     ) -> None:
-        if not isinstance(projector, TwistProjector):
-            raise InvalidInput(
-                f"TwistTask({frame_name!r}, {frame_type!r}): projector must be a TwistProjector, "
-                f"got {projector!r}. The frame that carries the target, mink's root_name and "
-                "root_type, is relative_to=(name, type)."
-            )
-        check_frame("TwistTask", frame_name, frame_type)
         self.frame_name, self.frame_type = frame_name, frame_type
         self.projector = projector
+        check_frame("TwistTask", frame_name, frame_type)
         self.relative_to = relative_to
         super().__init__(cost=cost, gain=number("gain", gain))  # type: ignore[arg-type]
         self.bands = check_bands(self.name, bands, projector)
