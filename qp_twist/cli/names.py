@@ -23,7 +23,7 @@ def check_names(
     All other checks of the arguments are tyro's.
 
     Args:
-        line: The words of the command line, without ``--quiet``.
+        line: The words of the command line, without ``--quiet``; at least one.
         commands: The names of the commands.
         function: The function of a command.
 
@@ -31,12 +31,12 @@ def check_names(
         InvalidInput: If the first word is not a command, or a word with ``--`` not an option.
     """
     words = [word.partition("=")[0] for word in line]
-    if not words or words[0] in ("-h", "--help", *_COMPLETION):
+    if words[0] in _COMPLETION:
         return
     command, *rest = words
     known = options_of(function(command)) if command in commands else []
     unknown = [w for w in rest if w.startswith("--") and w.replace("_", "-") not in known]
-    if known and not unknown:
+    if command in commands and not unknown:
         return
     from qp_twist.checks import did_you_mean  # with mink: only to refuse
     from qp_twist.errors import InvalidInput
