@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, float_array, number
+from qp_twist.checks import Array, are_floats, checked, finite_array, float_array, number
 from qp_twist.constraints.box import Box, Intersection
 from qp_twist.constraints.couplings import JointCouplings, share_limits
 from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit, array_attribute
@@ -21,6 +21,11 @@ from qp_twist.kinematics import JointRanges
 FULL_SPEED_WITHIN = 0.05
 """s, within which a joint without a stated acceleration limit may reach its velocity limit: faster
 than any robot, and 10 steps at 200 Hz, in which a joint cannot reverse from one to the next."""
+
+
+def _joint_velocity(limit: Any, name: str, value: Any) -> Array:
+    nv = len(limit.names)
+    return value if are_floats(value, nv) else finite_array(name, value, (nv,))
 
 
 class MotionLimit(PositionLimit):
@@ -65,6 +70,7 @@ class MotionLimit(PositionLimit):
 
     kind = "motion"
     only_configurations = False
+    velocity: Array = checked(_joint_velocity)
     max_velocity: Array = array_attribute()
     max_acceleration: Array = array_attribute()
 
@@ -113,7 +119,7 @@ class MotionLimit(PositionLimit):
 
     def note(self, velocity: npt.ArrayLike) -> None:
         """Store the joint velocity (nv,), commanded or measured, for the next step."""
-        self.velocity = finite_array("velocity", velocity, self.velocity.shape)
+        self.velocity = finite_array("velocity", velocity, (len(self.names),))
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
         """The acceleration, velocity and position limits, one box each."""

@@ -6,7 +6,7 @@ import contextlib
 import math
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import mink
 import mujoco
@@ -127,6 +127,25 @@ def _free_twist_costs(_: Any, name: str, value: tuple[float, float]) -> tuple[fl
     return linear, angular
 
 
+def _fixed(controller: Any, name: str, value: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What a controller is made with, for good."""
+    if hasattr(controller, f"_{name}"):
+        raise InvalidInput(
+            f"{name}: a controller keeps the tasks that it was made with; make another Controller."
+        )
+    return value
+
+
+def _secondaries(controller: Any, name: str, value: Any) -> tuple[SecondaryObjective, ...]:
+    return tuple(_all_of(controller.model, name, SecondaryObjective, value))
+
+
+def _limits(controller: Any, name: str, value: Any) -> list[mink.Limit]:
+    limits = list(_all_of(controller.model, name, mink.Limit, value))
+    _check_constraints(controller.model, limits)
+    return limits
+
+
 class Controller(Revised):
     r"""A quadratic program at every step (the design of the package, in one formula).
 
@@ -188,6 +207,12 @@ class Controller(Revised):
     on_infeasible: str = checked(
         lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
     )
+    levels: tuple[tuple[LevelItem, ...], ...] = checked(_fixed)
+    tasks: tuple[mink.tasks.BaseTask, ...] = checked(_fixed)
+    twist_tasks: tuple[TwistTask, ...] = checked(_fixed)
+    soft_tasks: tuple[mink.tasks.BaseTask, ...] = checked(_fixed)
+    secondary: Sequence[SecondaryObjective] = checked(_secondaries)
+    limits: list[mink.Limit] = checked(_limits)
     secondary_space: str = checked(lambda _, name, value: one_of(name, value, ("joint", "twist")))
     solver: str = checked(lambda _, name, value: check_solver(value))
     smooth: bool = checked(_flag)
@@ -235,24 +260,21 @@ class Controller(Revised):
         instance("model", model, mujoco.MjModel)
         self.model = model
         self.levels = _levels(_sequence("tasks", tasks), levels)
-        self.tasks: tuple[mink.tasks.BaseTask, ...] = tuple(
+        self.tasks = tuple(
             item for level in self.levels for item in level if not isinstance(item, mink.Limit)
         )
         self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
-        self.secondary = tuple(_sequence("secondary", secondary))
+        self._check_tasks()
+        self.secondary = secondary
         self.secondary_space = secondary_space
-        self.limits: list[mink.Limit] = (
-            [PositionLimit(model), *couplings_of(model)]
-            if limits is None
-            else list(_sequence("limits", limits))
-        )
+        own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
+        self.limits = own  # type: ignore[assignment]
         if solver is None:
             known = composition_known(self.levels, self.limits)
             solver = COMPILED if known else "daqp"
         self.solver = solver
         self.on_infeasible = on_infeasible
-        self._check_types()
         self._seen = _Sorted.of([])
         self._hardest: tuple[list[int], Array | None, Array | None] = [], None, None
         # The last checked configuration, its model and its data.
@@ -472,7 +494,7 @@ class Controller(Revised):
     def _sorted_limits(self) -> _Sorted:
         """The limits, which may have changed since the last step, by kind."""
         if self.limits != self._seen.limits:
-            self._seen = _Sorted.of(self.limits)
+            self._seen = _Sorted.of(_limits(self, "limits", self.limits))
             self._hardest = [], None, None
         return self._seen
 
@@ -484,32 +506,19 @@ class Controller(Revised):
         velocities = [v.velocity for v in self.limits if isinstance(v, MotionLimit)]
         return max(velocities, key=largest), hardest, fastest
 
-    def _check_types(self) -> None:
+    def _check_tasks(self) -> None:
         if self.model.nv == 0:
             raise InvalidInput("Controller: the model has no joints to move.")
         if not self.tasks and not self.soft_tasks:
             raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
-        for item in (item for level in self.levels for item in level):
+        items = [item for level in self.levels for item in level]
+        for item in items:
             if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
                 raise InvalidInput(
                     f"Controller(levels=…): expected tasks and limits, got {item!r}."
                 )
-        for kind, expected, items in (
-            ("tasks", mink.tasks.BaseTask, self.soft_tasks),
-            ("secondary", SecondaryObjective, self.secondary),
-            ("limits", mink.Limit, self.limits),
-        ):
-            for item in items:
-                if not isinstance(item, expected):
-                    raise InvalidInput(
-                        f"Controller({kind}=…): expected objects of type {expected.__name__}, got "
-                        f"{item!r}."
-                    )
-                check_model(f"Controller({kind}=…)", item, self.model.nv)
-        for limit in (*self.limits, *(item for level in self.levels for item in level)):
-            if isinstance(limit, Constraint):
-                name = f"Controller(limits=…): {type(limit).__name__}"
-                check_constraint(name, limit, self.model)
+        _all_of(self.model, "tasks", mink.tasks.BaseTask, self.soft_tasks)
+        _check_constraints(self.model, items)
         probe = mink.Configuration(self.model)
         for task in self.twist_tasks:
             frame_pose(probe, task.frame_name, task.frame_type)
@@ -579,6 +588,23 @@ def _levels(
     if not given or not all(given):
         raise InvalidInput("Controller(levels=…): expected lists of tasks, none of them empty.")
     return given
+
+
+def _all_of(model: mujoco.MjModel, name: str, expected: type, items: Any) -> Sequence[Any]:
+    """The items, each of the type expected and of the model."""
+    for item in _sequence(name, items):
+        if not isinstance(item, expected):
+            raise InvalidInput(
+                f"Controller({name}=…): expected objects of type {expected.__name__}, got {item!r}."
+            )
+        check_model(f"Controller({name}=…)", item, model.nv)
+    return cast(Sequence[Any], items)
+
+
+def _check_constraints(model: mujoco.MjModel, limits: Sequence[object]) -> None:
+    for limit in limits:
+        if isinstance(limit, Constraint):
+            check_constraint(f"Controller(limits=…): {type(limit).__name__}", limit, model)
 
 
 def _sequence(name: str, value: Any) -> Sequence[Any]:

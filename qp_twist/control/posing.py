@@ -47,10 +47,11 @@ class Displacement(NamedTuple):
     @classmethod
     def of(cls, share: bool | float, added: npt.ArrayLike | None, nv: int) -> Displacement:
         """Check the arguments of :meth:`Controller.step <qp_twist.Controller.step>`."""
-        share = number("use_secondary", float(share), at_least=0.0, at_most=1.0)
+        if not isinstance(share, (bool, np.bool_)):
+            share = number("use_secondary", share, at_least=0.0, at_most=1.0)
         if added is None:
             return EVERYTHING if share == 1.0 else cls(share, None, share > 0.0)
-        return cls(share, finite_array("displacement", added, (nv,)), True)
+        return cls(float(share), finite_array("displacement", added, (nv,)), True)
 
 
 EVERYTHING = Displacement(1.0, None, True)

@@ -221,7 +221,7 @@ def _with_slacks(
 ) -> tuple[list[Array], QuadraticProgram]:
     """The rows of all levels with a slack for each weak direction, and the program with these."""
     directions = [level.directions.on(problem.n) for level in posed.levels]
-    weak = [np.flatnonzero(level.slack > 0.0) for level in directions]
+    weak = [np.flatnonzero(level.weak) for level in directions]
     n, wide = problem.n, problem.widened(sum(map(len, weak)))
     rows, at, c = list[Array](), n, problem.c
     for level, A, places in zip(directions, stated, weak, strict=True):

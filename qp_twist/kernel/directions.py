@@ -128,7 +128,7 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
         rows, along[:, 0].copy(), along[:, 1].copy(), square, np.zeros(m), np.zeros(m),
         np.zeros(m), along[:, 2:].copy(),
     )  # fmt: skip
-    largest, smallest, far, first = 0.0, math.inf, 0.0, regular_from(singularity)
+    largest, smallest, far, first = size * size, math.inf, 0.0, regular_from(singularity)
     for i in range(m):
         largest = max(largest, d.square[i])
     for i in range(m):
@@ -141,8 +141,8 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
         far += weak * weak
     t = 0.0
     if damp:
-        size = size if size > 0.0 else math.sqrt(largest)
-        t = max(first * first * min(1.0, SMOOTHED / dt), BEND * size * dt * math.sqrt(far))
+        bend = BEND * math.sqrt(largest)
+        t = max(first * first * min(1.0, SMOOTHED / dt), bend * dt * math.sqrt(far))
     least = max(singularity * singularity, HELD * HELD * largest)
     regular = smallest >= (first * first if damp else singularity * singularity)
     for i in range(m):

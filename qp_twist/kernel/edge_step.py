@@ -11,7 +11,6 @@ import numpy as np
 
 from qp_twist.kernel.compiling import inner, plain
 from qp_twist.kernel.directions import (
-    HELD,
     Directions,
     directions,
     free_of,
@@ -90,22 +89,6 @@ def _level(g, w, index, first, end, ahead, V, rank, above, dt):
     return d, share, which
 
 
-@plain
-def _held_rank(level, rows, held, V):
-    """Write the reflections of what the levels so far hold to V; return how many there are.
-
-    ``rows`` are those of all levels up to ``level``; ``held`` has those that count, but for these.
-    """
-    largest, first = 0.0, len(rows) - len(level.square)
-    for i in range(len(level.square)):
-        largest = max(largest, level.square[i])
-    for i in range(len(level.square)):
-        counts = level.square[i] > HELD * HELD * largest
-        for k in range(rows.shape[1]):
-            held[first + i, k] = rows[first + i, k] if counts else 0.0
-    return row_space(held[: len(rows)], V)
-
-
 @inner
 def _all_levels(g, w, dt):
     """The directions of all levels, braked, one level after the other; with w.b and w.braking."""
@@ -115,7 +98,7 @@ def _all_levels(g, w, dt):
         np.zeros(m), np.zeros((m, n + 1)),
     )  # fmt: skip
     ahead, above, motion = np.zeros(m), np.zeros(n), np.zeros(n)
-    V, held, rank = np.zeros((n, n)), np.zeros((m, n)), 0
+    V, rank = np.zeros((n, n)), 0
     forward_rows(g, ahead)
     w.braking[0], w.braking[1] = 1.0, 0.0
     for index in range(len(g.ends)):
@@ -135,7 +118,7 @@ def _all_levels(g, w, dt):
             d.stated[first + i, :n] = level.rows[i] if index == 0 else level.stated[i, :n]
             d.stated[first + i, n] = level.rate[i] if index == 0 else level.stated[i, n]
         if len(g.ends) > 1:
-            rank = _held_rank(level, d.rows[:end], held, V)
+            rank = row_space(d.rows[:end], V)
     return d
 
 
@@ -245,13 +228,20 @@ def _delivers_less(d, A, b, x, scale, tolerances):
     return False
 
 
+@plain
+def _is_weak(d, i, singularity):
+    """As ``Directions.weak`` in ``qp.directions``."""
+    rounding = d.square[i] == 0.0 and d.floor[i] > singularity * singularity
+    return d.slack[i] > 0.0 and not rounding
+
+
 @inner
 def _in_order(g, w, d, found, outcome, scale, closest):
     """The levels one after the other: weak directions have slacks, as in ``control.solving``."""
     n, m, weak, c = len(w.x), len(d.rate), 0, w.c.copy()
     free_of(d, c)
     for i in range(m):
-        weak += d.slack[i] > 0.0
+        weak += _is_weak(d, i, g.settings.singularity)
     wide, cost, start = np.zeros((n + weak, n + weak)), np.zeros(n + weak), np.zeros(n + weak)
     low, high = np.full(n + weak, -math.inf), np.full(n + weak, math.inf)
     rows, rates, G, at = np.zeros((m, n + weak)), np.zeros(m), np.zeros((len(w.g), n + weak)), n
@@ -259,7 +249,7 @@ def _in_order(g, w, d, found, outcome, scale, closest):
     low[:n], high[:n], G[:, :n], rows[:, :n] = w.lower, w.upper, w.G, d.stated[:, :n]
     rates[:] = d.stated[:, n]
     for i in range(m):
-        if d.slack[i] > 0.0:
+        if _is_weak(d, i, g.settings.singularity):
             rows[i, at], wide[at, at] = -math.sqrt(d.slack[i]), cost_along(w.H, d, i)
             at += 1
     for i in range(g.ends[0]):

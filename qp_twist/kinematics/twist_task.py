@@ -181,6 +181,9 @@ class TwistTask(Revised, mink.Task):
     relative_to: tuple[str | int, str] | None = checked(_carrier)
     max_linear_step: float = checked(_step_limit)
     max_angular_step: float = checked(_step_limit)
+    bands: tuple[ToleranceBand, ...] = checked(
+        lambda task, _, bands: check_bands(task.name, bands, task.projector)
+    )
 
     def __init__(
         self,
@@ -200,7 +203,7 @@ class TwistTask(Revised, mink.Task):
         check_frame("TwistTask", frame_name, frame_type)
         self.relative_to = relative_to
         super().__init__(cost=cost, gain=number("gain", gain))  # type: ignore[arg-type]
-        self.bands = check_bands(self.name, bands, projector)
+        self.bands = bands  # type: ignore[assignment]
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
         self._pose: Array | None = None
         self._feedforward = AT_REST

@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.qp.problem import widened
 from qp_twist.qp.verification import EQUALITY_TOLERANCE, row_tolerance
 
@@ -41,8 +41,9 @@ BEND = 0.6
 """ℓ as a share of the largest singular value: measured on arms of six and seven joints, no singular
 value below σ₁ changes faster with the joints."""
 HELD = 1e-10
-"""Directions above this share of a level's largest singular value are closed to the levels below;
-what is smaller is rounding."""
+"""Directions above this share of the largest singular value of a level's rows, as they are stated,
+are closed to the levels below. What is smaller is rounding: of a direction that the levels above
+fix wholly there is no more left."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +78,9 @@ class Directions:
         rows: σᵢ vᵢᵀ on what the levels above leave, (m, n).
         rate: β, m/s and rad/s, (m,).
         damped: d, (m,).
-        floor: max(σ², ε²), of rounding no smaller than 1e-10 of the largest σ, (m,).
+        floor: max(σ², ε²), of rounding no smaller than 1e-10 of ``size``, (m,).
         size: The largest singular value of the rows as stated.
+        threshold: ε.
         nulls: Orthonormal basis of what this level and those above leave, (n, p).
         smooth: Whether the step has to change little with its data: see ``qp.one_program``.
     """
@@ -90,6 +92,7 @@ class Directions:
     damped: Array
     floor: Array
     size: float
+    threshold: float
     nulls: Array
     smooth: bool
 
@@ -128,14 +131,13 @@ class Directions:
             size = float(np.linalg.norm(A, 2)) if m else 0.0
         if len(sigma) < m:
             sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
-        most = float(sigma.max(initial=0.0))
-        rank = int(np.count_nonzero(sigma > HELD * max(most, 1e-300)))
+        rank = int(np.count_nonzero(sigma > HELD * max(size, 1e-300)))
         sigma[rank:] = 0.0
         rows = np.zeros((m, n))
         rows[:rank] = sigma[:rank, None] * right[:rank]
         rate = left.T @ b
         first = regular_from(threshold)
-        damped = floor = np.maximum(sigma * sigma, max(threshold, HELD * most) ** 2)
+        damped = floor = np.maximum(sigma * sigma, max(threshold, HELD * size) ** 2)
         if sigma.min(initial=np.inf) < (first if damp else threshold):
             t = 0.0
             if damp and first > 0.0:
@@ -143,14 +145,18 @@ class Directions:
                 far = BEND * size * dt * float(np.linalg.norm(weak * rate))
                 t = max(first**2 * min(1.0, SMOOTHED / dt), far)
             damped = np.maximum(floor, t)
-        return cls(left, sigma, rows, rate, damped, floor, size, right[rank:].T.copy(), smooth)
+        return cls(
+            left, sigma, rows, rate, damped, floor, size, threshold, right[rank:].T.copy(), smooth
+        )  # fmt: skip
 
     @classmethod
     def as_stated(cls, A: Array, b: Array) -> Directions:
         """The rows as they are, all of them exact: where they contradict each other none is met."""
         n, lengths = A.shape[1], np.linalg.norm(A, axis=1)
         free = np.full(len(b), np.inf)  # rows that depend on each other leave no null space to say
-        return cls(np.eye(len(b)), lengths, A, b, lengths**2, free, 0.0, np.zeros((n, 0)), False)
+        return cls(
+            np.eye(len(b)), lengths, A, b, lengths**2, free, 0.0, 0.0, np.zeros((n, 0)), False
+        )
 
     @property
     def contradicts(self) -> bool:
@@ -177,6 +183,12 @@ class Directions:
         """φ = λ/d, (m,): 0 of a regular direction, 1 at a singularity."""
         weakness: Array = self.slack / np.where(self.damped > 0.0, self.damped, 1.0)
         return weakness
+
+    @property
+    def weak(self) -> Mask:
+        """Directions met by the damped inverse, (m,); not those that only rounding keeps from 0."""
+        weak: Mask = self.slack > 0.0
+        return weak if self.threshold > HELD * self.size else weak & (self.sigma > 0.0)
 
     @property
     def regular(self) -> bool:

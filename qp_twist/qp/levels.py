@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, largest
+from qp_twist.checks import Array, Mask, largest
 from qp_twist.kernel import COMPILED
 from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.problem import QuadraticProgram
@@ -61,7 +61,6 @@ UNKNOWN = 1e100
 
 Exact = npt.NDArray[np.longdouble]
 Indices = npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,6 +61,13 @@ def test_a_lost_direction_of_a_constraint_in_part_contradictory_is_named() -> No
         ("secondary_space", "Twist", qt.InvalidInput),
         ("secondary_space", None, qt.InvalidInput),
         ("solver", "daqpp", qt.UnknownSolver),
+        ("secondary", 3, qt.InvalidInput),
+        ("secondary", [qt.PositionLimit(MODEL)], qt.InvalidInput),
+        ("limits", None, qt.InvalidInput),
+        ("limits", [3], qt.InvalidInput),
+        ("levels", [[tool()]], qt.InvalidInput),
+        ("tasks", [tool()], qt.InvalidInput),
+        ("smooth", np.ones(2), qt.InvalidInput),
     ],
 )
 def test_a_controller_checks_what_is_assigned(name: str, value: Any, error: Any) -> None:
@@ -122,3 +129,33 @@ def test_the_speed_of_a_return_is_that_of_the_limit_as_it_is_now() -> None:
     for wrong in (-1.0, float("nan"), "a"):
         with pytest.raises(qt.InvalidInput, match="recovery_speed"):
             motion.recovery_speed = wrong  # type: ignore[assignment]
+
+
+def test_limits_and_secondaries_that_are_assigned_count_in_the_next_step() -> None:
+    controller, configuration = (
+        qt.Controller(MODEL, [tool()]),
+        mink.Configuration(MODEL, PATH.start),
+    )
+    free = controller.step(configuration, 0.01)
+    controller.limits = [mink.VelocityLimit(MODEL, {"joint_1": 1e-4})]
+    assert abs(controller.step(configuration, 0.01).velocity[0]) <= 1e-4 * (1.0 + 1e-6)
+    controller.limits.append(3)  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="limits"):
+        controller.step(configuration, 0.01)
+    controller.limits = []
+    controller.secondary = [qt.JointCentering(MODEL)]
+    led = controller.step(configuration, 0.01)
+    assert np.abs(led.velocity - free.velocity).max() > 1e-6
+
+
+def test_a_step_refuses_arguments_of_another_shape() -> None:
+    controller, configuration = (
+        qt.Controller(MODEL, [tool()]),
+        mink.Configuration(MODEL, PATH.start),
+    )
+    with pytest.raises(qt.InvalidInput, match="use_secondary"):
+        controller.step(configuration, 0.01, use_secondary=np.ones(3))  # type: ignore[arg-type]
+    with pytest.raises(qt.InvalidInput, match="velocity"):
+        qt.MotionLimit(MODEL).velocity = np.zeros(3)
+    with pytest.raises(qt.InvalidInput, match="bands"):
+        tool().bands = 3  # type: ignore[assignment]
