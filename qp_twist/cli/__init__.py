@@ -62,7 +62,7 @@ def _discard_buffer(stream: TextIO) -> None:
 
 
 def _main(words: list[str]) -> None:
-    if words == ["--version"]:
+    if words in (["--version"], ["-V"]):
         print(f"qp-twist {__version__}")
         return
     try:

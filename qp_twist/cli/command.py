@@ -48,7 +48,7 @@ def run_command(words: Sequence[str]) -> None:
             stream.reconfigure(errors="replace")
     given = [word for word in words if word != "--quiet"]
     try:
-        if given[:1] in ([], ["-h"], ["--help"]):
+        if given[:1] in ([], ["-h"], ["--help"], ["help"]):
             print(overview())
             if not given:
                 raise SystemExit(REFUSED)

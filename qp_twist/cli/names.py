@@ -42,6 +42,8 @@ def check_names(
     from qp_twist.errors import InvalidInput
 
     if command not in commands:
+        if command == "--version":
+            raise InvalidInput("--version stands alone: qp-twist --version.")
         if command.startswith("-"):
             hint = did_you_mean(command, [*_ALWAYS, "--version"])
             raise InvalidInput(f"there is no option {command} before the command{hint}")

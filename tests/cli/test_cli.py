@@ -154,6 +154,7 @@ def test_roadmap_draws_one_figure(
         (["chek", "x.csv", "deburring"], "no command 'chek'; did you mean 'check'?"),
         (["what"], "no command 'what'. Commands: bench, check,"),
         (["--versoin"], "no option --versoin before the command; did you mean '--version'?"),
+        (["--version", "run"], "--version stands alone: qp-twist --version."),
         (
             ["run", "deburring", "--mehtod", "qp"],
             "run: there is no option --mehtod; did you mean --method or --weight?",
