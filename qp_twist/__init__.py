@@ -4,7 +4,7 @@ import pkgutil
 
 import lazy_loader
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # The names are those of __init__.pyi; each loads its part of the package when it is first used.
 __getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
