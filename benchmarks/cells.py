@@ -28,7 +28,7 @@ be stopped, and go on with more. Results of another version of the code have to 
 
 from __future__ import annotations
 
-from page import command, in_processes
+from page import command, in_processes, markdown_table
 
 # isort: split
 import dataclasses
@@ -49,11 +49,9 @@ import numpy.typing as npt
 from oracles.distances import Distances
 from placements import InverseKinematics
 from scipy.spatial import cKDTree
+from timer import LEAD_IN, SplitStep, interleaved
 
 import qp_twist as qt
-from qp_twist.bench.contender import SplitStep
-from qp_twist.bench.tables import markdown_table
-from qp_twist.bench.timer import LEAD_IN, interleaved
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
 from qp_twist.studies.sample import draw_sample

@@ -8,7 +8,7 @@ are run, disturbances, gains, limits and figure; all of them take three to four 
 
 from __future__ import annotations
 
-from page import GENERATED, ROOT
+from page import GENERATED, ROOT, markdown_table
 
 # isort: split
 import argparse
@@ -24,7 +24,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
 from qp_twist.simulation import ClosedLoop, Push, Record, Servos, TimedPath
 
 PATH = qt.load_task("deburring")

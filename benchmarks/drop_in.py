@@ -22,7 +22,7 @@ method as closely as it can.
 
 from __future__ import annotations
 
-from page import command
+from page import command, markdown_table
 
 # isort: split
 import contextlib
@@ -39,10 +39,9 @@ import mujoco
 import numpy as np
 import qpsolvers
 from oracles import mink_problems
+from timer import once
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
-from qp_twist.bench.timer import once
 
 DT, SPEED, WARM = 0.005, 2.5, 20
 """Length of a step, s; joint velocity limit, rad/s and m/s; calls that are not timed."""

@@ -15,7 +15,7 @@ excursion is a smooth random motion of the target about home, in and out of the 
 
 from __future__ import annotations
 
-from page import command, in_processes
+from page import command, in_processes, markdown_table
 
 # isort: split
 import io
@@ -32,7 +32,6 @@ import numpy as np
 import numpy.typing as npt
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
 
 Array = npt.NDArray[np.float64]
 Pose = mink.SE3

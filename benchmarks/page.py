@@ -1,7 +1,6 @@
-"""What the scripts in this folder share: threads, import paths, the command line.
+"""What the scripts in this folder share: threads, import paths, the command line, tables.
 
 Imported before numpy, which reads the number of threads when it is loaded: a step wants one.
-Timers, quantiles and tables are those of ``qp-twist bench``, in ``qp_twist/bench``.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import inspect
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,8 +18,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
     os.environ[variable] = "1"
 
 import numpy as np
+from timer import LEAD_IN, Clock, Timed, interleaved
 
-from qp_twist.bench.timer import LEAD_IN, Clock, Timed, interleaved
 from qp_twist.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,3 +81,17 @@ def in_processes(
     """The result of each task, in order, from so many processes."""
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         yield from pool.imap(work, tasks)
+
+
+def markdown_table(
+    headings: Sequence[str], rows: Iterable[Sequence[object]], *, left: int = 1
+) -> str:
+    """A table whose first ``left`` columns are text, the others numbers."""
+    aligned = [":--"] * left + ["--:"] * (len(headings) - left)
+    lines = [f"| {' | '.join(map(str, cells))} |" for cells in (headings, aligned, *rows)]
+    return "\n".join(lines) + "\n"
+
+
+def micro(value: float) -> str:
+    """Microseconds to three digits."""
+    return f"{value:.1f}" if value < 100.0 else f"{value:,.0f}"

@@ -42,7 +42,7 @@ measures the tool's distance from the path, too, at 20 points each.
 
 from __future__ import annotations
 
-from page import command, in_processes
+from page import command, in_processes, markdown_table
 
 # isort: split
 import dataclasses
@@ -62,10 +62,9 @@ import mujoco
 import numpy as np
 from placements import MAX_STEP, InverseKinematics, dead_end
 from scipy.spatial import cKDTree
+from timer import once
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
-from qp_twist.bench.timer import once
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
 from qp_twist.planning.manifold_net import SEEDS, ManifoldNet

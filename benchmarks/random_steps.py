@@ -28,7 +28,7 @@ with quadprog's solution of the program as the referee states it.
 
 from __future__ import annotations
 
-from page import ROOT, command
+from page import ROOT, command, markdown_table
 
 # isort: split
 import hashlib
@@ -57,7 +57,6 @@ from oracles.step_referee import (
 from scipy.optimize import linprog
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
 from qp_twist.control.controller import SINGULARITY
 from qp_twist.files import write_atomically
 

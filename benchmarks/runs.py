@@ -15,7 +15,7 @@ numba's cache, then the same once more with the folder as it was left.
 
 from __future__ import annotations
 
-from page import ROOT, command
+from page import ROOT, command, markdown_table
 
 # isort: split
 import os
@@ -29,10 +29,9 @@ from functools import partial
 import mink
 import mujoco
 import numpy as np
+from timer import once
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
-from qp_twist.bench.timer import once
 
 # ---------------------------------------------------------------- one run
 

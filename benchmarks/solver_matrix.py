@@ -11,7 +11,7 @@ The exit status is 1 if a result called solved was refused here.
 
 from __future__ import annotations
 
-from page import command, in_processes
+from page import command, in_processes, markdown_table
 
 # isort: split
 import sys
@@ -20,7 +20,6 @@ from collections import Counter
 from oracles.problems import NAMED, Case, random_case
 from oracles.referee import GAP, LowerBound, broken_constraint
 
-from qp_twist.bench.tables import markdown_table
 from qp_twist.qp import Verified, installed_solvers, solve
 
 

@@ -23,27 +23,24 @@ clock. A minute, half a minute, two minutes.
 
 from __future__ import annotations
 
-from page import command, in_turns
+from page import command, in_turns, markdown_table, micro
 
 # isort: split
 import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import mink
 import numpy as np
 import qpsolvers
+from contenders import mink_step, own_step
+from step_problems import STEPS, Problem, table
+from timer import StepOf, blocks_of, interleaved
 
 import qp_twist as qt
-from qp_twist.bench.contender import StepOf
-from qp_twist.bench.contenders import hard_problem, mink_step, own_step
-from qp_twist.bench.problem import STEPS, Problem
-from qp_twist.bench.problems import table
-from qp_twist.bench.tables import markdown_table, micro
-from qp_twist.bench.timer import blocks_of, interleaved
 from qp_twist.qp.backend import SETTINGS
 
 DT = 0.01
@@ -240,13 +237,6 @@ def prepared_steps() -> str:
 # ---------------------------------------------------------------- backends by name
 
 
-def minks(problem: Problem, solver: str, **settings: Any) -> StepOf:
-    """mink's step."""
-    return mink_step(
-        lambda p: replace(hard_problem(p), solver=solver, settings=settings), problem
-    )()
-
-
 def minks_terms(problem: Problem, solver: str) -> StepOf:
     """This package's step, by mink's limits and cost."""
 
@@ -258,7 +248,7 @@ def minks_terms(problem: Problem, solver: str) -> StepOf:
         return controller.step(configuration, dt).velocity
 
     controller: qt.Controller | None = None
-    return mink_step(lambda p: replace(hard_problem(p), solver=solver), problem, solve)()
+    return mink_step(problem, solver=solver, solve=solve)()
 
 
 def named_backends(rounds: int, solvers: str) -> str:
@@ -275,8 +265,8 @@ def named_backends(rounds: int, solvers: str) -> str:
             continue
         for problem in problems:
             steps: dict[str, StepOf] = {
-                "mink": minks(problem, solver),
-                "settings": minks(problem, solver, **SETTINGS.get(solver, {})),
+                "mink": mink_step(problem, solver=solver)(),
+                "settings": mink_step(problem, solver=solver, **SETTINGS.get(solver, {}))(),
                 "ours": own_step(solver, "joint", problem)(),
                 "terms": minks_terms(problem, solver),
             }

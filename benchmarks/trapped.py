@@ -17,7 +17,7 @@ obstacle will do. A margin of zero is a motion that keeps the distance; none is 
 
 from __future__ import annotations
 
-from page import command
+from page import command, markdown_table
 
 # isort: split
 import itertools
@@ -29,7 +29,6 @@ import numpy as np
 from cells import ASKED, DT, FASTEST, HARDEST, LENGTH, Way, limits, ours, run, way
 from scipy.optimize import linprog
 
-from qp_twist.bench.tables import markdown_table
 from qp_twist.checks import Array
 
 WITHIN, AHEAD = 0.3, 0.3

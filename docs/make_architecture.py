@@ -16,7 +16,6 @@ ROOT = Path(__file__).parent.parent
 ROOMS = {
     "cli": "the command",
     "authoring": "new task files",
-    "bench": "times of steps",
     "reporting": "page of one motion",
     "studies": "thousands of samples",
     "viewing": "the live page",
@@ -33,7 +32,6 @@ ROOMS = {
     "paths": "task files, toolpaths, methods",
     "qp": "programs, backends",
     "constraints": "joint limits, bands",
-    "peers": "other libraries' steps",
     "programs": "robot programs",
     "robots": "models; known robots",
     "kinematics": "twist task, bands, objectives, chains",

@@ -40,9 +40,8 @@ from scipy.spatial import cKDTree
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.files import write_atomically
-from qp_twist.following.peer import posed_step
+from qp_twist.following.mink_step import posture
 from qp_twist.paths.orientation import roll_by_plane
-from qp_twist.peers import MinkPeer
 
 # ---------------------------------------------------------------- what counts as success
 
@@ -285,17 +284,25 @@ def mink_equality(gain: float) -> Follower:
 
     def run(task: qt.PathTask, judge: Judge) -> None:
         settings = task.settings("mink").model_copy(update={"gain": gain, "posture_cost": 1.0})
-        soft = posed_step(task, settings, task.projector, qt.METHODS["mink"], "daqp")
-        peer = MinkPeer(dataclasses.replace(soft, priority="hard", settings={}))
-        step, configuration = peer.step(), mink.Configuration(task.model, task.start)
-        step.configuration = configuration
-        [rows] = step.rows
+        target, costs = posture(task, settings, qt.METHODS["mink"])
+        pull = mink.PostureTask(task.model, costs)
+        pull.set_target(target)
+        rows = qt.TwistTask(task.frame_name, task.frame_type, task.projector)
+        limits: list[mink.Limit] = [mink.ConfigurationLimit(task.model)]
+        if task.durations is not None:
+            speeds = dict(
+                zip(qt.JointRanges.of(task.model).names, task.velocity_limits, strict=True)
+            )
+            limits.append(mink.VelocityLimit(task.model, speeds))
+        configuration = mink.Configuration(task.model, task.start)
         for waypoint in task.waypoints[1:]:
+            rows.set_target(waypoint)
             for iteration in range(ITERATIONS):
                 # Repeated, the pull of the posture would break the task.
-                pull = gain if iteration == 0 else 0.0
-                step.aim(peer.goals(configuration.q, [waypoint], pull))
-                velocity = step.velocity(1.0)
+                pull.gain = gain if iteration == 0 else 0.0
+                velocity = mink.solve_ik(
+                    configuration, [pull], 1.0, "daqp", limits=limits, constraints=[rows]
+                )
                 configuration.integrate_inplace(velocity, 1.0)
                 error = rows.state(configuration).error
                 position_error, axis_error = map(float, np.linalg.norm(error.reshape(2, 3), axis=1))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import mink
 
 from qp_twist.checks import Array
-from qp_twist.following.peer import PeerLimits, PeerResolver
+from qp_twist.following.mink_step import MinkLimits, MinkResolver
 from qp_twist.following.resolver import Iteration, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
@@ -27,11 +27,11 @@ def resolvers_along(
 
     A method that fixes the whole twist has a single one: it meets every projector.
     """
-    limits = PeerLimits(path_task) if METHODS[method].peer else WaypointLimits(path_task)
+    limits = MinkLimits(path_task) if METHODS[method].peer else WaypointLimits(path_task)
 
     def make(projector: TwistProjector) -> Resolver:
-        if isinstance(limits, PeerLimits):
-            return PeerResolver(path_task, method, settings, projector, solver, limits)
+        if isinstance(limits, MinkLimits):
+            return MinkResolver(path_task, method, settings, projector, solver, limits)
         return make_resolver(path_task, method, settings, projector, solver, limits)
 
     count = len(waypoints)

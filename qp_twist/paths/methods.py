@@ -29,9 +29,6 @@ MethodName = Literal[
     "qp_gradient",
     "mink",
     "mink_default",
-    "pink",
-    "placo_hard",
-    "placo_scaled",
     "twa",
     "qp",
     "qp_planned",
@@ -64,7 +61,7 @@ class MethodSettings(Section):
     weight: Literal["gradient", "paper", "natural", "equal"] = Field(
         default="natural",
         description="of centering: h = WᵀW(θ̄ − θ), the paper's W(θ̄ − θ), or θ̄ − θ with the "
-        "joint-space cost measured in WᵀW; equal: peers only, the same cost for every joint",
+        "joint-space cost measured in WᵀW; equal: mink only, the same cost for every joint",
     )
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=0.05, description="of the secondary, per waypoint"
@@ -77,14 +74,12 @@ class MethodSettings(Section):
     )
     posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=1e-3,
-        description="of a peer's posture, beside 1 for the task's rows; where these are hard "
-        "constraints only its being above 0 matters, and where they are scaled its square competes "
-        "with the scale, whose weight is 1",
+        description="of mink's posture, beside 1 for the task's rows",
     )
     every_iteration: bool = Field(
         default=False,
-        description="of a peer: whether the posture pulls in every iteration, not only in the "
-        "first of a waypoint",
+        description="of mink: whether the posture pulls in every iteration, not only in the first "
+        "of a waypoint",
     )
 
     @field_serializer("secondary")
@@ -124,8 +119,8 @@ class Method:
     Attributes:
         name: Its name in the command line, task files and Python.
         title: Its name in figures.
-        constrained: Whether it is one of this package's QPs, with limits. ``sns`` and the peers are
-            not: they are drawn and listed beside their nearest QP.
+        constrained: Whether it is one of this package's QPs, with limits. ``sns`` and mink's step
+            are not: they are drawn and listed beside their nearest QP.
         whole_twist: Whether it fixes the roll too (T = T_O) by the task's roll rule.
         flipped: Whether it uses the roll rule's other sign.
         space: Space in which the QP measures the secondary.
@@ -133,8 +128,7 @@ class Method:
             limit is active; none for ``qp_planned``. ``sns`` and ``weighted_least_norm`` both have
             ``qp_minimum_norm``: ``sns`` adds limits to minimum norm, ``weighted_least_norm``
             another metric.
-        peer: The library whose step it is, with that library's tasks, limits and solver; none for
-            the methods of this package.
+        peer: Whether it is mink's step, with mink's tasks and limits.
         on_request: Whether it runs only if it is named.
         defaults: Settings unless the task file has others.
     """
@@ -146,14 +140,14 @@ class Method:
     whole_twist: bool = False
     flipped: bool = False
     space: Literal["joint", "twist"] = "joint"
-    peer: Literal["", "mink", "pink", "placo"] = ""
+    peer: bool = False
     on_request: bool = False
     defaults: MethodSettings = field(default_factory=MethodSettings)
 
     @property
     def holds_limits(self) -> bool:
         """Whether it keeps position and velocity limits; of the closed forms only ``sns`` does."""
-        return self.constrained or self.name == "sns" or bool(self.peer)
+        return self.constrained or self.name == "sns" or self.peer
 
     def unused(self, settings: MethodSettings) -> dict[str, str]:
         """The settings that change nothing, by name, and why."""
@@ -175,7 +169,7 @@ class Method:
         if self.name != "sns":
             found["optimal"] = "only sns has it"
         if not self.peer:
-            reason = "only other libraries' steps have it"
+            reason = "only mink's step has it"
             found |= dict.fromkeys(("posture_cost", "every_iteration"), reason)
         return found
 
@@ -211,22 +205,10 @@ METHODS: dict[str, Method] = {
             "qp_gradient", "QP, joint-space cost", True, "gradient_projection",
             defaults=_CENTERING,
         ),
-        Method("mink", "mink's own step", False, "qp_gradient", peer="mink", defaults=_CENTERING),
+        Method("mink", "mink's own step", False, "qp_gradient", peer=True, defaults=_CENTERING),
         Method(
-            "mink_default", "mink's own step, as first written", False, "qp_gradient", peer="mink",
+            "mink_default", "mink's own step, as first written", False, "qp_gradient", peer=True,
             on_request=True, defaults=_FIRST_PROGRAM,
-        ),
-        Method(
-            "pink", "pink's own step", False, "qp_gradient", peer="pink", on_request=True,
-            defaults=_CENTERING,
-        ),
-        Method(
-            "placo_hard", "placo's own step, task hard", False, "qp_gradient", peer="placo",
-            on_request=True, defaults=_CENTERING,
-        ),
-        Method(
-            "placo_scaled", "placo's own step, task scaled", False, "qp_gradient", peer="placo",
-            on_request=True, defaults=_CENTERING,
         ),
         Method("twa", "twist decomposition, TWA", False, "qp", space="twist", defaults=_TWA),
         Method(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -12,28 +10,23 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page import markdown_table
+from timer import Timed, once
 
 import qp_twist as qt
-from qp_twist.bench.tables import markdown_table
-from qp_twist.bench.timer import Timed, once
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.search import PlanSearch
 from qp_twist.planning.shortest_path import LayerPath
 from qp_twist.robots import controller_joints, named_robot
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
-SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "page")
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py") if "__main__" in path.read_text("utf-8"))
 
 
 @pytest.fixture(autouse=True)
-def as_where_they_are_run(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    before = list(sys.path)
+def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"):
         monkeypatch.setenv(variable, "1")
-    monkeypatch.syspath_prepend(FOLDER.parent / "examples")
-    monkeypatch.syspath_prepend(FOLDER)
-    yield
-    sys.path[:] = before
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -133,7 +133,7 @@ def test_wrong_methods_are_refused() -> None:
         ),
         ("qp", {"objective": "travel"}, "option objective .* the secondary is centering, not a"),
         ("qp", {"optimal": False}, "option optimal .* only sns has it"),
-        ("twa", {"posture_cost": 0.1}, "option posture_cost .* only other libraries' steps"),
+        ("twa", {"posture_cost": 0.1}, "option posture_cost .* only mink's step"),
     ],
 )
 def test_an_option_that_would_change_nothing_is_refused(

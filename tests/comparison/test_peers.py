@@ -1,14 +1,10 @@
-"""Other libraries' steps: what they are given, where they equal ours, what they say when not."""
+"""mink's step as a method: what it is given, where it equals ours, what is said when not."""
 
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
-import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-import mink
 import mujoco
 import numpy as np
 import pytest
@@ -17,16 +13,13 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.comparison import metrics
 from qp_twist.control import Status
-from qp_twist.following.peer import peer_frame
+from qp_twist.following.mink_step import mink_frame
 from qp_twist.geometry import twist_error
-from qp_twist.peers import PEERS, PeerProblem, peer_module
-from qp_twist.peers.urdf import link_name, robot_urdf, roll_pitch_yaw
 
 LAP = qt.load_task("deburring")
 LINE = qt.load_task("planar_line")
 X, Z = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 FULL, NONE = qt.Projector.full(), qt.Projector.none()
-OTHERS = ("pink", "placo_hard", "placo_scaled")
 
 
 def cut(task: qt.PathTask, indices: Sequence[int] | slice) -> qt.PathTask:
@@ -51,31 +44,17 @@ def with_model(task: qt.PathTask, **ranges: tuple[float, float]) -> qt.PathTask:
     return dataclasses.replace(task, model=model)
 
 
-def installed(method: str) -> bool:
-    return importlib.util.find_spec(qt.METHODS[method].peer) is not None
-
-
 # ---------------------------------------------------------------- well configured
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        "mink",
-        *(
-            pytest.param(m, marks=pytest.mark.skipif(not installed(m), reason=f"no {m} here"))
-            for m in OTHERS
-        ),
-    ],
-)
-def test_well_configured_a_peer_equals_the_joint_space_qp(method: str) -> None:
-    ours, theirs = qt.follow(PIECE, "qp_gradient"), qt.follow(PIECE, method)
+def test_well_configured_it_equals_the_joint_space_qp() -> None:
+    ours, theirs = qt.follow(PIECE, "qp_gradient"), qt.follow(PIECE, "mink")
     # Soft costs and rows of another linearisation: beside what the secondary does, next to nothing.
     done = np.abs(ours.q - qt.follow(PIECE, "qp_minimum_norm").q).max()
     assert done > np.radians(30.0)
     assert np.abs(theirs.q - ours.q).max() < 0.01 * done
     assert theirs.z.mean() == pytest.approx(ours.z.mean(), rel=1e-3)
-    assert theirs.position_error.max() < 1e-7  # placo's own solver comes no closer
+    assert theirs.position_error.max() < 1e-7
     assert theirs.axis_error.max() < 1e-7
     assert metrics(theirs)["status"] == "ok"
 
@@ -170,7 +149,7 @@ def test_an_axis_to_align_is_the_angular_plane(frame: str) -> None:
     for _ in range(20):
         e = rng.normal(size=3)
         projector = qt.TwistProjector(linear=FULL, angular=qt.Projector.plane(e), frame=frame)
-        rows = peer_frame(PIECE, projector, qt.METHODS["mink"])
+        rows = mink_frame(PIECE, projector, qt.METHODS["mink"])
         target, about = Rotation.random(rng=rng).as_matrix(), Rotation.random(rng=rng).as_matrix()
         axis, direction = rows.axis(target)
         # Any rotation that aligns the two has no task error; one that does not has the angle left.
@@ -246,156 +225,14 @@ def test_bands_are_refused_and_equal_costs_are_for_peers_only() -> None:
         qt.follow(PIECE, "qp_gradient", weight="equal")
 
 
-@pytest.mark.parametrize(("library", "priority"), [("mink", "scaled"), ("pink", "hard")])
-def test_a_priority_that_a_library_does_not_have_is_refused(library: str, priority: str) -> None:
-    frame = peer_frame(PIECE, PIECE.projector, qt.METHODS["mink"])
-    problem = PeerProblem(PIECE.model, (frame,), PIECE.start, 1.0, priority=priority)  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match=f"not {priority}"):
-        PEERS[library](problem)
-
-
 # ---------------------------------------------------------------- which of them run
 
 
-def test_a_comparison_has_mink_and_the_others_on_request() -> None:
+def test_a_comparison_has_mink_and_the_first_program_on_request() -> None:
     named = {name for name, method in qt.METHODS.items() if method.peer}
-    assert named == {"mink", "mink_default", *OTHERS}
+    assert named == {"mink", "mink_default"}
     assert named & set(LAP.method_names()) == {"mink"}
     assert not named & set(qt.load_task("deburring_bands").method_names())
-
-
-@pytest.mark.parametrize(("method", "package"), [("pink", "pin-pink"), ("placo_hard", "placo")])
-def test_a_peer_that_is_not_installed_is_named(
-    method: str, package: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in ("pinocchio", "pink", "placo"):
-        monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(qt.InvalidInput, match=f"pip install {package}"):
-        qt.follow(PIECE, method)
-    comparison = qt.compare(cut(LAP, slice(0, 3)), ["mink", method])
-    assert list(comparison.trajectories) == ["mink"]
-    assert package in comparison.not_run[method]
+    comparison = qt.compare(cut(LAP, slice(0, 3)), ["mink"])
     # Drawn beside the QP that it comes nearest to.
     assert set(comparison.figures()) >= {"along_the_path"}
-
-
-# ---------------------------------------------------------------- URDF
-
-ODD = """
-<mujoco><compiler angle="radian"/><default><geom contype="0" conaffinity="0"/></default><worldbody>
-  <body pos="0.1 -0.2 0.3" quat="0.9 0.1 -0.3 0.2">
-    <joint name="a" axis="0 1 1" pos="0.05 0 -0.1" range="-1 2" ref="0.3"/>
-    <geom size="0.1"/>
-    <body pos="0 0.4 0.1" euler="0.4 1.5707963267948966 -0.2">
-      <joint name="b" type="slide" axis="1 0 2" ref="-0.2" range="-0.5 0.5"/>
-      <joint name="c" axis="0 0 1" pos="0 0.1 0"/>
-      <geom size="0.1"/>
-      <body pos="0.2 0 0"><geom name="tip" size="0.1" pos="0 0.1 0" euler="1 2 3"/></body>
-    </body>
-  </body>
-  {more}
-</worldbody></mujoco>
-"""
-
-
-def odd(more: str = "") -> qt.PathTask:
-    model = mujoco.MjModel.from_xml_string(ODD.format(more=more))
-    return dataclasses.replace(
-        LINE,
-        model=model,
-        frame_name="tip",
-        frame_type="geom",
-        start=model.qpos0,
-        velocity_limits=np.full(3, np.inf),
-    )
-
-
-FRAME = link_name(0)
-
-
-def chain_urdf(task: qt.PathTask) -> str:
-    frame = peer_frame(task, task.projector, qt.METHODS["pink"])
-    return robot_urdf(task.model, [frame], task.velocity_limits)
-
-
-def frame_of(urdf: str, q: np.ndarray) -> np.ndarray:
-    """Pose (4, 4) of the controlled frame: forward kinematics of the text, by its own standard."""
-    joints = {}
-    for joint in ET.fromstring(urdf).iter("joint"):
-        parent, child, origin = (joint.find(tag) for tag in ("parent", "child", "origin"))
-        assert parent is not None and child is not None and origin is not None
-        xyz, rpy = (np.array(origin.get(key, "").split(), dtype=float) for key in ("xyz", "rpy"))
-        axis = joint.find("axis")
-        along = None if axis is None else np.array(axis.get("xyz", "").split(), dtype=float)
-        joints[parent.get("link")] = (joint.get("type"), xyz, rpy, along, child.get("link"))
-    pose, link, values = np.eye(4), "world", iter(q)
-    while link != FRAME:
-        kind, xyz, rpy, along, link = joints[link]
-        move = np.eye(4)
-        move[:3, :3], move[:3, 3] = Rotation.from_euler("xyz", rpy).as_matrix(), xyz
-        pose = pose @ move
-        if along is not None:
-            step, value = np.eye(4), next(values)
-            if kind == "prismatic":
-                step[:3, 3] = value * along
-            else:
-                step[:3, :3] = Rotation.from_rotvec(value * along).as_matrix()
-            pose = pose @ step
-    return pose
-
-
-@pytest.mark.parametrize("task", [LAP, LINE, odd()], ids=["m16ib", "planar", "odd"])
-def test_the_urdf_is_the_chain_of_the_scene(task: qt.PathTask) -> None:
-    urdf = chain_urdf(task)
-    rng = np.random.default_rng(2)
-    for _ in range(25):
-        q = rng.uniform(-3.0, 3.0, task.model.nq)
-        at = mink.Configuration(task.model, q)
-        pose = at.get_transform_frame_to_world(task.frame_name, task.frame_type)
-        np.testing.assert_allclose(frame_of(urdf, q), pose.as_matrix(), rtol=0, atol=1e-12)
-
-
-def test_the_urdf_has_names_ranges_and_speeds() -> None:
-    joints = {j.get("name"): j for j in ET.fromstring(chain_urdf(LAP)).iter("joint")}
-    ranges = qt.JointRanges.of(LAP.model)
-    for dof, name in enumerate(ranges.names):
-        limit = joints[name].find("limit")
-        assert limit is not None
-        assert float(limit.get("lower", "")) == ranges.lower[dof]
-        assert float(limit.get("upper", "")) == ranges.upper[dof]
-        assert float(limit.get("velocity", "")) == LAP.velocity_limits[dof]
-
-
-@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 2.0])
-def test_roll_pitch_yaw_also_where_the_pitch_is_straight_up(pitch: float) -> None:
-    rotation = Rotation.from_euler("xyz", [0.7, pitch, -2.1]).as_matrix()
-    again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-    np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-12)
-
-
-def test_the_urdf_of_a_task_has_one_frame() -> None:
-    text = chain_urdf(LAP)
-    assert text.count(f'name="{FRAME}"') == 1
-    assert text.count('type="revolute"') == 6
-
-
-def test_a_tree_is_no_chain() -> None:
-    arm = '<body name="arm"><joint name="other"/><geom size="0.1"/></body>'
-    with pytest.raises(qt.InvalidInput, match="other does not move"):
-        chain_urdf(odd(arm))
-
-
-@pytest.mark.skipif(not installed("pink"), reason="pinocchio is not installed")
-def test_pinocchio_reads_the_urdf_as_it_is_meant() -> None:
-    pin = peer_module("pinocchio", "pin-pink")
-    for task in (LAP, odd()):
-        model = pin.buildModelFromXML(chain_urdf(task))
-        assert tuple(model.names)[1:] == qt.JointRanges.of(task.model).names
-        data = model.createData()
-        q = np.random.default_rng(3).uniform(-2.0, 2.0, model.nq)
-        pin.framesForwardKinematics(model, data, q)
-        pose = mink.Configuration(task.model, q).get_transform_frame_to_world(
-            task.frame_name, task.frame_type
-        )
-        frame = data.oMf[model.getFrameId(FRAME)].homogeneous
-        np.testing.assert_allclose(frame, pose.as_matrix(), rtol=0, atol=1e-12)

@@ -368,7 +368,7 @@ def test_every_command_is_listed_with_its_options(capsys: pytest.CaptureFixture[
 
 
 NAMED_BY_THE_TASK = {
-    "out/TASK", "out/TASK/roadmap.png", "out/TASK_study", "out/bench", "out/NAME_report",
+    "out/TASK", "out/TASK/roadmap.png", "out/TASK_study", "out/NAME_report",
 }  # fmt: skip
 """Defaults that a command works out; its help has to say the same words."""
 

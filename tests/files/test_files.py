@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.bench.record import read_run
 from qp_twist.cli import main
 from qp_twist.files import write_atomically
 from qp_twist.paths import read_toolpath, shipped_folder
@@ -40,7 +39,6 @@ READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "trajectory in JSON": (read_trajectory, "json"),
     "trajectory of NumPy": (read_trajectory, "npz"),
     "program": (QuadraticProgram.load, "npz"),
-    "bench": (read_run, "json"),
 }
 
 

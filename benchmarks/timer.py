@@ -1,4 +1,4 @@
-"""Time contenders in turns."""
+"""Time calls in turns: of the contenders of a step, or of any calls."""
 
 from __future__ import annotations
 
@@ -7,17 +7,37 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from qp_twist.bench.contender import SplitStep, StepOf
 from qp_twist.checks import Array
 
 Clock = Callable[[], int]
 Result = TypeVar("Result")
 LEAD_IN = 2
 """Number of untimed steps before a block, to fill caches and warm starts."""
+
+StepOf = Callable[[int], Array | None]
+"""Computes the k-th step of a problem, kinematics included: q̇, rad/s, (nv,); ``None`` for a
+contender that computes the kinematics only (``floor:…``)."""
+
+
+@dataclass(frozen=True)
+class SplitStep:
+    """A step whose call is also timed alone, without kinematics and targets.
+
+    Attributes:
+        before: Prepares step k; returns the arguments of the call.
+        call: The step itself.
+    """
+
+    before: Callable[[int], Any]
+    call: Callable[[Any], Array]
+
+    def __call__(self, k: int) -> Array:
+        """The whole step."""
+        return self.call(self.before(k))
 
 
 @dataclass(eq=False)
@@ -52,12 +72,15 @@ class Timed:
         return found
 
 
-@dataclass(eq=False)
-class Cold:
-    """Times to create a contender and compute its first step, ns."""
+def quantiles(nanoseconds: Sequence[int]) -> list[float] | None:
+    """Median, 10th and 90th percentile, µs; ``None`` without times.
 
-    first: int = 0
-    again: list[int] = field(default_factory=list)
+    A mean depends on the scheduler's interruptions, a minimum on the luckiest step.
+    """
+    if not nanoseconds:
+        return None
+    found: list[float] = np.percentile(np.asarray(nanoseconds) / 1e3, (50, 10, 90)).tolist()
+    return found
 
 
 def blocks_of(steps: int, length: int, count: int) -> list[range]:
@@ -70,7 +93,6 @@ def interleaved(
     contenders: Mapping[str, StepOf],
     blocks: Sequence[range],
     rng: np.random.Generator,
-    done: Callable[[str], None] = lambda name: None,
     found: dict[str, Timed] | None = None,
     clock: Clock = time.perf_counter_ns,
 ) -> dict[str, Timed]:
@@ -84,26 +106,6 @@ def interleaved(
         for name in rng.permutation(list(contenders)).tolist():
             with without_collection():
                 _run(contenders[name], block, found[name], clock)
-            done(name)
-    return found
-
-
-def cold(
-    makers: Mapping[str, Callable[[], StepOf]], k: int, times: int, rng: np.random.Generator
-) -> dict[str, Cold]:
-    """Create every contender and compute step k, once and ``times`` times more."""
-    found = {name: Cold() for name in makers}
-    for turn in range(times + 1):
-        for name in rng.permutation(list(makers)).tolist():
-            make = makers[name]
-            try:
-                took, _ = once(lambda make=make: make()(k))  # type: ignore[misc]
-            except Exception:
-                continue  # reported by the warm steps
-            if turn == 0:
-                found[name].first = took
-            else:
-                found[name].again.append(took)
     return found
 
 

@@ -2,31 +2,80 @@
 
 from __future__ import annotations
 
+import importlib
+import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
 
 import mink
 import mujoco
 import numpy as np
+from step_problems import DT, Problem
+from step_program import Variant, turn_error
+from timer import SplitStep, StepOf
+from urdf import link_name, robot_urdf
 
-from qp_twist.bench.contender import Contender, SplitStep, StepOf, one_level, tool_axes
-from qp_twist.bench.problem import DT, Problem
-from qp_twist.bench.program import Variant, turn_error
 from qp_twist.checks import Array, Indices
 from qp_twist.closed_form import gradient_projection, minimum_norm, resolved_motion_rate, twa
 from qp_twist.constraints import MotionLimit
 from qp_twist.control import Controller, solve_ik
 from qp_twist.errors import UnknownSolver
-from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import PostureReference, TwistTask
-from qp_twist.peers import MinkPeer, Peer, PeerFrame, PeerProblem, PinkPeer, PlacoPeer
 from qp_twist.qp import check_solver, installed_solvers
 
 EXPECTED = ("daqp", "proxqp", "osqp", "piqp", "quadprog", "clarabel", COMPILED)
 """Backends that are listed as missing if not installed."""
-_ALL = TwistProjector(linear=Projector.full(), angular=Projector.full())
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A method and library that computes a step.
+
+    Attributes:
+        name: FAMILY:VARIANT, as for ``--only``.
+        variant: The program that it solves.
+        prepare: Untimed preparation: the robot and targets in the library's types. Returns a
+            function that makes the step's objects (controller, tasks, limits), which are never
+            shared.
+        missing: Why it cannot take part at all; ``None`` if it can.
+        applies: Whether it can take part in a problem.
+    """
+
+    name: str
+    variant: Variant
+    prepare: Callable[[Problem], Callable[[], StepOf]]
+    missing: Callable[[], str | None] = lambda: None
+    applies: Callable[[Problem], bool] = lambda problem: True
+
+    @property
+    def family(self) -> str:
+        """The part of the name before the colon."""
+        return self.name.partition(":")[0]
+
+
+def one_level(problem: Problem) -> bool:
+    """Whether a problem has no strict priorities."""
+    return len(problem.levels) <= 1
+
+
+def tool_axes(problem: Problem) -> bool:
+    """Whether every frame has to keep exactly its position and its z axis.
+
+    The soft tasks of other libraries, PlaCo's, and the closed forms are set up for these rows.
+    """
+    return (
+        one_level(problem)
+        and not len(problem.half_spaces)
+        and all(
+            frame.projector.linear.kind is ProjectorKind.FULL
+            and frame.projector.angular.kind is ProjectorKind.PLANE
+            for frame in problem.frames
+        )
+    )
 
 
 def contenders() -> list[Contender]:
@@ -170,102 +219,208 @@ def own_step(
 
 def peer_steps() -> list[Contender]:
     """mink's, pink's and PlaCo's; costs and damping of soft tasks are those of their examples."""
-    mink_soft = partial(mink_step, partial(peer_problem, costs=1e-2, damping=1.0, aligned=False))
-    pink_soft = partial(_peer_step, PinkPeer, partial(peer_problem, costs=1e-3, damping=1.0))
     # In PlaCo the scale is a soft cost of fixed weight 1: a posture of cost 1 reduces the scale
     # even where the whole task is feasible. With 1e-2 the task is met to 2e-7, and PlaCo's
     # regularisation of 1e-8 is still small.
-    placo = {"hard": 1.0, "soft": 1e-3, "scaled": 1e-2}
+    costs = {"hard": 1.0, "soft": 1e-3, "scaled": 1e-2}
     return [
-        Contender("mink:hard", Variant.COMMON, partial(mink_step, hard_problem), applies=one_level),
-        Contender("mink:soft", Variant.OTHER, mink_soft, applies=tool_axes),
-        Contender("pink:soft", Variant.OTHER, pink_soft, PinkPeer.missing, tool_axes),
+        Contender("mink:hard", Variant.COMMON, mink_step, applies=one_level),
+        Contender("mink:soft", Variant.OTHER, partial(mink_step, soft=True), applies=tool_axes),
+        Contender("pink:soft", Variant.OTHER, pink_step, PINK, tool_axes),
         *(
             Contender(
                 f"placo:{priority}",
                 Variant.COMMON if priority == "hard" else Variant.OTHER,
-                partial(
-                    _peer_step, PlacoPeer, partial(peer_problem, priority=priority, costs=cost)
-                ),
-                PlacoPeer.missing,
+                partial(placo_step, priority, cost),
+                PLACO,
                 tool_axes,
             )
-            for priority, cost in placo.items()
+            for priority, cost in costs.items()
         ),
     ]
 
 
-def peer_problem(problem: Problem, **how: Any) -> PeerProblem:
-    """A problem for other libraries: full joint ranges, speed limits, the posture.
-
-    A limit gain below 1 would stop before the ends of the ranges.
-    """
-    frames = tuple(PeerFrame(f.site, "site", f.projector, _ALL) for f in problem.frames)
-    return PeerProblem(
-        problem.model, frames, problem.middle, speeds=problem.speeds, limit_gain=1.0, **how
-    )
-
-
-hard_problem: Callable[[Problem], PeerProblem] = partial(peer_problem, priority="hard", costs=1.0)
-"""The frames as constraints, the posture as the only cost."""
-
-
 def _drop_in(problem: Problem) -> Callable[[], SplitStep]:
-    return mink_step(hard_problem, problem, solve_ik)
+    return mink_step(problem, solve=solve_ik)
 
 
 def mink_step(
-    pose: Callable[[Problem], PeerProblem],
     problem: Problem,
+    *,
+    soft: bool = False,
+    solver: str = "daqp",
     solve: Callable[..., Any] = mink.solve_ik,
+    **settings: Any,
 ) -> Callable[[], SplitStep]:
-    """``mink.solve_ik``, or a function with its arguments."""
-    peer = MinkPeer(pose(problem))
-    goals = _goals(peer, problem)
+    """``mink.solve_ik``, or a function with its arguments.
+
+    The frames are constraints with the posture as the only cost, or ``soft`` costs beside it. A
+    limit gain below 1 would stop before the ends of the ranges.
+    """
+    model = problem.model
+    names = [model.joint(dof).name for dof in range(model.nv)]
 
     def make() -> SplitStep:
-        step = peer.step()
+        configuration = mink.Configuration(model)
+        posture = mink.PostureTask(model, cost=1e-2 if soft else 1.0, gain=problem.gain)
+        posture.set_target(problem.middle)
+        tasks: list[Any] = [
+            mink.FrameTask(frame.site, "site", 1.0, (1.0, 1.0, 0.0), lm_damping=1.0)
+            if soft
+            else TwistTask(frame.site, "site", frame.projector)
+            for frame in problem.frames
+        ]
         rows = half_spaces(problem)
-        step.limits += rows
-        step.solve = solve
+        limits = [
+            mink.ConfigurationLimit(model, gain=1.0),
+            mink.VelocityLimit(model, dict(zip(names, problem.speeds, strict=True))),
+            *rows,
+        ]
+        costs = [*tasks, posture] if soft else [posture]
+        constraints = None if soft else tasks
 
         def before(k: int) -> None:
-            step.update(problem.q[k])
-            step.aim(goals[k])
+            configuration.update(problem.q[k])
+            for task, target in zip(tasks, problem.targets[k], strict=True):
+                task.set_target(target)
             for limit in rows:
                 limit.ends = problem.ends[k]
 
-        return SplitStep(before, lambda _: step.velocity(DT))
+        def call(_: None) -> Array:
+            velocity: Array = solve(
+                configuration, costs, DT, solver, limits=limits, constraints=constraints,
+                **settings,
+            )  # fmt: skip
+            return velocity
+
+        return SplitStep(before, call)
 
     return make
 
 
-def _peer_step(
-    library: type[Peer], pose: Callable[[Problem], PeerProblem], problem: Problem
-) -> Callable[[], StepOf]:
-    """A step of a library with its own kinematics."""
-    peer = library(pose(problem))
-    states, goals = peer.state(problem.q), _goals(peer, problem)
+def _needs(*modules: str, package: str) -> Callable[[], str | None]:
+    def missing() -> str | None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # pinocchio's import warns about its own parts
+                for name in modules:
+                    importlib.import_module(name)
+        except ImportError as error:
+            return f"{error}; install it: pip install {package}."
+        return None
+
+    return missing
+
+
+PINK = _needs("pinocchio", "pink", package="pin-pink")
+PLACO = _needs("placo", package="placo")
+
+
+def pink_step(problem: Problem) -> Callable[[], StepOf]:
+    """``pink.solve_ik``, the frames as costs; it reads the robot from URDF.
+
+    Not as constraints: those have all six rows of a frame task, so the roll would not be free.
+    """
+    import pink
+    import pinocchio
+
+    model = pinocchio.buildModelFromXML(_urdf(problem))
+    names = [problem.model.joint(dof).name for dof in range(problem.model.nv)]
+    order = [names.index(name) for name in list(model.names)[1:]]  # a tree's joints by name
+    back = np.argsort(order)
+    q, middle = problem.q[:, order], problem.middle[order]
+    goals = [
+        [pinocchio.SE3(pose.rotation().as_matrix(), pose.translation()) for pose in targets]
+        for targets in problem.targets
+    ]
 
     def make() -> StepOf:
-        taken = peer.step()
+        robot = pink.Configuration(model, model.createData(), middle)
+        tasks = [
+            pink.FrameTask(
+                link_name(number), position_cost=1.0, orientation_cost=(1.0, 1.0, 0.0),
+                lm_damping=1.0,
+            )
+            for number in range(len(problem.frames))
+        ]  # fmt: skip
+        posture = pink.PostureTask(cost=1e-3, gain=problem.gain)
+        posture.set_target(middle)
+        limits = [
+            pink.limits.ConfigurationLimit(model, config_limit_gain=1.0),
+            pink.limits.VelocityLimit(model),
+        ]
 
         def step(k: int) -> Array:
-            taken.update(states[k])
-            taken.aim(goals[k])
-            return taken.velocity(DT)
+            robot.update(q[k])
+            for task, goal in zip(tasks, goals[k], strict=True):
+                task.set_target(goal)
+            # Outside a range it warns instead of raising.
+            velocity: Array = pink.solve_ik(
+                robot, [*tasks, posture], DT, "daqp", limits=limits, safety_break=False
+            )
+            return velocity[back]
 
         return step
 
     return make
 
 
-def _goals(peer: Peer, problem: Problem) -> list[list[Any]]:
-    """Targets and posture of every step; the conversion is not timed."""
-    return [
-        peer.goals(q, targets, problem.gain)
-        for q, targets in zip(problem.q[:-1], problem.targets, strict=True)
+def placo_step(priority: str, cost: float, problem: Problem) -> Callable[[], StepOf]:
+    """``placo.KinematicsSolver``, the frames at any priority; it reads the robot from URDF.
+
+    It has its own QP solver. An infeasible hard task raises. A weight is a squared cost.
+    """
+    import placo
+
+    robot = placo.RobotWrapper("", placo.Flags.ignore_collisions, _urdf(problem))
+    names = [problem.model.joint(dof).name for dof in range(problem.model.nv)]
+    goals = [
+        [(pose.translation(), pose.rotation().as_matrix()[:, 2]) for pose in targets]
+        for targets in problem.targets
     ]
+    ends = problem.q + problem.gain * (problem.middle - problem.q)
+    postures = [dict(zip(names, end, strict=True)) for end in ends.tolist()]
+
+    def make() -> StepOf:
+        solver = placo.KinematicsSolver(robot)
+        solver.mask_fbase(True)
+        solver.enable_joint_limits(True)
+        solver.enable_velocity_limits(True)
+        solver.dt = DT
+        tasks = []
+        z = np.array([0.0, 0.0, 1.0])
+        for number in range(len(problem.frames)):
+            link = link_name(number)
+            place = solver.add_position_task(link, np.zeros(3))
+            place.configure(f"position of {link}", priority, 1.0)
+            axis = solver.add_axisalign_task(link, z, z)
+            axis.configure(f"axis of {link}", priority, 1.0)
+            tasks.append((place, axis))
+        posture = solver.add_joints_task()
+        posture.set_joints(postures[0])
+        posture.configure("posture", "soft", cost**2)
+        state = robot.state.q.copy()
+        at = np.array([robot.get_joint_offset(name) for name in names])
+        rates = np.array([robot.get_joint_v_offset(name) for name in names])
+
+        def step(k: int) -> Array:
+            state[at] = problem.q[k]
+            robot.state.q = state
+            robot.update_kinematics()
+            for (place, axis), (position, direction) in zip(tasks, goals[k], strict=True):
+                place.target_world = position
+                axis.targetAxis_world = direction
+            posture.set_joints(postures[k])
+            velocity: Array = solver.solve(True)[rates] / DT
+            return velocity
+
+        return step
+
+    return make
+
+
+def _urdf(problem: Problem) -> str:
+    return robot_urdf(problem.model, [frame.site for frame in problem.frames], problem.speeds)
 
 
 # ---------------------------------------------------------------- the closed forms

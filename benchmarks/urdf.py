@@ -14,39 +14,36 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.kinematics.serial_chain import Screw
-from qp_twist.peers.peer import PeerFrame
 
-URDF_UNLIMITED = 1e9
+UNLIMITED = 1e9
 """Value for no limit; a joint without limits would be ``continuous``, with another q."""
 
 
 def link_name(number: int) -> str:
-    """Name of the link of a controlled frame."""
+    """Name of the link of a controlled site."""
     return f"frame_{number}"
 
 
-def robot_urdf(
-    model: mujoco.MjModel, frames: Sequence[PeerFrame], speeds: Array | None = None
-) -> str:
-    """URDF text of the joints between the world and some frames.
+def robot_urdf(model: mujoco.MjModel, sites: Sequence[str], speeds: Array) -> str:
+    """URDF text of the joints between the world and some sites.
 
     Every link has the world's axes at the scene's reference configuration and its origin on its
     joint's axis; the world is the root. Joints keep their names, their coordinates and limits.
 
     Args:
         model: The robot.
-        frames: Controlled frames; each becomes a link named :func:`link_name`.
-        speeds: Velocity limits, rad/s or m/s, (nv,); ∞ or ``None`` without a limit.
+        sites: The controlled sites; each becomes a link named :func:`link_name`.
+        speeds: Velocity limits, rad/s or m/s, (nv,); ∞ without a limit.
 
     Raises:
-        InvalidInput: If a joint of the model moves none of the frames.
+        InvalidInput: If a joint of the model moves none of the sites.
     """
     ranges = JointRanges.of(model)
     robot = ET.Element("robot", name="robot")
     ET.SubElement(robot, "link", name="world")
     written: set[int] = set()
-    for number, frame in enumerate(frames):
-        chain = SerialChain.of(model, frame.name, frame.type)
+    for number, site in enumerate(sites):
+        chain = SerialChain.of(model, site, "site")
         parent, origin = "world", np.zeros(3)
         for screw in chain.screws:
             link = f"link_{screw.dof}"
@@ -59,11 +56,7 @@ def robot_urdf(
         _place(fixed, parent, link_name(number), chain.position - origin, chain.rotation)
     if len(written) != model.nv:
         idle = ", ".join(ranges.names[dof] for dof in range(model.nv) if dof not in written)
-        raise InvalidInput(
-            f"peers: {idle} does not move {', '.join(repr(f.name) for f in frames)}, and pink and "
-            "PlaCo are given the joints of a chain only; use mink, or one of this package's "
-            "methods."
-        )
+        raise InvalidInput(f"robot_urdf: {idle} does not move {', '.join(sites)}.")
     return ET.tostring(robot, encoding="unicode")
 
 
@@ -73,7 +66,7 @@ def _joint(
     origin: Array,
     screw: Screw,
     ranges: JointRanges,
-    speeds: Array | None,
+    speeds: Array,
 ) -> None:
     """Add a joint and the link that it moves; ``origin`` (3,) is that of the parent."""
     link = f"link_{screw.dof}"
@@ -86,14 +79,12 @@ def _joint(
     _place(joint, parent, link, screw.anchor - origin + shift, mink.SO3.exp(turn).as_matrix())
     ET.SubElement(joint, "axis", xyz=_numbers(screw.axis))
     lower, upper, speed = (
-        URDF_UNLIMITED
-        if limit is None
-        else float(np.clip(limit[screw.dof], -URDF_UNLIMITED, URDF_UNLIMITED))
+        float(np.clip(limit[screw.dof], -UNLIMITED, UNLIMITED))
         for limit in (ranges.lower, ranges.upper, speeds)
     )
     ET.SubElement(
         joint, "limit", lower=repr(lower), upper=repr(upper), velocity=repr(speed),
-        effort=repr(URDF_UNLIMITED),
+        effort=repr(UNLIMITED),
     )  # fmt: skip
 
 

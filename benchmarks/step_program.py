@@ -1,7 +1,12 @@
 r"""The program of a step that every contender with hard rows has to solve.
 
-Its rows are computed here from MuJoCo's Jacobian and the poses alone, as an independent reference:
-none of the package's tasks, limits or controllers is used.
+Its rows are computed from MuJoCo's Jacobian and the poses alone, as an independent reference: none
+of the package's tasks, limits or controllers is used. Its solution is found by a method that no
+contender uses: the equations are eliminated with an orthonormal basis N of their null space, and
+what remains is the point nearest to the origin in a polyhedron, which non-negative least squares
+finds in finitely many steps (LDP; Lawson and Hanson, *Solving Least Squares Problems*, 1974,
+chapter 23). The multipliers are non-negative by construction; the point is then computed again from
+the active inequalities, so that it is exact up to rounding.
 """
 
 from __future__ import annotations
@@ -11,7 +16,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import qpsolvers
+from scipy.optimize import nnls
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorKind
@@ -50,20 +55,6 @@ class StepProgram:
     g: Array
     lower: Array
     upper: Array
-
-    def posed(self) -> qpsolvers.Problem:
-        """The same for a solver."""
-        rows, equalities = len(self.g), len(self.b)
-        return qpsolvers.Problem(
-            np.eye(len(self.desired)),
-            -self.desired,
-            self.G if rows else None,
-            self.g if rows else None,
-            self.A if equalities else None,
-            self.b if equalities else None,
-            self.lower,
-            self.upper,
-        )
 
     def of(self, variant: Variant) -> StepProgram:
         """The program without its limits; for ``SHORTEST`` also without the desired velocity."""
@@ -129,3 +120,67 @@ def _rotation_vector(rotation: Array) -> Array:
     size = float(np.linalg.norm(twice_sine))
     angle = math.atan2(0.5 * size, 0.5 * (float(np.trace(rotation)) - 1.0))
     return twice_sine * (angle / size) if size else twice_sine
+
+
+# ---------------------------------------------------------------- its solution
+
+_INDEPENDENT = 1e-9
+"""Smallest singular value of the equations, as a share of the largest one."""
+_EMPTY = 1e-10
+"""Residual of the non-negative least squares below which the inequalities exclude each other."""
+_VERIFIED = 1e-11
+"""Largest violation of the program, rad/s, relative to 1 + the largest number of the solution."""
+_SAME = 1e-7
+"""Largest difference, on the same scale, of the point computed again from that of the method."""
+
+
+class NoReference(ArithmeticError):
+    """The program has no solution, dependent equations, or none that could be verified."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The solution of a program.
+
+    Attributes:
+        velocity: q̇, rad/s, (n,).
+        active: Number of bounds and inequality rows with a multiplier above zero.
+    """
+
+    velocity: Array
+    active: int
+
+
+def reference(program: StepProgram) -> Reference:
+    """Solve a program, and verify that the solution satisfies it.
+
+    Raises:
+        NoReference: If there is no solution, or the equations are dependent.
+    """
+    n, r = len(program.desired), len(program.b)
+    left, sigma, right = np.linalg.svd(program.A)
+    if r and (r > n or sigma[-1] <= _INDEPENDENT * sigma[0]):
+        raise NoReference("reference: the equations depend on each other.")
+    particular = right[:r].T @ ((left.T @ program.b) / sigma)
+    N = right[r:].T
+    nearest = particular + N @ (N.T @ (program.desired - particular))
+    C = np.vstack([program.G, np.eye(n), -np.eye(n)])
+    d = np.concatenate([program.g, program.upper, -program.lower])
+    C, d = C[np.isfinite(d)], d[np.isfinite(d)]
+    # min ‖w‖ subject to rows w ≥ ends, for q̇ = nearest + N w.
+    rows, ends = -C @ N, C @ nearest - d
+    velocity, active, moved = nearest, np.zeros(0, dtype=int), 0.0
+    if (ends > 0.0).any():
+        goal = np.append(np.zeros(n - r), 1.0)
+        dual, residual = nnls(np.vstack([rows.T, ends]), goal, maxiter=100 * len(ends))
+        if residual <= _EMPTY:
+            raise NoReference("reference: the constraints contradict each other.")
+        active = np.flatnonzero(dual > 0.0)
+        w = np.linalg.pinv(rows[active]) @ ends[active]
+        velocity = nearest + N @ w
+        moved = float(np.linalg.norm(w - rows.T @ dual / (1.0 - ends @ dual)))
+    size = 1.0 + np.abs(velocity).max(initial=0.0)
+    wrong = max(program.residual(velocity), program.excess(velocity))
+    if wrong > _VERIFIED * size or moved > _SAME * size:
+        raise NoReference(f"reference: the solution is off by {max(wrong, moved):.0e} rad/s.")
+    return Reference(velocity, len(active))
