@@ -22,9 +22,9 @@ import mink
 import mujoco
 import numpy as np
 from matplotlib.figure import Figure
+from simulated_robot import ClosedLoop, Push, Record, Servos, TimedPath
 
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, Push, Record, Servos, TimedPath
 
 PATH = qt.load_task("deburring")
 SPEEDS = dict(zip(qt.JointRanges.of(PATH.model).names, PATH.velocity_limits, strict=True))

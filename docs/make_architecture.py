@@ -23,7 +23,6 @@ ROOMS = {
     "trajectories": "timing, files, check",
     "following": "a method along a path; many runs at once",
     "planning": "the whole path, all branches",
-    "simulation": "the controller in closed loop",
     "closed_form": "the paper's formulas",
     "control": "one step",
     "drawing": "a scene, still",

@@ -36,6 +36,7 @@ from qp_twist.drawing.sight import overview
 from qp_twist.pictures.style import LIMIT, RC, line_style
 
 DOCS = Path(__file__).parent
+sys.path.append(str(DOCS.parent / "examples"))  # the simulated robot
 FIGURES = {
     "deburring": (
         "scene", "joints", "joints_qp", "joints_qp_rmr", "joints_qp_gradient", "along_the_path",

@@ -19,6 +19,7 @@ from typing import Any
 from PIL import Image
 
 DOCS = Path(__file__).parent
+sys.path.append(str(DOCS.parent / "examples"))  # the simulated robot
 SCRIPTS = sorted((DOCS / "gallery").glob("[0-9][0-9]_*.py"))
 
 

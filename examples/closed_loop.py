@@ -14,9 +14,9 @@ from pathlib import Path
 
 import mink
 import numpy as np
+from simulated_robot import ClosedLoop, Servos, TimedPath
 
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, Servos, TimedPath
 
 
 def main() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import mink
 import numpy as np
+from simulated_robot import ClosedLoop, Servos
 
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, Servos
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--figure", type=Path, help="PNG file to write")

@@ -3,9 +3,9 @@
 import sys
 
 from matplotlib.figure import Figure
+from simulated_robot import ClosedLoop, Push, Servos
 
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, Push, Servos
 
 path = qt.load_task("deburring")
 task = qt.TwistTask("tool", "site", path.projector, gain=0.1)

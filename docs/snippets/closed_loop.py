@@ -1,7 +1,8 @@
 """A push against the deburring robot at rest: who notices it, and who holds against it."""
 
+from simulated_robot import ClosedLoop, Push, Servos
+
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, Push, Servos
 
 path = qt.load_task("deburring")
 task = qt.TwistTask("tool", "site", path.projector, gain=0.1)

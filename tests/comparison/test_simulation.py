@@ -1,4 +1,4 @@
-"""The closed loop: against kinematics and first-order lags, statistics of noise, pushes."""
+"""The example of a closed loop: against kinematics and lags, statistics of noise, pushes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from oracles.arms import planar_arm
 from scipy.linalg import expm
+from simulated_robot import ClosedLoop, Push, Record, Servos, TimedPath
 
 import qp_twist as qt
-from qp_twist.simulation import ClosedLoop, ModelServos, Push, Record, Servos, TimedPath
 
 Array = np.ndarray
 PATH = qt.load_task("deburring")
@@ -31,14 +31,13 @@ def resting(plant: Servos, feedback: str = "integrated", **options: Any) -> Clos
     return ClosedLoop(controlled()[1], plant, PATH.start, feedback=feedback, **options)  # type: ignore[arg-type]
 
 
-def pendulum(actuator: str = "", timestep: float = 0.001) -> mujoco.MjModel:
+def pendulum(timestep: float = 0.001) -> mujoco.MjModel:
     """One hinge about the vertical: gravity does nothing to it."""
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><option timestep="{timestep}"/><worldbody>'
         '<body name="arm"><joint name="j" axis="0 0 1" range="-3 3"/>'
         '<geom type="capsule" size="0.03" fromto="0 0 0 0.5 0 0" mass="2"/>'
-        '<site name="tip" pos="0.5 0 0"/></body></worldbody>'
-        f"<actuator>{actuator}</actuator></mujoco>"
+        '<site name="tip" pos="0.5 0 0"/></body></worldbody></mujoco>'
     )
 
 
@@ -49,8 +48,8 @@ def turn(plant: Any, velocity: Callable[[float], float], seconds: float) -> Arra
     for k in range(steps):
         speed = velocity(k * h)
         position += speed * h
-        plant.advance([position], [speed])
-        rows.append(((k + 1) * h, position, plant.q[0], plant.velocity[0]))
+        plant.advance(np.array([position]), np.array([speed]))
+        rows.append(((k + 1) * h, position, plant.data.qpos[0], plant.data.qvel[0]))
     return np.array(rows).T
 
 
@@ -90,11 +89,11 @@ def test_a_position_servo_steps_like_the_second_order_system_that_it_states() ->
     omega = 6.0 * np.pi
     A = np.array([[0.0, 1.0], [-(omega**2), -omega]])
     for steps in (200, 600, 1000):
-        servos.start([0.2])
+        servos.start(np.array([0.2]))
         for _ in range(steps):
-            servos.advance([0.7], [0.0])
+            servos.advance(np.array([0.7]), np.zeros(1))
         expected = 0.7 + (expm(A * steps * 2e-4) @ [-0.5, 0.0])[0]
-        assert servos.q[0] == pytest.approx(expected, abs=2e-3)
+        assert servos.data.qpos[0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_what_is_compensated_of_the_weight_does_not_bend_the_arm() -> None:
@@ -104,40 +103,13 @@ def test_what_is_compensated_of_the_weight_does_not_bend_the_arm() -> None:
         servos.start(PATH.start)
         for _ in range(1500):
             servos.advance(PATH.start, np.zeros(6))
-    assert np.abs(light.q - PATH.start).max() < 1e-9
+    assert np.abs(light.data.qpos - PATH.start).max() < 1e-9
     # A tenth of the static torque, from the model's own gravity, stretches the springs.
-    data.qpos[:] = heavy.q
+    data.qpos[:] = heavy.data.qpos
     mujoco.mj_forward(PATH.model, data)
     bend = -0.1 * data.qfrc_bias / heavy.stiffness
-    assert heavy.q - PATH.start == pytest.approx(bend, abs=1e-7)
+    assert heavy.data.qpos - PATH.start == pytest.approx(bend, abs=1e-7)
     assert np.abs(bend).max() > 1e-5
-
-
-def test_the_models_own_servos_do_what_the_same_ones_added_do() -> None:
-    added = Servos(pendulum(), "position", bandwidth=4.0, armature=[0.0], lag=0.01)
-    kp, kv = float(added.stiffness[0]), float(added.damping[0])
-    own = ModelServos(pendulum(f'<position joint="j" kp="{kp!r}" kv="{kv!r}" gear="1"/>'), lag=0.01)
-    assert own.kind == "position"
-    for plant in (added, own):
-        plant.start([0.0])
-    a, b = (turn(plant, lambda t: np.sin(9.0 * t), 0.6)[2] for plant in (added, own))
-    assert a == pytest.approx(b, abs=1e-9)
-
-
-def test_a_gear_and_the_dynamics_of_the_models_own_velocity_servo_are_taken_along() -> None:
-    actuator = (
-        '<general joint="j" gear="2" gaintype="fixed" gainprm="50" biastype="affine" '
-        'biasprm="0 0 -50" dyntype="filterexact" dynprm="0.05"/>'
-    )
-    own = ModelServos(pendulum(actuator))
-    assert own.kind == "velocity"
-    own.start([0.0])
-    _, commanded, true, velocity = turn(own, lambda _: 0.5, 1.0)
-    assert velocity[-1] == pytest.approx(0.5, rel=1e-6)
-    inertia = np.zeros(1)
-    mujoco.mj_mulM(own.model, own.data, inertia, np.ones(1))
-    delay = 0.05 + inertia[0] / (50.0 * 2.0**2)
-    assert commanded[-1] - true[-1] == pytest.approx(0.5 * delay, abs=1e-3)
 
 
 # ---------------------------------------------------------------- the loop
@@ -221,12 +193,12 @@ def test_a_push_is_noticed_by_the_feedback_that_looks() -> None:
 
 
 def test_a_push_is_a_wrench_for_its_duration() -> None:
-    servos = Servos(pendulum(), "velocity", bandwidth=1e-6, armature=[0.0])
+    servos = Servos(pendulum(), "velocity", bandwidth=1e-6)
     push = Push("arm", torque=(0.0, 0.0, 3.0), start=0.1, duration=0.2)
     for _ in range(500):
-        servos.advance([0.0], [0.0], [push])
+        servos.advance(np.zeros(1), np.zeros(1), [push])
     # Angular momentum: torque × duration.
-    assert servos.velocity[0] * servos.inertia[0] == pytest.approx(3.0 * 0.2, rel=1e-4)
+    assert servos.data.qvel[0] * servos.inertia[0] == pytest.approx(3.0 * 0.2, rel=1e-4)
 
 
 @pytest.mark.parametrize("on_infeasible", ["scale", "raise"])
@@ -260,11 +232,9 @@ def test_an_infeasible_step_does_not_stop_the_loop(on_infeasible: str) -> None:
         assert (record.command[during] == 0.0).all()
         assert record.count()["NO_STEP"] == 10 == len(record.failures)
         assert all("joint_" in text for text in record.failures.values())
-        assert record.summary()["steps_not_met"] == 10
     else:
         assert record.count()["SCALED"] >= 10
         assert np.abs(record.command).max() == pytest.approx(0.2)
-        assert record.summary()["speed_share_max"] == pytest.approx(1.0, abs=1e-3)
 
 
 def test_a_narrowed_range_keeps_the_true_joint_inside_its_own() -> None:
@@ -295,8 +265,6 @@ def test_a_loop_that_diverges_ends_its_run() -> None:
     with np.errstate(all="ignore"):
         loop = resting(wild, "measured", noise=1e-3)
         record = loop.run(2.0)
-    with pytest.raises(qt.InvalidInput, match="has diverged; make a new loop"):
-        loop.run(0.1)
     assert record.diverged
     assert np.isfinite(record.q).all()
     assert len(record.time) < 200
@@ -324,15 +292,14 @@ def test_a_record_says_of_the_true_state_what_the_arrays_say() -> None:
     assert (record.margin <= margins.min(axis=1) + 1e-12).all()
     assert record.margin == pytest.approx(margins.min(axis=1), abs=1e-2)
     slopes = np.abs(np.diff(record.velocity, axis=0)) / record.period
-    assert (record.acceleration_peak[:-1] >= slopes - 1e-9).all()
-    assert (record.acceleration_rms <= record.acceleration_peak + 1e-12).all()
+    assert (record.acceleration_max[:-1] >= slopes - 1e-9).all()
+    assert (record.acceleration_rms <= record.acceleration_max + 1e-12).all()
     summary = record.summary(since=0.1)
     tail = record.position_error[10:]
     assert summary["position_error_rms"] == pytest.approx(np.sqrt(np.mean(tail**2)))
     assert summary["position_error_max"] == tail.max()
-    assert summary["speed_share_max"] >= np.abs(record.velocity).max() / 2.0
     assert sum(record.count().values()) == 50
-    assert len(record.figure("a title").axes) == 4
+    assert len(record.figure("a title").axes) == 5
 
 
 def _tool(configuration: mink.Configuration, q: Array) -> tuple[Array, Array]:
@@ -345,7 +312,6 @@ def test_a_timed_path_is_at_each_pose_in_time_and_its_twist_is_its_derivative() 
     task, _ = controlled()
     path = TimedPath(task, PATH.waypoints[:4], PATH.durations[:4], start=0.5)
     times = 0.5 + np.cumsum(PATH.durations[:4])
-    assert path.end == pytest.approx(times[-1])
     for time, pose in zip(
         [0.0, *times, 9.0], [PATH.waypoints[0], *PATH.waypoints[:4], PATH.waypoints[3]], strict=True
     ):
@@ -364,78 +330,6 @@ def test_a_timed_path_is_at_each_pose_in_time_and_its_twist_is_its_derivative() 
     rate = (after.rotation() @ before.rotation().inverse()).log() / (2.0 * h)
     shift = (after.translation() - before.translation()) / (2.0 * h)
     assert task.feedforward == pytest.approx(np.concatenate([shift, rate]), abs=1e-6)
-    TimedPath(task, PATH.waypoints[:4], PATH.durations[:4], feedforward=False)(middle)
-    assert not task.feedforward.any()
-
-
-# ---------------------------------------------------------------- refusals
-
-
-def test_a_period_that_is_no_multiple_of_the_time_step_is_refused_with_the_nearest() -> None:
-    with pytest.raises(qt.InvalidInput, match=r"0\.005 s is no multiple .* take 0\.004 s"):
-        resting(Servos(PATH.model), period=0.005)
-    with pytest.raises(qt.InvalidInput, match=r"take 0\.002 s"):
-        resting(Servos(PATH.model), period=0.001)
-    assert resting(Servos(PATH.model, timestep=0.0025), period=0.005).period == 0.005
-
-
-FREE = mujoco.MjModel.from_xml_string(
-    '<mujoco><worldbody><body><freejoint name="base"/><geom size="1"/></body></worldbody></mujoco>'
-)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Servos(FREE), "'base' is a ball or free joint"),
-        (lambda: Servos(PATH.model, "torque"), "kind: expected one of position, velocity"),
-        (lambda: Servos(PATH.model, lag=-0.1), "lag: expected a number of at least 0"),
-        (lambda: Servos(PATH.model, bandwidth=0.0), "bandwidth: expected a number above 0"),
-        (lambda: Servos(PATH.model, feedforward=1.5), "feedforward: .* at most 1"),
-        (lambda: Servos(PATH.model, gravity_compensation=2.0), "gravity_compensation"),
-        (lambda: Servos(PATH.model, timestep=0.0), "timestep: expected a number above 0"),
-        (lambda: Servos(PATH.model, armature=[0.1]), r"armature: .* shape \(6\)"),
-        (lambda: Servos(PATH.model, armature=[-1.0] * 6), "armature: expected no negative"),
-        (
-            lambda: Servos(pendulum('<motor joint="j"/>')),
-            "1 actuators of its own; use M",
-        ),
-        (lambda: ModelServos(PATH.model), "expected one actuator at each of the 6 joints"),
-        (lambda: ModelServos(pendulum('<motor joint="j"/>')), "the actuators are others"),
-        (lambda: resting(Servos(pendulum())), "different joints"),
-        (lambda: resting("servos"), "plant: expected a Plant, got str"),
-        (lambda: resting(Servos(PATH.model), "felt"), "feedback: expected one of measured"),
-        (lambda: resting(Servos(PATH.model), noise=-1.0), "noise: expected no negative"),
-        (lambda: resting(Servos(PATH.model), noise=[1.0]), r"noise: .* shape \(6\)"),
-        (lambda: resting(Servos(PATH.model), noise=np.nan), "noise: expected a finite number"),
-        (lambda: resting(Servos(PATH.model), seed=-1), "seed: expected a number of at least 0"),
-        (lambda: resting(Servos(PATH.model), period=0.0), "period: expected a number above 0"),
-        (lambda: resting(Servos(PATH.model)).run(0.0), "seconds: expected a number above 0"),
-        (
-            lambda: resting(Servos(PATH.model)).run(0.1, pushes=[Push("nose", start=0.0)]),
-            "no body 'nose'",
-        ),
-        (lambda: resting(Servos(PATH.model)).run(0.1).summary(since=9.0), "give an earlier since"),
-        (lambda: Push("link_6", start=0.0, duration=0.0), "duration: expected a number above 0"),
-        (lambda: Push("link_6", start=0.0, force=[1.0]), r"force: .* shape \(3\)"),
-        (lambda: TimedPath(controlled()[0], PATH.waypoints[:1], [0.0]), "at least two poses"),
-        (
-            lambda: TimedPath(controlled()[0], PATH.waypoints[:3], [0.0, 1.0, 0.0]),
-            "every duration after the first must be above 0",
-        ),
-    ],
-)
-def test_what_makes_no_sense_is_refused_in_a_sentence(
-    make: Callable[[], object], message: str
-) -> None:
-    with pytest.raises(qt.InvalidInput, match=message):
-        make()
-
-
-def test_a_controller_without_a_twist_task_has_nothing_to_measure_errors_by() -> None:
-    controller = qt.Controller(PATH.model, [mink.PostureTask(PATH.model, 1.0)])
-    with pytest.raises(qt.InvalidInput, match="no TwistTask"):
-        ClosedLoop(controller, Servos(PATH.model), PATH.start)
 
 
 # ---------------------------------------------------------------- the page
