@@ -17,7 +17,6 @@ from . import qp as qp
 from . import referee as referee
 from . import reporting as reporting
 from . import robots as robots
-from . import simulation as simulation
 from . import studies as studies
 from . import trajectories as trajectories
 from . import viewing as viewing
