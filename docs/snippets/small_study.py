@@ -11,8 +11,9 @@ with tempfile.TemporaryDirectory() as folder:
     study = qt.study(task, ["placement"], 4, ["minimum_norm", "qp_gradient"], out=folder)
     print(study.text())
 
-    rows = study.table(["method", "success", "fault", "joint", "waypoint"]).to_pylist()
-    print(next(row for row in rows if not row["success"]))
+    table = study.table(["method", "success", "fault", "joint", "waypoint"])
+    failed = table["success"].index(False)
+    print({name: column[failed] for name, column in table.items()})
 
     sample = study.sample(3)
     print(sample)

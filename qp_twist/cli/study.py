@@ -35,8 +35,8 @@ def study(
 ) -> None:
     """Run methods on many samples of a task; print how often each succeeds, and why it fails.
 
-    The task file's [study] defines what varies, and its ranges. Results are appended to Parquet
-    files; repeating the command continues an interrupted study.
+    The task file's [study] defines what varies, and its ranges. Results are added to a SQLite
+    file; repeating the command continues an interrupted study.
 
     Args:
         task: Name of a shipped task, or path to a .toml file.
@@ -78,7 +78,7 @@ def study(
             _say_kept(folder, path_task)
         raise
     with working("drawing the figures"):
-        lines = [str(found.folder / "results.parquet"), *found.report()]
+        lines = [str(found.folder / "results.sqlite"), *found.report()]
     shown = quiet.set(quiet.get() or json_)
     show(rich_study_table(found.title, found.summary()))
     say(found.feasibility, *found.failures)

@@ -8,6 +8,7 @@ from .findings import AFTER as AFTER
 from .findings import AXIS_TOLERANCE_DEG as AXIS_TOLERANCE_DEG
 from .findings import BAND as BAND
 from .findings import BEFORE as BEFORE
+from .findings import EXCEEDED as EXCEEDED
 from .findings import OFF as OFF
 from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
 from .findings import RANGE_TOLERANCE as RANGE_TOLERANCE

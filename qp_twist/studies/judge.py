@@ -1,4 +1,4 @@
-"""Criterion of success: the first fault of a joint path at its waypoints, if any.
+"""The first fault of a joint path at its waypoints, by the referee's tolerances.
 
 Between waypoints only the length of the joints' steps is judged: a study counts at how many
 placements a method meets its waypoints. Use :func:`~qp_twist.check_trajectory` to check a
@@ -13,31 +13,21 @@ from typing import Literal
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison.metrics import BAND_LEFT, OUTSIDE
+from qp_twist.comparison.metrics import OUTSIDE
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import motion_limits
+from qp_twist.referee import BAND, EXCEEDED, Tolerances
 
 Kind = Literal[
-    "limit",
-    "jump",
-    "band",
-    "constraint",
-    "held",
-    "error",
-    "no step",
-    "diverged",
-    "start",
-    "no plan",
-    "raised",
-]
+    "limit", "jump", "band", "constraint", "held", "error", "no step", "diverged", "start",
+    "no plan", "raised",
+]  # fmt: skip
 
 _AT = 1e-4
-"""A joint is at its limit, of position or of speed, within this, rad or m."""
-_ROUNDING = 1e-9
-"""Longer by less is rounding, rad or m."""
+"""A joint is named as held by its limit, of position or of speed, within this, rad or m."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +58,9 @@ class Judge:
 
     def __init__(self, path_task: PathTask, section: StudySection) -> None:
         self.ranges = JointRanges.of(path_task.model)
-        self._position_error = section.position_error
-        self._axis_error = np.radians(section.axis_error_deg)
+        self._tolerances = Tolerances(
+            section.position_error, float(np.radians(section.axis_error_deg))
+        )
         self._steps = motion_limits(path_task, self.ranges, None, fixed_start=False).steps
         self._before: Array | None = None
         self._waypoint = 1
@@ -83,26 +74,26 @@ class Judge:
 
     def fault(self, trajectory: Trajectory) -> Fault | None:
         """The first fault of a whole run; ``None`` if it is a success."""
-        count, before = len(trajectory.path_task.waypoints), None
-        left = trajectory.constraint_excess
-        for index, q in enumerate(trajectory.q):
-            errors = trajectory.position_error[index], trajectory.axis_error[index]
-            fault = self._at(index + 1, before, q, *map(float, errors))
-            if index + 1 == trajectory.diverged_at:
-                return Fault("diverged", waypoint=index + 1)
-            if fault is None and trajectory.band_excess[index] > BAND_LEFT:
-                return Fault("band", waypoint=index + 1)
-            if fault is None and left[index] > BAND_LEFT:
-                name = _violated(trajectory.path_task, q)
-                return Fault("constraint", name, waypoint=index + 1)
+        run, before = trajectory, None
+        left, waypoint = run.constraint_excess, 0
+        for waypoint, q in enumerate(run.q, start=1):
+            k = waypoint - 1
+            fault = self._at(
+                waypoint, before, q, float(run.position_error[k]), float(run.axis_error[k])
+            )
+            if waypoint == run.diverged_at:
+                return Fault("diverged", waypoint=waypoint)
             if fault is not None:
-                if trajectory.failure:
-                    return Fault("no step", waypoint=index + 1, message=trajectory.failure)
-                return fault
+                break
+            if run.band_excess[k] > BAND:
+                return Fault("band", waypoint=waypoint)
+            if left[k] > BAND:
+                return Fault("constraint", _violated(run.path_task, q), waypoint)
             before = q
-        if trajectory.failure:
-            return Fault("no step", waypoint=len(trajectory.q), message=trajectory.failure)
-        return None if len(trajectory.q) == count else Fault("error", waypoint=len(trajectory.q))
+        else:
+            whole = len(run.q) == len(run.path_task.waypoints)
+            fault = None if whole else Fault("error", waypoint=waypoint)
+        return Fault("no step", waypoint=waypoint, message=run.failure) if run.failure else fault
 
     def _at(
         self,
@@ -119,10 +110,11 @@ class Judge:
             return Fault("limit", self.ranges.names[int(np.argmin(room))], waypoint)
         left = np.full(len(q), np.inf)
         if before is not None:
-            left = self._steps[waypoint - 2] - np.abs(q - before)
-        if (left < -_ROUNDING).any():
-            return Fault("jump", self.ranges.names[int(np.argmin(left))], waypoint)
-        if position_error > self._position_error or axis_error > self._axis_error:
+            most = self._steps[waypoint - 2]
+            left = most - np.abs(q - before)
+            if (left < -EXCEEDED * most).any():
+                return Fault("jump", self.ranges.names[int(np.argmin(left))], waypoint)
+        if not self._tolerances.met(position_error, axis_error):
             at_limit = (room < _AT) | (left < _AT)
             held = [n for n, at in zip(self.ranges.names, at_limit, strict=True) if at]
             return Fault("held" if held else "error", "+".join(held), waypoint)

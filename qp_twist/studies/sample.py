@@ -100,18 +100,18 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
     return tuple(name for name in FACTORS if name in vary)
 
 
-def drawn_columns(path_task: PathTask, vary: Collection[str]) -> dict[str, str]:
+def drawn_columns(path_task: PathTask, vary: Collection[str]) -> dict[str, type]:
     """Names and types of the values drawn by :func:`draw_sample`."""
-    columns: dict[str, str] = {}
+    columns: dict[str, type] = {}
     if "placement" in vary:
-        columns |= dict.fromkeys(("x", "y", "z", "yaw_deg", "tilt_deg", "azimuth_deg"), "float64")
+        columns |= dict.fromkeys(("x", "y", "z", "yaw_deg", "tilt_deg", "azimuth_deg"), float)
     if "tool" in vary:
-        columns |= dict.fromkeys(("tool_lead_deg", "tool_tilt_deg"), "float64")
+        columns |= dict.fromkeys(("tool_lead_deg", "tool_tilt_deg"), float)
     if "robot" in vary:
-        columns["scene"] = "string"
+        columns["scene"] = str
     if "gain" in vary:
         gains = section_of(path_task).gain or {}
-        columns |= {f"gain_{name}": "float64" for name in sorted(gains)}
+        columns |= {f"gain_{name}": float for name in sorted(gains)}
     return columns
 
 

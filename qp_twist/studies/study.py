@@ -31,12 +31,11 @@ from qp_twist.qp import check_solver
 from qp_twist.studies.fingerprint import fingerprint
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
-from qp_twist.studies.store import Store, check_installed
+from qp_twist.studies.store import Store
 from qp_twist.studies.summary import MethodSummary, Rate, failures, rich_table, summarise
-from qp_twist.studies.workers import each
+from qp_twist.studies.workers import check_installed, each
 
 if TYPE_CHECKING:
-    import pyarrow as pa
     from matplotlib.figure import Figure
 
 STARTS = ("auto", "task", "least_z", "random", "best")
@@ -71,7 +70,6 @@ class Study:
         Raises:
             InvalidInput: If the folder has no study, or the task has changed.
         """
-        check_installed()
         folder = Path(folder)
         settings = _read(folder / _SETTINGS)
         job = Job(
@@ -79,7 +77,9 @@ class Study:
             tuple(settings["methods"]), settings["solver"], settings["start"], settings["certify"],
         )  # fmt: skip
         _check_same(folder, settings, _settings(job, settings["samples"]))
-        return cls(folder, job, settings["samples"])
+        found = cls(folder, job, settings["samples"])
+        found._store().check()
+        return found
 
     def sample(self, index: int) -> Sample:
         """Make one of the study's samples again, identically.
@@ -91,29 +91,29 @@ class Study:
             raise InvalidInput(f"{self.folder}: samples 0 to {self.count - 1}; got {index}.")
         return self.job.sample(index)
 
-    def table(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """The results so far: one row per sample and method, ordered by sample.
+    def table(self, columns: Sequence[str] | None = None) -> dict[str, list[Any]]:
+        """The results so far by column: one row per sample and method, ordered by sample.
 
         Raises:
             InvalidInput: If a column does not exist.
         """
         store = self._store()
-        if isinstance(columns, str) or set(columns or ()) - set(store.schema.names):
+        if isinstance(columns, str) or set(columns or ()) - set(store.columns):
             raise InvalidInput(
-                f"table: expected a list of columns out of {', '.join(store.schema.names)}; got "
+                f"table: expected a list of columns out of {', '.join(store.columns)}; got "
                 f"{columns!r}."
             )
-        return store.table(columns)
+        return store.table(list(store.columns) if columns is None else columns)
 
     def missing(self) -> list[int]:
         """Indices of the missing samples."""
-        done = self._store().samples()
+        done = set(self.table(["sample"])["sample"])
         return [index for index in range(self.count) if index not in done]
 
     def summary(self) -> list[MethodSummary]:
         """Summary of the results so far for each method."""
         names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
-        return summarise(self.table(names).to_pydict(), self.job.methods)
+        return summarise(self.table(names), self.job.methods)
 
     def text(self) -> str:
         """The success table as plain text, and lines on feasibility and on why samples fail."""
@@ -161,7 +161,7 @@ class Study:
     def failures(self) -> list[str]:
         """Sentences on why samples fail, beyond the fault and its joint in the table."""
         names = ("sample", "success", "feasible", "certificate", "message")
-        return failures(self.table(names).to_pydict())
+        return failures(self.table(names))
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
@@ -171,10 +171,10 @@ class Study:
 
         found = Figures(faults=fault_figure(self.title, self.summary()))
         table = self.table(["method", "z_over_least"])
-        found["z"] = z_figure(self.title, table.to_pydict(), self.job.methods)
+        found["z"] = z_figure(self.title, table, self.job.methods)
         if "placement" in self.job.vary:
             names = ["sample", "method", "success", "feasible", "x", "y", "z"]
-            columns = self.table(names).to_pydict()
+            columns = self.table(names)
             found["maps"] = map_figure(self.title, columns, self.job.methods)
         return found
 
@@ -199,21 +199,16 @@ class Study:
         progress: Callable[[int], None] | None = None,
     ) -> None:
         """Compute the missing samples; finished ones are stored even if interrupted."""
-        store = self._store()
-        with store.alone():
+        with self._store().writing() as add:
             missing = self.missing()
-            try:
-                for done, (_, rows) in enumerate(
-                    each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
-                ):
-                    if done == 1:  # a run that fails before its first sample changes no file
-                        self._write_settings()
-                    store.add(rows)
-                    if progress is not None:
-                        progress(self.count - len(missing) + done)
-            finally:
-                store.flush()
-            store.compact()
+            for done, (_, rows) in enumerate(
+                each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
+            ):
+                if done == 1:  # a run that fails before its first sample changes no settings
+                    self._write_settings()
+                add(rows)
+                if progress is not None:
+                    progress(self.count - len(missing) + done)
             self._write_settings()
 
     def _write_settings(self) -> None:
@@ -224,7 +219,7 @@ class Study:
         return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
 
     def _by_sample(self, column: str) -> dict[int, Any]:
-        table = self.table(["sample", column]).to_pydict()
+        table = self.table(["sample", column])
         return dict(zip(table["sample"], table[column], strict=True))
 
     def __repr__(self) -> str:
@@ -251,7 +246,7 @@ def study(
     A sample is the task with some properties drawn at random: the workpiece's placement, the
     tool's tilt, the robot, gains, backend or start. They depend only on the seed and the sample's
     index, so that any sample can be made again: ``compare(study.sample(17).path_task)``. The
-    results stream to Parquet files below ``out``. A second call resumes a study that was stopped,
+    results are stored in a SQLite file in ``out``. A second call resumes a study that was stopped,
     or extends it if ``samples`` is larger.
 
     Args:
@@ -321,7 +316,8 @@ def study(
             f"study(out={str(folder)!r}): no folder can be there: {error.strerror}."
         ) from None
     found = Study(folder, job, count)
-    if settings["samples"] < (done := 1 + max(found._store().samples(), default=-1)):
+    found._store().check()
+    if settings["samples"] < (done := 1 + max(found.table(["sample"])["sample"], default=-1)):
         raise InvalidInput(f"{folder}: has {done} samples already; ask for at least as many.")
     found.run(jobs=jobs, scheduler=scheduler, progress=progress)
     return found

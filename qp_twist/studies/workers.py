@@ -12,6 +12,8 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from concurrent.futures.process import BrokenProcessPool
+from functools import lru_cache
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 from qp_twist.checks import clause
@@ -24,6 +26,16 @@ TRIES = 2
 _AHEAD = 2
 """Number of queued samples per process."""
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+
+def check_installed() -> None:
+    """Raise if joblib is missing.
+
+    Raises:
+        InvalidInput: With the extra to install.
+    """
+    if find_spec("joblib") is None:
+        raise InvalidInput("study: needs joblib; install the extra: qp_twist[study].")
 
 
 class Work(Protocol):
@@ -88,24 +100,15 @@ def each(
         pool.close()
 
 
-class _Pickled:
-    """A job as bytes, unpickled once per process."""
-
-    _read: tuple[bytes, Work] | None = None
-
-    def __init__(self, content: bytes) -> None:
-        self.content = content
-
-    def job(self) -> Work:
-        """The job."""
-        known = _Pickled._read
-        if known is None or known[0] != self.content:
-            known = _Pickled._read = self.content, pickle.loads(self.content)
-        return known[1]
+@lru_cache(maxsize=1)
+def _job(pickled: bytes) -> Work:
+    """The job, unpickled once per process."""
+    job: Work = pickle.loads(pickled)
+    return job
 
 
-def _do(pickled: _Pickled, index: int) -> Rows:
-    return pickled.job()(index)
+def _do(pickled: bytes, index: int) -> Rows:
+    return _job(pickled)(index)
 
 
 class _Here:
@@ -114,7 +117,7 @@ class _Here:
     def __init__(self, job: Work, jobs: int | None) -> None:
         from joblib import cpu_count
 
-        self._job = _Pickled(pickle.dumps(job))
+        self._job = pickle.dumps(job)
         self._jobs: int = jobs or cpu_count()
         self.renew()
 
@@ -160,7 +163,7 @@ class _Cluster:
             raise InvalidInput(f"study(scheduler={scheduler!r}): it has no workers; start some.")
         self._executor: Executor = self._client.get_executor(pure=False)
         # As a separate task, which the scheduler can rerun if its result is lost.
-        self._job = self._client.submit(_Pickled, pickle.dumps(job))
+        self._job = self._client.submit(bytes, pickle.dumps(job))
 
     def renew(self) -> None:
         """Nothing to do: the scheduler manages its workers."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import os
 import shutil
 import signal
+import sqlite3
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -33,7 +36,6 @@ from qp_twist.studies.store import BASE, Store
 from qp_twist.studies.summary import Rate, summarise
 from qp_twist.studies.workers import _Here, each
 
-pa = pytest.importorskip("pyarrow", reason="the extra `study`")
 loky = pytest.importorskip("joblib.externals.loky", reason="the extra `study`")
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +58,9 @@ def line_task(folder: Path, **replaced: str) -> Path:
 
 def content(study: qt.Study) -> list[dict[str, Any]]:
     """Its rows, but for what a clock says."""
-    return study.table().drop_columns(["seconds"]).to_pylist()
+    table = study.table()
+    del table["seconds"]
+    return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +99,8 @@ def test_a_sample_is_its_number(seed: int, index: int) -> None:
 
 
 def test_placements_are_those_of_the_example() -> None:
-    # The example has its own code for them.
-    sys.path.insert(0, str(ROOT / "examples"))
-    try:
-        import placements
-    finally:
-        sys.path.pop(0)
+    import placements  # the example has its own code for them
+
     for index in range(5):
         expected = placements.placed(DEBURRING, *placements.placement(0, index))
         found = draw_sample(DEBURRING, ["placement"], index, start="task").path_task
@@ -272,70 +272,91 @@ def test_every_fault_is_found_where_it_is(good: qt.Trajectory) -> None:
 
 
 def row(sample: int, method: str = "qp") -> dict[str, Any]:
-    values = {"int64": 1, "int32": None, "float64": 0.5, "string": "x", "bool": True}
+    values = {int: 1, float: 0.5, str: "x", bool: True}
     return {name: values[kind] for name, kind in BASE.items()} | {
         "sample": sample, "method": method, "x": float(sample),
     }  # fmt: skip
 
 
-@given(st.lists(st.lists(st.integers(0, 99), max_size=5), max_size=6), st.booleans())
+@given(st.lists(st.lists(st.integers(0, 99), max_size=5), max_size=6))
 @settings(max_examples=25, deadline=None)
 def test_rows_come_back_once_and_in_order(
-    tmp_path_factory: pytest.TempPathFactory, parts: list[list[int]], compact: bool
+    tmp_path_factory: pytest.TempPathFactory, parts: list[list[int]]
 ) -> None:
     folder = tmp_path_factory.mktemp("store")
-    store = Store(folder, {"x": "float64"})
-    for part in parts:  # a sample may come again after a crash
-        for sample in part:
-            if sample not in part[: part.index(sample)]:
-                store.add([row(sample, "a"), row(sample, "b")])
-        store.flush()
-        if compact:
-            store.compact()
+    for part in parts:  # a sample may come again
+        with Store(folder, {"x": float}).writing() as add:
+            for sample in part:
+                add([row(sample, "b"), row(sample, "a")])
     samples = sorted({sample for part in parts for sample in part})
-    if any(part.count(sample) > 1 for part in parts for sample in part):
-        return
-    fresh = Store(folder, {"x": "float64"})
-    with fresh.alone():
-        pass
-    assert fresh.samples() == set(samples)
-    rows = fresh.table().to_pylist()
-    assert [(r["sample"], r["method"]) for r in rows] == [(s, m) for s in samples for m in "ab"]
-    assert all(r["x"] == r["sample"] for r in rows)
-    with fresh.alone():
-        file = fresh.compact()
-    assert Store(folder, {"x": "float64"}).table().to_pylist() == rows
-    assert not (folder / "parts").exists()
-    assert [path.name for path in folder.iterdir()] == [file.name]
+    store = Store(folder, {"x": float})
+    store.check()
+    table = store.table(["sample", "method", "x", "success", "waypoint"])
+    assert table["sample"] == [s for s in samples for _ in "ba"]
+    assert table["method"] == ["b", "a"] * len(samples)
+    assert table["x"] == table["sample"] and set(table["success"]) <= {True}
+    assert [path.name for path in folder.iterdir()] == (["results.sqlite"] if parts else [])
 
 
-def test_a_file_that_is_no_parquet_or_of_another_study_is_refused(tmp_path: Path) -> None:
-    store = Store(tmp_path, {"x": "float64"})
-    store.add([row(0)])
-    store.compact()
-    with pytest.raises(qt.InvalidInput, match="other columns than this study"):
-        Store(tmp_path, {"y": "float64"}).table()
-    (tmp_path / "results.parquet").write_bytes(b"PAR1 not really")
-    with pytest.raises(qt.InvalidInput, match="its checksum does not fit"):
-        Store(tmp_path, {"x": "float64"}).table()
+def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
+    store = Store(tmp_path, {})
+    with store.writing() as add:
+        add([row(0) | {"feasible": None, "mean_z": float("nan"), "sigma_min": np.float64(0.1)}])
+    store.check()
+    assert store.table(["feasible", "mean_z", "sigma_min"]) == {
+        "feasible": [None], "mean_z": [None], "sigma_min": [0.1],
+    }  # fmt: skip
+
+
+def test_rows_that_were_added_before_a_process_was_killed_are_there(tmp_path: Path) -> None:
+    script = (
+        "import os, signal, time; from pathlib import Path; from qp_twist.studies.store import *\n"
+        f"with Store(Path({str(tmp_path)!r}), {{}}).writing() as add:\n"
+        "    for sample in range(3):\n"
+        "        add([{'sample': sample, 'method': 'qp'}])\n"
+        "        time.sleep(0.6)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=False, timeout=120)
+    assert done.returncode == -signal.SIGKILL
+    store = Store(tmp_path, {})
+    store.check()
+    assert store.table(["sample"])["sample"] == [0, 1, 2]
+    with store.writing() as add:  # the lock ended with the process
+        add([row(3)])
+    assert store.table(["sample"])["sample"] == [0, 1, 2, 3]
+
+
+def test_a_file_that_is_no_table_or_of_another_study_is_refused(tmp_path: Path) -> None:
+    with Store(tmp_path, {"x": float}).writing() as add:
+        add([row(0)])
+    with pytest.raises(qt.InvalidInput, match="not of this study"):
+        Store(tmp_path, {"y": float}).table(["y"])
+    (tmp_path / "results.sqlite").write_bytes(b"SQLite not really")
+    with pytest.raises(qt.InvalidInput, match="damaged"):
+        Store(tmp_path, {"x": float}).table(["x"])
 
 
 def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -> None:
-    """Not read with other numbers, and not with an exception of somebody else."""
+    """No row is read with other numbers; one that is lost is computed again."""
     shutil.copytree(twelve.folder, tmp_path / "out")
-    file = tmp_path / "out" / "results.parquet"
+    file = tmp_path / "out" / "results.sqlite"
     whole, rows = file.read_bytes(), content(twelve)
     task = twelve.job.path_task
     for number in range(80):
         file.write_bytes(mutated(whole, number))
-        if file.read_bytes() == whole:
-            continue
-        with pytest.raises(qt.InvalidInput, match=r"results\.parquet: .*damaged|cannot be read"):
-            qt.Study.open(tmp_path / "out", task).table()
-    # Also one that another program has written.
-    pa.parquet.write_table(twelve.table(), file)
-    with pytest.raises(qt.InvalidInput, match="was altered"):
-        qt.Study.open(tmp_path / "out", task).summary()
+        try:
+            found = content(qt.Study.open(tmp_path / "out", task))
+        except qt.InvalidInput as error:
+            assert "results.sqlite: is damaged, was altered" in str(error)
+        else:
+            assert all(row in rows for row in found)
+    file.write_bytes(whole)
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("UPDATE results SET success = 1 - success WHERE sample = 3")
+        database.commit()
+    with pytest.raises(qt.InvalidInput, match="a row does not fit its checksum"):
+        qt.Study.open(tmp_path / "out", task)
     file.write_bytes(whole)
     assert content(qt.Study.open(tmp_path / "out", task)) == rows
 
@@ -489,7 +510,7 @@ def test_a_folder_that_cannot_be_used_is_refused(twelve: qt.Study, tmp_path: Pat
         with pytest.raises(qt.InvalidInput, match="no folder can be there"):
             qt.study(task, ["placement"], 2, METHODS, out=out)
     with (
-        twelve._store().alone(),
+        twelve._store().writing(),
         pytest.raises(qt.InvalidInput, match="another study is writing there"),
     ):
         qt.study(task, ["placement"], 12, METHODS, out=twelve.folder, certify=False)
@@ -676,7 +697,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     said = capsys.readouterr().out
     assert "line: 3 samples, seed 0, varied: placement" in said
     assert "qp_gradient" in said
-    assert f"wrote {tmp_path / 'out' / 'results.parquet'}" in said
+    assert f"wrote {tmp_path / 'out' / 'results.sqlite'}" in said
     main(["study", task, "--samples", "3", "--methods", "qp_gradient", "--no-certify",
           "--jobs", "2", "--out", out, "--json"])  # fmt: skip
     found = json.loads(capsys.readouterr().out)  # nothing else on standard output
