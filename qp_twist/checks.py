@@ -39,11 +39,13 @@ def finite_array(
         or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=True))
     ):
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
-        raise error(f"{name}: expected an array of shape {expected}, got {array.shape}.")
+        raise error(f"expected an array of shape {expected}, got {array.shape}.", key=name)
     if np.count_nonzero(np.isfinite(array)) < array.size:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = where[0] if len(where) == 1 else where
-        raise error(f"{name}: entry {index} is {array[where]}; all entries must be finite numbers.")
+        raise error(
+            f"entry {index} is {array[where]}; all entries must be finite numbers.", key=name
+        )
     return array
 
 
@@ -58,7 +60,9 @@ def float_array(
     except (TypeError, ValueError, OverflowError):
         pass
     shown = repr(value)
-    raise error(f"{name}: expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}.")
+    raise error(
+        f"expected numbers, got {shown if len(shown) < 60 else shown[:57] + '…'}.", key=name
+    )
 
 
 def are_floats(values: Any, n: int) -> bool:
@@ -87,8 +91,9 @@ def within(name: str, array: Array, most: float) -> Array:
     size = largest(array)
     if not size <= most:
         raise InvalidInput(
-            f"{name}: an entry of size {size:.3g} is too large to compute with; entries up to "
-            f"{most:g} are taken. Check the units."
+            f"an entry of size {size:.3g} is too large to compute with; entries up to "
+            f"{most:g} are taken. Check the units.",
+            key=name,
         )
     return array
 
@@ -96,7 +101,7 @@ def within(name: str, array: Array, most: float) -> Array:
 def instance(name: str, value: object, kind: type) -> None:
     """Refuse a ``value`` that is not of the type expected."""
     if not isinstance(value, kind):
-        raise InvalidInput(f"{name}: expected a {kind.__name__}, got {type(value).__name__}.")
+        raise InvalidInput(f"expected a {kind.__name__}, got {type(value).__name__}.", key=name)
 
 
 _Class = TypeVar("_Class", bound=type)
@@ -126,7 +131,7 @@ def rotation_matrix(name: str, value: npt.ArrayLike) -> Array:
     """``value`` as a rotation matrix (3, 3); refuses what is not orthonormal to 1e-6."""
     matrix = finite_array(name, value, (3, 3))
     if np.abs(matrix.T @ matrix - np.eye(3)).max() > 1e-6 or np.linalg.det(matrix) < 0.0:
-        raise InvalidInput(f"{name}: expected a rotation matrix (RᵀR = 1, determinant 1).")
+        raise InvalidInput("expected a rotation matrix (RᵀR = 1, determinant 1).", key=name)
     return matrix
 
 
@@ -137,7 +142,7 @@ def unit_vector(name: str, value: npt.ArrayLike) -> Array:
     largest = float(np.abs(vector).max())
     if largest < 1e-12:
         raise InvalidInput(
-            f"{name}: {vector.tolist()} has no direction; give a vector that is not zero."
+            f"{vector.tolist()} has no direction; give a vector that is not zero.", key=name
         )
     vector /= largest
     unit: Array = vector / np.linalg.norm(vector)
@@ -158,24 +163,24 @@ def number(
         array = float_array(name, value)
         if array.shape != ():
             raise InvalidInput(
-                f"{name}: expected a single number, got an array of shape {array.shape}."
+                f"expected a single number, got an array of shape {array.shape}.", key=name
             )
         if not np.isfinite(array):
-            raise InvalidInput(f"{name}: expected a finite number, got {repr(value)[:60]}.")
+            raise InvalidInput(f"expected a finite number, got {repr(value)[:60]}.", key=name)
         result = float(array)
     if above is not None and not result > above:
-        raise InvalidInput(f"{name}: expected a number above {above:g}, got {result:g}.")
+        raise InvalidInput(f"expected a number above {above:g}, got {result:g}.", key=name)
     if at_least is not None and not result >= at_least:
-        raise InvalidInput(f"{name}: expected a number of at least {at_least:g}, got {result:g}.")
+        raise InvalidInput(f"expected a number of at least {at_least:g}, got {result:g}.", key=name)
     if at_most is not None and not result <= at_most:
-        raise InvalidInput(f"{name}: expected a number of at most {at_most:g}, got {result:g}.")
+        raise InvalidInput(f"expected a number of at most {at_most:g}, got {result:g}.", key=name)
     return result
 
 
 def whole_number(name: str, value: int, *, at_least: int, at_most: int | None = None) -> int:
     """``value`` as an int in the stated range; bools and floats are refused."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise InvalidInput(f"{name}: expected a whole number, got {value!r}.")
+        raise InvalidInput(f"expected a whole number, got {value!r}.", key=name)
     number(name, int(value), at_least=at_least, at_most=at_most)
     return int(value)
 
@@ -183,7 +188,7 @@ def whole_number(name: str, value: int, *, at_least: int, at_most: int | None = 
 def one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     """``value`` if it is one of ``allowed``."""
     if not isinstance(value, str) or value not in allowed:
-        raise InvalidInput(f"{name}: expected one of {', '.join(allowed)}; got {value!r}.")
+        raise InvalidInput(f"expected one of {', '.join(allowed)}; got {value!r}.", key=name)
     return value
 
 

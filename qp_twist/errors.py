@@ -7,6 +7,9 @@ catch it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
 import mink
 import qpsolvers
 
@@ -16,7 +19,49 @@ class QpTwistError(mink.MinkError):
 
 
 class InvalidInput(QpTwistError, ValueError):
-    """An argument was refused: the message has the value, what was expected, and what to do."""
+    """An argument was refused: the message has the value, what was expected, and what to do.
+
+    The message is ``file, line 3, column: key: sentence``, without what is not known.
+
+    Attributes:
+        sentence: What is wrong and what to do, without the place.
+        file: File that it is about.
+        line: Line of the file, from 1.
+        column: Column of a table, or word in the line.
+        key: Name of the argument, or dotted key of the task file.
+        options: Options of a toolpath that settle it, each with its value; ``None``: to be chosen.
+    """
+
+    def __init__(
+        self,
+        sentence: str,
+        *,
+        file: object = "",
+        line: int | None = None,
+        column: str = "",
+        key: str = "",
+        options: Mapping[str, str | None] | None = None,
+    ) -> None:
+        super().__init__(sentence)
+        self.sentence, self.file, self.key = sentence, str(file), key
+        self.line, self.column = line, column
+        self.options = dict(options or {})
+
+    def __str__(self) -> str:
+        """The message."""
+        line = "" if self.line is None else f"line {self.line}"
+        place = ", ".join(filter(None, (self.file, line, self.column)))
+        return ": ".join(filter(None, (place, self.key, self.sentence)))
+
+
+@contextmanager
+def about(key: str) -> Iterator[None]:
+    """What is refused inside is about ``key``, or about a key inside it."""
+    try:
+        yield
+    except InvalidInput as error:
+        error.key = ".".join(filter(None, (key, error.key)))
+        raise
 
 
 class InvalidTarget(InvalidInput, mink.InvalidTarget):

@@ -84,8 +84,9 @@ def write_cell(
     """
     if request.tool_mesh is not None and request.tcp is None and request.tool_at is None:
         raise InvalidInput(
-            f"--tool {request.tool_mesh}: where is its tip? Add --tcp "
-            "X,Y,Z,ROLL_DEG,PITCH_DEG,YAW_DEG, its pose in the robot's frame, in m and degrees."
+            f"{request.tool_mesh}: where is its tip? Add --tcp "
+            "X,Y,Z,ROLL_DEG,PITCH_DEG,YAW_DEG, its pose in the robot's frame, in m and degrees.",
+            key="tool_mesh",
         )
     spec = robot.spec.copy()
     # A solid's name is that of its body, its geom and its mesh.
@@ -275,8 +276,9 @@ def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Arr
     name = str(model.body(int(of.bodyid[0])).name)
     if not name:
         raise InvalidInput(
-            f"--frame: the {frame.kind} {frame.name!r} is on a body without a name; name it in the "
-            "robot's file, so that the tool can be put on it."
+            f"the {frame.kind} {frame.name!r} is on a body without a name; name it in the "
+            "robot's file, so that the tool can be put on it.",
+            key="frame",
         )
     return name, of.pos.copy(), of.quat.copy()
 

@@ -53,7 +53,7 @@ def choose_frame(
         for found in kinds:
             if name in moving[found] and name:
                 return FrameChoice(name, found)
-        raise InvalidInput(_not_there(name, kinds, moving, model))
+        raise InvalidInput(_not_there(name, kinds, moving, model), key="frame")
     sites = [site for site in moving["site"] if site]
     if len(sites) == 1 and "site" in kinds:
         return FrameChoice(sites[0], "site", "the only site that moves")
@@ -99,10 +99,10 @@ def _not_there(
         text = f"the frame {name!r} does not move with any joint"
         if name in moving["site"] + moving["body"] + moving["geom"]:
             text = f"there is no {kinds[0]} {name!r} that moves"
-        return f"--frame: {text}; those that do: {_listed(moving)}."
+        return f"{text}; those that do: {_listed(moving)}."
     what = kinds[0] if len(kinds) == 1 else "frame"
     hint = did_you_mean(name, known)
-    return f"--frame: the robot has no {what} {name!r}{hint} It has {_listed(moving)}."
+    return f"the robot has no {what} {name!r}{hint} It has {_listed(moving)}."
 
 
 def _listed(moving: dict[FrameType, list[str]]) -> str:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import mink
@@ -19,10 +21,10 @@ from qp_twist.authoring.frame_choice import choose_frame
 from qp_twist.authoring.request import Request
 from qp_twist.authoring.search import METHOD, PLANNED, Progress, TaskSearch, TaskSearchResult, Trial
 from qp_twist.authoring.search_clock import SearchClock
-from qp_twist.authoring.task_text import Parts, VariedPlacement, feeds_in_words, task_text
-from qp_twist.authoring.touching import Watched, watched
+from qp_twist.authoring.task_text import Parts, feeds_in_words, task_text
+from qp_twist.authoring.touching import watched
 from qp_twist.authoring.units import refuse_other_units
-from qp_twist.checks import Array, did_you_mean, number
+from qp_twist.checks import Array, did_you_mean
 from qp_twist.constraints import JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.files import printable, whole_file
@@ -31,10 +33,8 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kernel import MACHINE_CODE
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.paths import (
-    ColumnChoice,
     PathTask,
     Toolpath,
-    UnclearColumns,
     load_task,
     read_toolpath,
     rerooted,
@@ -113,37 +113,33 @@ def new_task(
     """
     _check_out(out, force)
     controller = _controller(request.controller, out)
-    number("speed", request.speed, above=0.0)
-    if request.angular_speed_deg is not None:
-        number("angular_speed_deg", request.angular_speed_deg, above=0.0)
-    number("search_seconds", request.search_seconds, above=0.0)
     report, clock = progress or (lambda what, share: None), SearchClock()
     report("reading the robot", 0.0)
     robot, scene = _robot(request, out)
-    carrier = request.relative_to
-    seen = robot.model if carrier is None else _seen_from(robot.model, request)
+    carrier, part = request.relative_to, ""
+    seen = robot.model if carrier is None else _seen_from(robot.model, request, carrier)
     frame = choose_frame(seen, request.frame, request.frame_type)
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
     refuse_other_units(request, seen, frame, toolpath)
-    in_hand = request.tool_at is not None
     with ExitStack() as stack:
         stack.enter_context(clock.running(lambda: report(MACHINE_CODE, 0.0)))
-        tool = part = ""
-        packages: dict[str, str] = {}
-        of_cell: tuple[str, ...] = ()
-        model = robot.model
+        model, watch, of_cell = robot.model, watched, tuple[str, ...]()
+        packages = {name: _relative(at, out) for name, at in request.packages.items()}
+        position, rpy_deg = np.array(request.place or (0.0,) * 3), np.array(request.place_rpy_deg)
         if request.has_cell:
             report("writing the scene", 0.0)
             folder = cell_folder(out)
             stack.enter_context(new_folder(folder, force=force))
-            at = np.array(request.place or (0.0, 0.0, 0.0))
-            cell = write_cell(folder, robot, frame, request, np.array(request.place_rpy_deg), at)
-            frame, tool, part, of_cell = cell.frame, cell.tool, cell.part, cell.notes
-            model, scene = cell.robot.model, f"{folder.name}/scene.xml"
-            carrier = cell.carrier
-        else:
-            packages = {name: _relative(at, out) for name, at in request.packages.items()}
+            cell = write_cell(folder, robot, frame, request, rpy_deg, position)
+            frame, part, of_cell, carrier = cell.frame, cell.part, cell.notes, cell.carrier
+            model, scene, packages = cell.robot.model, f"{folder.name}/scene.xml", {}
+            watch = partial(watched, tool=cell.tool, part=cell.part)
+        if request.tool_at is not None:  # which is in the pose of the part
+            position = rpy_deg = np.zeros(3)
+        srdf = srdf_beside(request.robot, _model_name(robot))
+        if srdf is not None:
+            watch = partial(watch, disabled=disabled_pairs(srdf), srdf=srdf.name)
         parts = Parts(
             request=request,
             title=f"{_model_name(robot)} along {request.toolpath.name}",
@@ -155,89 +151,116 @@ def new_task(
             ranges=JointRanges.of(model),
             velocity_limits=robot.velocity_limits,
             left_out=robot.left_out,
-            position=np.zeros(3) if in_hand else np.array(request.place or (0.0, 0.0, 0.0)),
-            rpy_deg=np.zeros(3) if in_hand else np.array(request.place_rpy_deg),
-            watched=_watched(request, robot, model, tool, part),
+            position=position,
+            rpy_deg=rpy_deg,
+            watched=watch(model),
             carrier=carrier,
+            part=part if carrier is None else "",
             controller=controller,
         )
         stays = request.place or request.part_mesh or request.fixture_meshes or carrier
         with whole_file(out) as unfinished:
             path_task = _loaded(parts, unfinished, out)
-            ranges = JointRanges.of(path_task.model)
-            search = TaskSearch(
-                request.search_seconds, clock, report, lambda q: _rounded(q, ranges)
-            )
+            rounded = partial(_rounded, ranges=JointRanges.of(path_task.model))
+            search = TaskSearch(request.search_seconds, clock, report, rounded)
             searched = search.run(path_task, elsewhere=not stays)
             best = searched.best
-            if best.placement is not None:
-                parts = replace(
-                    parts, position=best.placement.position, rpy_deg=best.placement.rpy_deg
-                )
-            parts = replace(
-                parts,
-                placement_notes=_placement_notes(request, searched, carrier),
-                start=None
-                if best.start is None
-                else best.path_task.shown.configurations(best.start.q),
-                start_notes=_start_notes(searched),
-                varied=_varied(best.path_task, part if carrier is None else ""),
-            )
+            parts = _placed_and_started(parts, searched)
             path_task = _loaded(parts, unfinished, out)
             check = _run_once_more(path_task, best, report) if best.passes else None
         path_task = replace(path_task, name=printable(out.stem), source=out)
-        notes = [
-            f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else ""),
-            f"path: {_summary(toolpath, path_task)}",
-            *_of_feed(parts),
-            *(f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out),
-            *(f"path: {note}" for note in toolpath.notes),
-            *(f"cell: {note}" for note in of_cell),
-            *(f"clearance: {note}" for note in (parts.watched.notes if parts.watched else ())),
-            *_small(toolpath),
-            *_wide(parts.ranges),
-            *_ways(parts),
-            *_alone(path_task),
-            *([] if robot.velocity_limits else [_NO_SPEEDS]),
-            *(f"workpiece: {note}" for note in parts.placement_notes),
-            *(f"start: {note}" for note in parts.start_notes),
-            *([] if check is None else [f"run by {best.method}: {check.verdict}"]),
-        ]
+        notes = [*_notes(parts, path_task, robot, of_cell)]
+        if check is not None:
+            notes.append(f"run by {best.method}: {check.verdict}")
         return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
 
 
-def _watched(
-    request: Request, robot: Robot, model: mujoco.MjModel, tool: str, part: str
-) -> Watched | None:
-    """What must not touch; what may by an SRDF beside the robot's file, too."""
-    srdf = srdf_beside(request.robot, _model_name(robot))
-    if srdf is None:
-        return watched(model, tool, part)
-    return watched(model, tool, part, disabled_pairs(srdf), srdf.name)
+def _notes(
+    parts: Parts, path_task: PathTask, robot: Robot, of_cell: Sequence[str]
+) -> Iterator[str]:
+    """A sentence for each decision."""
+    frame, toolpath, ranges = parts.frame, parts.toolpath, parts.ranges
+    yield f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else "")
+    yield f"path: {_summary(toolpath, path_task)}"
+    if toolpath.feeds is not None:
+        yield (
+            f"feed: {feeds_in_words(toolpath)}, as the file states it; where it does not, "
+            f"{parts.request.speed:g} m/s."
+        )
+    if parts.turns_in_place:
+        yield (
+            f"feed: the tool turns in place ({times(parts.turns_in_place)}), where a speed along "
+            f"the path gives no time, or hardly any; it turns by at most {parts.angular_speed:g} "
+            "degrees/s everywhere (--angular-speed)."
+        )
+    yield from (f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out)
+    yield from (f"path: {note}" for note in toolpath.notes)
+    yield from (f"cell: {note}" for note in of_cell)
+    yield from (f"clearance: {note}" for note in (parts.watched.notes if parts.watched else ()))
+    if toolpath.unit != "m" and toolpath.extent <= _SMALL:
+        yield f"path: it is only {1e3 * toolpath.extent:.3g} mm across: is the file in m?"
+    furthest = np.maximum(np.abs(ranges.lower), np.abs(ranges.upper))
+    wide = ranges.hinge & ranges.limited & (furthest > _WIDE)
+    if wide.any():
+        yield (
+            f"limits: {', '.join(np.array(ranges.names)[wide])} may turn by up to "
+            f"{furthest[wide].max():.4g} rad; a URDF states radians, an MJCF degrees unless its "
+            "compiler says radian: are these in the other unit?"
+        )
+    curves = len(toolpath.curves)
+    if parts.request.transfer == "joint" and curves > 1:
+        yield (
+            f"ways: {curves} curves; between them the joints move as fast as they may, clear of "
+            "all that the scene has."
+        )
+    elif parts.keeps_rapids:
+        yield (
+            "ways: the tool comes and goes as in the file, rapid motions included, at the speed of "
+            "[feed]; --rapids drop leaves them out."
+        )
+    elif curves > 1:
+        yield (
+            f"ways: {curves} curves; between them the tool goes away from the part, across, and "
+            "back. Change [path.approach] and [path.retreat], or join the curves in the file."
+        )
+    yield from _alone(path_task)
+    if not robot.velocity_limits:
+        yield _NO_SPEEDS
+    yield from (f"workpiece: {note}" for note in parts.placement_notes)
+    yield from (f"start: {note}" for note in parts.start_notes)
 
 
-def _seen_from(model: mujoco.MjModel, request: Request) -> mujoco.MjModel:
+def _seen_from(model: mujoco.MjModel, request: Request, carrier: str) -> mujoco.MjModel:
     """The robot file's scene as seen from the body that carries the part."""
     if request.tool_at is not None:
         raise InvalidInput(
-            "--relative-to, --tool-at: with a tool that is fixed in the cell the robot's --frame "
-            "holds the part; leave --relative-to out."
+            "with a tool that is fixed in the cell the robot's --frame "
+            "holds the part; leave --relative-to out.",
+            key="relative_to",
         )
-    assert request.relative_to is not None
-    try:
-        return rerooted(model, request.relative_to).model
-    except InvalidInput as error:
-        raise InvalidInput(str(error).replace("relative_to", "--relative-to", 1)) from error
+    return rerooted(model, carrier).model
 
 
-def _varied(path_task: PathTask, body: str) -> VariedPlacement:
-    """Placements for a study: a tenth of the reach around the path's middle."""
-    positions = path_task.positions
-    point = np.round(0.5 * (positions.min(axis=0) + positions.max(axis=0)), 4)
-    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    reach = largest_reach(chain, JointRanges.of(path_task.model))
-    margin = 0.1 if not np.isfinite(reach) else max(1e-3, round(_VARIED * reach, 3))
-    return VariedPlacement(point, body, margin)
+def _placed_and_started(parts: Parts, searched: TaskSearchResult) -> Parts:
+    """The parts with the placement and the start that were found, and what a study varies."""
+    best, position, rpy_deg = searched.best, parts.position, parts.rpy_deg
+    if best.placement is not None:
+        position, rpy_deg = best.placement.position, best.placement.rpy_deg
+    path = best.path_task.positions
+    chain = SerialChain.of(
+        best.path_task.model, best.path_task.frame_name, best.path_task.frame_type
+    )
+    reach = largest_reach(chain, JointRanges.of(best.path_task.model))
+    return replace(
+        parts,
+        position=position,
+        rpy_deg=rpy_deg,
+        placement_notes=_placement_notes(parts.request, searched, parts.carrier),
+        start=None if best.start is None else best.path_task.shown.configurations(best.start.q),
+        start_notes=_start_notes(searched),
+        middle=np.round(0.5 * (path.min(axis=0) + path.max(axis=0)), 4),
+        margin=max(1e-3, round(_VARIED * reach, 3)) if np.isfinite(reach) else 0.1,
+    )
 
 
 def _run_once_more(path_task: PathTask, best: Trial, report: Progress) -> Check | None:
@@ -303,45 +326,16 @@ def _controller(stated: str | None, out: Path) -> str | None:
 
 
 def _toolpath(request: Request) -> Toolpath:
-    columns = None
-    if request.columns is not None:
-        columns = ColumnChoice(**request.columns.model_dump())
     try:
-        return read_toolpath(
-            request.toolpath,
-            columns=columns,
-            length_unit=request.length_unit,
-            angle_unit=request.angle_unit,
-            orientation=request.orientation,
-            feed_unit=request.feed_unit,
-            arc_axis=request.arc_axis,
-            rotary=request.rotary,
-            rollover=request.rollover,
-        )
+        return read_toolpath(request.toolpath, request)
     except InvalidInput as error:
-        raise InvalidInput(f"{error}{_hint(error)}") from error
+        error.sentence += _hint(error)
+        raise
 
 
 def _hint(error: InvalidInput) -> str:
-    """The command line options that answer a message about a toolpath."""
-    text = str(error)
-    options = {
-        "add length_unit": "--unit mm, --unit m or --unit inch",
-        'say length_unit = "mm"': "--unit mm",
-        'say length_unit = "inch"': "--unit inch",
-        "add angle_unit": "--angle-unit deg or --angle-unit rad",
-        "add feed_unit": "--feed-unit mm/min or another",
-        'arc_axis = "right"': "--arc-axis right or --arc-axis left",
-        "add rotary = to": "--rotary head-ac or another of these",
-        'add rotary = "vector"': "--rotary vector",
-        "orientation =": "--orientation normal, axis, rpy, rotation_vector or none",
-    }
-    answers = [option for words, option in options.items() if words in text]
-    if isinstance(error, UnclearColumns):
-        found = error.suggestion
-        answers = [found.option if found else '--columns "position=1,2,3;normal=4,5,6"']
-        if 'orientation = "none"' in text:
-            answers.append("--orientation none")
+    """The options of the command line that answer a message about a toolpath."""
+    answers = [Request.answer(key, value) for key, value in error.options.items()]
     return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 
@@ -361,9 +355,11 @@ def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
             task = load_task(str(unfinished))
     except InvalidInput as error:
         # There is no task file to look at; a message about the toolpath has its own place.
-        _, found, of_toolpath = str(error).partition(FILE_KEY)
-        text = of_toolpath if found else str(error).replace(str(unfinished), str(out))
-        raise InvalidInput(f"{text}{_hint(error)}") from error
+        of_toolpath = error.key == FILE_KEY
+        error.file, error.line = "" if of_toolpath else str(out), None
+        error.key = "" if of_toolpath else error.key
+        error.sentence += _hint(error)
+        raise
     return replace(task, name=printable(out.stem))
 
 
@@ -380,66 +376,6 @@ def _summary(toolpath: Toolpath, path_task: PathTask) -> str:
         f"{points} points {directions}, {1e3 * length:.4g} mm, {len(path_task.waypoints)} "
         f"waypoints, rank {path_task.projector.rank} of {path_task.operational.rank}"
     )
-
-
-def _of_feed(parts: Parts) -> list[str]:
-    """Notes on the feeds of the file, and where it has none."""
-    found = []
-    if parts.toolpath.feeds is not None:
-        found.append(
-            f"feed: {feeds_in_words(parts.toolpath)}, as the file states it; where it does not, "
-            f"{parts.request.speed:g} m/s."
-        )
-    if parts.turns_in_place:
-        found.append(
-            f"feed: the tool turns in place ({times(parts.turns_in_place)}), where a speed along "
-            f"the path gives no time, or hardly any; it turns by at most {parts.angular_speed:g} "
-            "degrees/s everywhere (--angular-speed)."
-        )
-    return found
-
-
-def _small(toolpath: Toolpath) -> list[str]:
-    """Warn about a path in metres that was read as millimetres."""
-    extent = toolpath.extent
-    if toolpath.unit == "m" or extent > _SMALL:
-        return []
-    return [f"path: it is only {1e3 * extent:.3g} mm across: is the file in m?"]
-
-
-def _ways(parts: Parts) -> list[str]:
-    """A note on the motions between curves."""
-    curves = len(parts.toolpath.curves)
-    if parts.request.transfer == "joint" and curves > 1:
-        return [
-            f"ways: {curves} curves; between them the joints move as fast as they may, clear of "
-            "all that the scene has."
-        ]
-    if parts.keeps_rapids:
-        return [
-            "ways: the tool comes and goes as in the file, rapid motions included, at the speed of "
-            "[feed]; --rapids drop leaves them out."
-        ]
-    if curves < 2:
-        return []
-    return [
-        f"ways: {curves} curves; between them the tool goes away from the part, "
-        "across, and back. Change [path.approach] and [path.retreat], or join the curves in the "
-        "file."
-    ]
-
-
-def _wide(ranges: JointRanges) -> list[str]:
-    """Warn about limits that may be in degrees instead of radians."""
-    furthest = np.maximum(np.abs(ranges.lower), np.abs(ranges.upper))
-    wide = ranges.hinge & ranges.limited & (furthest > _WIDE)
-    if not wide.any():
-        return []
-    names = ", ".join(name for name, is_wide in zip(ranges.names, wide, strict=True) if is_wide)
-    return [
-        f"limits: {names} may turn by up to {furthest[wide].max():.4g} rad; a URDF states radians, "
-        "an MJCF degrees unless its compiler says radian: are these in the other unit?"
-    ]
 
 
 def _alone(path_task: PathTask) -> list[str]:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field, ValidationError
 
 from qp_twist.authoring.solids import MeshUnit
-from qp_twist.paths import AngleUnit, ArcAxis, FeedUnit, LengthUnit, Orientation, Rollover, Rotary
-from qp_twist.paths.file_path_schema import ColumnsTable
+from qp_twist.paths import ToolpathOptions
+from qp_twist.paths.section import Positive, Vector, problems
 
 ANGULAR_SPEED = 90.0
 """Speed at which a tool turns in place, unless another is given, degrees/s."""
 
+Pose = tuple[float, float, float, float, float, float]
+"""Position, m, and roll, pitch and yaw, R = Rz Ry Rx, degrees."""
 
-@dataclass(frozen=True)
-class Request:
-    """A robot, a toolpath, and the options that the user chose.
+
+class Request(ToolpathOptions):
+    """A robot, a toolpath, the options of the toolpath, and the others that the user chose.
 
     Attributes:
         robot: MJCF, URDF or xacro file, or the name of a shipped scene.
@@ -26,17 +29,7 @@ class Request:
         arguments: Values of the arguments of a xacro file, by name.
         frame: Controlled frame; ``None`` for the only one.
         frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
-        length_unit: Unit of a file without one.
-        angle_unit: Unit of roll, pitch and yaw in such a file.
-        orientation: Which direction columns to use.
-        feed_unit: Unit of a feed column without one.
-        columns: Columns without usual names.
-        rapids: Whether rapid motions of the file are part of the path; ``None``: if they lead the
-            tool away from each curve and to the next.
         transfer: From one curve to the next in straight lines, or by joint moves.
-        arc_axis: Sense of rotation of circles about their axes, if the file leaves it open.
-        rotary: How the rotary axes of a G-code file turn the tool.
-        rollover: Whether they turn over 360 degrees the short way.
         tool: Whether the frame's z points into the part.
         place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
             elsewhere if the robot does not reach it there.
@@ -47,50 +40,68 @@ class Request:
         search_seconds: Limit of the search for a start and a placement, s of processor time;
             compiling kernels does not count.
         tool_mesh: Mesh file of a tool, in the axes of the robot's frame.
-        tcp: Pose of its tip in the robot's frame: position, m, roll, pitch and yaw, R = Rz Ry Rx,
-            degrees; with it the task's frame is the tip.
+        tcp: Pose of its tip in the robot's frame; with it the task's frame is the tip.
         part_mesh: Mesh file of the part, in the toolpath's frame.
         fixture_meshes: Mesh files of what stands around the part, in the toolpath's frame.
         mesh_unit: Unit of all mesh files.
         relative_to: Body of the robot file that carries the part, such as the plate of a turn
             table; ``place`` is then in its frame.
-        tool_at: Pose of a tool that is fixed in the cell, in the robot's world, as ``tcp``. The
-            robot then holds the part: ``place`` is in its frame, ``tcp`` in that of the tool, and
-            fixtures are in the robot's world.
+        tool_at: Pose of a tool that is fixed in the cell, in the robot's world. The robot then
+            holds the part: ``place`` is in its frame, ``tcp`` in that of the tool, and fixtures are
+            in the robot's world.
         controller: How the controller counts the joints: name of a known robot, a file with a table
             of its own (``.toml``), or ``"as modelled"``; ``None``: recognised.
     """
+
+    renamed: ClassVar[dict[str, str]] = {
+        **ToolpathOptions.renamed,
+        "toolpath": "--path",
+        "angular_speed_deg": "--angular-speed",
+        "search_seconds": "--search-time",
+        "tool_mesh": "--tool",
+        "part_mesh": "--part",
+        "fixture_meshes": "--fixture",
+        "mesh_unit": "--mesh-units",
+        "packages": "--package",
+        "arguments": "--arg",
+    }
 
     robot: Path
     toolpath: Path
     frame: str | None = None
     frame_type: Literal["site", "body", "geom"] | None = None
-    length_unit: LengthUnit | None = None
-    angle_unit: AngleUnit | None = None
-    orientation: Orientation | None = None
-    feed_unit: FeedUnit | None = None
-    columns: ColumnsTable | None = None
-    rapids: Literal["keep", "drop"] | None = None
     transfer: Literal["straight", "joint"] = "straight"
-    arc_axis: ArcAxis | None = None
-    rotary: Rotary | None = None
-    rollover: Rollover | None = None
     tool: Literal["into", "out"] = "into"
-    place: tuple[float, float, float] | None = None
-    place_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    speed: float = 0.05
-    angular_speed_deg: float | None = None
-    search_seconds: float = 60.0
+    place: Vector | None = None
+    place_rpy_deg: Vector = (0.0, 0.0, 0.0)
+    speed: Positive = 0.05
+    angular_speed_deg: Positive | None = None
+    search_seconds: Positive = 60.0
     tool_mesh: Path | None = None
-    tcp: tuple[float, float, float, float, float, float] | None = None
+    tcp: Pose | None = None
     part_mesh: Path | None = None
     fixture_meshes: tuple[Path, ...] = ()
     mesh_unit: MeshUnit | None = None
     relative_to: str | None = None
-    tool_at: tuple[float, float, float, float, float, float] | None = None
-    packages: Mapping[str, Path] = field(default_factory=dict)
-    arguments: Mapping[str, str] = field(default_factory=dict)
+    tool_at: Pose | None = None
+    packages: Mapping[str, Path] = Field(default_factory=dict)
+    arguments: Mapping[str, str] = Field(default_factory=dict)
     controller: str | None = None
+
+    def __init__(self, robot: Path, toolpath: Path, **options: Any) -> None:
+        """Check all of them.
+
+        Raises:
+            InvalidInput: With the option.
+        """
+        try:
+            super().__init__(**{"robot": robot, "toolpath": toolpath, **options})
+        except ValidationError as error:
+            raise problems(error)[0] from None
+
+    def changed(self, **options: Any) -> Request:
+        """The same with other values of some options."""
+        return Request(**{**dict(self), **options})
 
     @property
     def has_cell(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,37 +14,22 @@ from qp_twist.authoring.request import ANGULAR_SPEED, Request
 from qp_twist.authoring.touching import Watched
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import DEFAULT_METHOD, METHODS, Toolpath
+from qp_twist.paths import DEFAULT_METHOD, METHODS, Toolpath, ToolpathOptions
 
 _COLUMN = 36
 _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
 @dataclass(frozen=True)
-class VariedPlacement:
-    """Range of placements around the present one.
-
-    Attributes:
-        point: The middle of the path, in the world, m, (3,).
-        body: Body of the scene that moves along; empty for none.
-        margin: By how much the point is moved along each axis, m.
-    """
-
-    point: Array
-    body: str
-    margin: float
-
-
-@dataclass(frozen=True)
 class Parts:
-    """Content of a task file.
+    """Content of a task file; files as the task file names them.
 
     Attributes:
         request: The arguments of ``qp-twist new``.
         title: One line that names the task.
-        scene: Robot file as the task file names it.
-        packages: Folders of the robot file's ROS packages likewise, by name.
-        toolpath_file: Toolpath file likewise.
+        scene: Robot file.
+        packages: Folders of the robot file's ROS packages, by name.
+        toolpath_file: Toolpath file.
         frame: The controlled frame.
         toolpath: What the toolpath file says.
         ranges: Of the robot's joints.
@@ -52,13 +37,15 @@ class Parts:
         left_out: Sentences on what the robot file states and the model lacks.
         position: Of the toolpath's frame in the world, m.
         rpy_deg: Its orientation there, degrees.
+        watched: What must not touch; ``None`` where nothing can collide.
+        carrier: Body of the scene that carries the path; ``None``: its world.
+        part: Body of the scene that moves along with the path in a study; empty for none.
+        controller: How the controller counts the joints.
         placement_notes: Sentences on where the workpiece stands.
         start: Joint positions, rad or m, (nv,); ``None``: to be found when the task is run.
         start_notes: Sentences on the start.
-        watched: What must not touch; ``None`` where nothing can collide.
-        varied: Where a study puts the workpiece; ``None`` without that section.
-        carrier: Body of the scene that carries the path; ``None``: its world.
-        controller: How the controller counts the joints, a file as the task file names it.
+        middle: The middle of the path, in the world, m, (3,); ``None``: not known yet.
+        margin: By how much a study moves it along each axis, m.
     """
 
     request: Request
@@ -69,17 +56,19 @@ class Parts:
     frame: FrameChoice
     toolpath: Toolpath
     ranges: JointRanges
-    velocity_limits: dict[str, float]
+    velocity_limits: Mapping[str, float]
     left_out: Sequence[str]
     position: Array
     rpy_deg: Array
+    watched: Watched | None
+    carrier: str | None
+    part: str
+    controller: str | None
     placement_notes: Sequence[str] = ()
     start: Array | None = None
-    start_notes: Sequence[str] = field(default=())
-    watched: Watched | None = None
-    varied: VariedPlacement | None = None
-    carrier: str | None = None
-    controller: str | None = None
+    start_notes: Sequence[str] = ()
+    middle: Array | None = None
+    margin: float = 0.0
 
     @property
     def turns_in_place(self) -> int:
@@ -109,16 +98,22 @@ def task_text(parts: Parts) -> str:
             "radians unless a key ends in _deg."
         ),
         f"title = {_quoted(parts.title)}",
+        *([] if parts.start is not None else [_central(parts)]),
+        _robot(parts),
+        _projector(parts),
+        *_path(parts),
+        *([] if parts.start is None else [_start(parts, parts.start)]),
+        _feed(parts),
+        _limits(parts),
+        *([] if parts.watched is None else [_clearance(parts.watched)]),
+        _methods(),
+        *([] if parts.middle is None else [_study(parts, parts.middle)]),
     ]
-    if parts.start is None:
-        blocks[-1] += "\n\n" + "\n".join(
-            [*map(_comment, parts.start_notes), 'start = "central"']
-        )  # fmt: skip
-    blocks += [_robot(parts), _projector(parts), _path(parts)]
-    if parts.start is not None:
-        blocks.append(_start(parts))
-    blocks += [_feed(parts), _limits(parts), *_clearance(parts), _methods(), *_study(parts)]
     return "\n\n".join(blocks) + "\n"
+
+
+def _central(parts: Parts) -> str:
+    return "\n".join([*map(_comment, parts.start_notes), 'start = "central"'])
 
 
 def _robot(parts: Parts) -> str:
@@ -127,22 +122,14 @@ def _robot(parts: Parts) -> str:
         _line(f"scene = {_quoted(parts.scene)}", "MJCF or URDF, relative to this file"),
         _line(f"frame = {_quoted(parts.frame.name)}", parts.frame.why),
         _line(f'frame_type = "{parts.frame.kind}"'),
-        *(
-            []
-            if parts.carrier is None
-            else [
-                _line(f"relative_to = {_quoted(parts.carrier)}", "the body that carries the path")
-            ]
-        ),
-        *(
-            []
-            if parts.controller is None
-            else [
-                _line(f"controller = {_quoted(parts.controller)}", "how programs count the joints")
-            ]
-        ),
-        *(_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out),
     ]
+    if parts.carrier is not None:
+        carrier = f"relative_to = {_quoted(parts.carrier)}"
+        lines.append(_line(carrier, "the body that carries the path"))
+    if parts.controller is not None:
+        controller = f"controller = {_quoted(parts.controller)}"
+        lines.append(_line(controller, "how programs count the joints"))
+    lines += [_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out]
     of_xacro = {} if parts.request.has_cell else parts.request.arguments
     for name, table in (("packages", parts.packages), ("arguments", of_xacro)):
         if table:
@@ -153,57 +140,42 @@ def _robot(parts: Parts) -> str:
 
 def _projector(parts: Parts) -> str:
     meaning = parts.toolpath.meaning
-    lines = ["[projector]"]
     if meaning == "none":
-        lines[0] = _line(lines[0], "position only, rank 3: the file has no directions")
-        lines += ['linear = "full"', 'angular = "none"']
+        head, angular = "position only, rank 3: the file has no directions", ['angular = "none"']
     elif meaning == "rotation":
-        lines[0] = _line(lines[0], "the whole pose, rank 6, as the file states it")
-        lines += [
-            'linear = "full"',
+        head = "the whole pose, rank 6, as the file states it"
+        angular = [
             'angular = "full"',
-            _comment("To free the roll about the tool's z, which a tool of revolution does not "
-                     "need, write instead (rank 5):"),
-            '# angular = { plane = [0, 0, 1] }',
+            _comment(
+                "To free the roll about the tool's z, which a tool of revolution does not need, "
+                "write instead (rank 5):"
+            ),
+            "# angular = { plane = [0, 0, 1] }",
             '# frame = "body"',
-        ]  # fmt: skip
+        ]
     else:
-        lines[0] = _line(lines[0], "position and axis, rank 5: the roll is free")
-        lines += [
-            'linear = "full"',
+        head = "position and axis, rank 5: the roll is free"
+        angular = [
             _line("angular = { plane = [0, 0, 1] }", "free about z of the frame below"),
             _line('frame = "body"', "the axis moves with the tool"),
         ]
-    return "\n".join(lines)
+    return "\n".join([_line("[projector]", head), 'linear = "full"', *angular])
 
 
-def _path(parts: Parts) -> str:  # noqa: PLR0912
+def _path(parts: Parts) -> list[str]:
     request, toolpath = parts.request, parts.toolpath
     points = sum(map(len, toolpath.curves))
     curves = len(toolpath.curves)
     summary = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
     lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", summary)]
-    if request.length_unit:
-        lines.append(_line(f'length_unit = "{request.length_unit}"', "of the positions"))
-    else:
+    if request.length_unit is None:
         lines.append(_line('# length_unit = "mm"', "the file says its unit itself"))
-    if request.angle_unit:
-        lines.append(f'angle_unit = "{request.angle_unit}"')
-    if request.feed_unit:
-        lines.append(f'feed_unit = "{request.feed_unit}"')
+    lines += toolpath_lines(request)
     if toolpath.feeds is not None:
         lines.append(_line('feeds = "file"', f'{feeds_in_words(toolpath)}; "task": [feed] alone'))
     if parts.keeps_rapids:
         lines.append(_line('rapids = "keep"', "the tool comes and goes as in the file; or drop"))
-    if request.arc_axis:
-        lines.append(_line(f'arc_axis = "{request.arc_axis}"', "sense of CIRCLE about its axis"))
-    if request.rotary:
-        lines.append(_line(f'rotary = "{request.rotary}"', "how rotary axes turn the tool"))
-    if request.rollover:
-        lines.append(_line(f'rollover = "{request.rollover}"', "of rotary axes over 360 degrees"))
-    if request.orientation:
-        lines.append(f'orientation = "{request.orientation}"')
-    elif toolpath.meaning in ("normal", "axis"):
+    if request.orientation is None and toolpath.meaning in ("normal", "axis"):
         lines.append(_line(f'# orientation = "{toolpath.meaning}"', "found in the file"))
     if toolpath.meaning in ("normal", "axis"):
         where = "into the part" if request.tool == "into" else "out of the part"
@@ -222,31 +194,44 @@ def _path(parts: Parts) -> str:  # noqa: PLR0912
         stated = request.columns.model_dump(exclude_none=True)
         rows = [f"{key} = {json.dumps(value)}" for key, value in stated.items()]
         blocks.append("\n".join(["[path.columns]", *rows]))
-    blocks.append(
-        "\n".join(
-            [
-                "[path.placement]",
-                *map(_comment, parts.placement_notes),
-                _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
-                _line(
-                    f"rpy_deg = {_numbers(parts.rpy_deg, 9)}",
-                    "and its orientation in the robot's world"
-                    if parts.carrier is None
-                    else f"and its orientation in the frame of {parts.carrier}",
-                ),
-            ]
-        )
-    )
+    turned = "and its orientation in the robot's world"
+    if parts.carrier is not None:
+        turned = f"and its orientation in the frame of {parts.carrier}"
+    placement = [
+        "[path.placement]",
+        *map(_comment, parts.placement_notes),
+        _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
+        _line(f"rpy_deg = {_numbers(parts.rpy_deg, 9)}", turned),
+    ]
+    blocks.append("\n".join(placement))
     if not parts.keeps_rapids:
-        blocks.append(_leads(curves > 1))
+        leads = [
+            line
+            for key, what in (("approach", "to"), ("retreat", "away from"))
+            for line in (
+                _line(f"[path.{key}]", f"straight {what} each curve, along the tool"),
+                _line("distance = 0.05", "m"),
+                "steps = 10",
+            )
+        ]
+        blocks.append("\n".join(leads if curves > 1 else map(_off, leads)))
     if curves > 1:
-        lines = [
+        transfer = [
             _line("[path.transfer]", "from one curve to the next"),
             _line('motion = "joint"', "of the joints, as fast as they may, clear of everything"),
         ]
         on = request.transfer == "joint"
-        blocks.append("\n".join(lines if on else [_off(line) for line in lines]))
-    return "\n\n".join(blocks)
+        blocks.append("\n".join(transfer if on else map(_off, transfer)))
+    return blocks
+
+
+def toolpath_lines(options: ToolpathOptions) -> list[str]:
+    """The options of a toolpath that the user chose, each with what it is."""
+    return [
+        _line(f"{key} = {json.dumps(value)}", what)
+        for key, value, what in options.stated_options()
+        if key not in ("columns", "rapids")  # which have a place of their own
+    ]
 
 
 def feeds_in_words(toolpath: Toolpath) -> str:
@@ -256,24 +241,10 @@ def feeds_in_words(toolpath: Toolpath) -> str:
     return f"{lowest} mm/min" if lowest == highest else f"{lowest} to {highest} mm/min"
 
 
-def _leads(needed: bool) -> str:
-    """Approach and retreat; of one curve as comments."""
-    lines = []
-    for key, what in (("approach", "to"), ("retreat", "away from")):
-        lines += [
-            _line(f"[path.{key}]", f"straight {what} each curve, along the tool"),
-            _line("distance = 0.05", "m"),
-            "steps = 10",
-        ]
-    return "\n".join(lines if needed else [_off(line) for line in lines])
-
-
-def _start(parts: Parts) -> str:
-    assert parts.start is not None
+def _start(parts: Parts, q: Array) -> str:
+    values, key, unit = q, "q", "rad and m"
     if parts.ranges.hinge.all():
-        values, key, unit = np.degrees(parts.start), "q_deg", "degrees"
-    else:
-        values, key, unit = parts.start, "q", "rad and m"
+        values, key, unit = np.degrees(q), "q_deg", "degrees"
     lines = [
         "[start]",
         *map(_comment, parts.start_notes),
@@ -287,70 +258,60 @@ def _start(parts: Parts) -> str:
 
 
 def _feed(parts: Parts) -> str:
-    speed = f"speed = {parts.request.speed:g}"
     of_file = parts.toolpath.feeds is not None
     comment = "m/s, where the file has no feed" if of_file else "m/s, along the path"
     bound = parts.angular_speed
     angular = f"angular_speed_deg = {bound or ANGULAR_SPEED:g}"
-    return "\n".join(
-        [
-            "[feed]",
-            _line(speed, f"{comment}; it slows down at limits"),
-            _line(
-                angular if bound else _off(angular), "of the tool, degrees/s; the slower one counts"
-            ),
-        ]
-    )
+    lines = [
+        "[feed]",
+        _line(f"speed = {parts.request.speed:g}", f"{comment}; it slows down at limits"),
+        _line(angular if bound else _off(angular), "of the tool, degrees/s; the slower one counts"),
+    ]
+    return "\n".join(lines)
 
 
 def _limits(parts: Parts) -> str:
     ranges, speeds = parts.ranges, parts.velocity_limits
-    unlimited = [name for name, limited in zip(ranges.names, ranges.limited, strict=True)
-                 if not limited]  # fmt: skip
+    unlimited = [n for n, limited in zip(ranges.names, ranges.limited, strict=True) if not limited]
+    units = {
+        n: "rad" if hinge else "m" for n, hinge in zip(ranges.names, ranges.hinge, strict=True)
+    }
     lines = []
     if unlimited:
         lines.append(_comment(f"Without a range in the robot file: {', '.join(unlimited)}."))
-    units = ["rad/s" if hinge else "m/s" for hinge in ranges.hinge]
     if speeds:
         lines.append(_line("[limits.velocity]", "of the URDF"))
         lines += [
-            _line(f"{_key(name)} = {speeds[name]:.10g}", unit)
-            for name, unit in zip(ranges.names, units, strict=True)
+            _line(f"{_key(name)} = {speeds[name]:.10g}", f"{unit}/s")
+            for name, unit in units.items()
             if name in speeds
         ]
     else:
         lines.append(_comment("Joint speeds: the robot file states none. From the data sheet:"))
         lines.append("# [limits.velocity]")
         lines += [
-            _line(f"# {_key(name)} = {2.0 if unit == 'rad/s' else 0.5}", unit)
-            for name, unit in zip(ranges.names, units, strict=True)
+            _line(f"# {_key(name)} = {2.0 if unit == 'rad' else 0.5}", f"{unit}/s")
+            for name, unit in units.items()
         ]
-    lines += [
-        "",
-        "# [limits.acceleration]",
-        *(
-            _line(f"# {_key(name)} = 10.0", f"{unit[:-2]}/s²")
-            for name, unit in zip(ranges.names, units, strict=True)
-        ),
-    ]
+    lines += ["", "# [limits.acceleration]"]
+    lines += [_line(f"# {_key(name)} = 10.0", f"{unit}/s²") for name, unit in units.items()]
     return "\n".join(lines)
 
 
-def _clearance(parts: Parts) -> list[str]:
+def _clearance(watched: Watched) -> str:
     """The distance of what must not touch, and each pair that may, with the reason."""
-    if parts.watched is None:
-        return []
+    pairs = [
+        _line(f"  [{_quoted(pair.one)}, {_quoted(pair.other)}],", pair.why)
+        for pair in watched.ignored
+    ]
     lines = [
         "[clearance]",
-        _line(f"distance = {parts.watched.distance:g}", "m, of every pair that may collide"),
+        _line(f"distance = {watched.distance:g}", "m, of every pair that may collide"),
         _line("ignore = [", "pairs of geoms or bodies that may touch"),
-        *(
-            _line(f"  [{_quoted(pair.one)}, {_quoted(pair.other)}],", pair.why)
-            for pair in parts.watched.ignored
-        ),
+        *pairs,
         "]",
     ]
-    return ["\n".join(lines)]
+    return "\n".join(lines)
 
 
 def _methods() -> str:
@@ -372,11 +333,9 @@ def _methods() -> str:
     )
 
 
-def _study(parts: Parts) -> list[str]:
+def _study(parts: Parts, middle: Array) -> str:
     """The placements that a study tries."""
-    varied = parts.varied
-    if varied is None:
-        return []
+    margin = parts.margin
     lines = [
         _comment("What qp-twist study varies: where the workpiece stands, around the place above."),
         "[study]",
@@ -385,14 +344,14 @@ def _study(parts: Parts) -> list[str]:
         _line("# max_step_deg = 15.0", "of a joint, in place of [feed] and [limits]"),
         "",
         "[study.placement]",
-        _line(f"point = {_numbers(varied.point)}", "m, the middle of the path"),
-        *([_line(f"body = {_quoted(varied.body)}", "it moves along")] if varied.body else []),
-        _line(f"lower = {_numbers(varied.point - varied.margin)}", "m, where that point is put"),
-        f"upper = {_numbers(varied.point + varied.margin)}",
+        _line(f"point = {_numbers(middle)}", "m, the middle of the path"),
+        *([_line(f"body = {_quoted(parts.part)}", "it moves along")] if parts.part else []),
+        _line(f"lower = {_numbers(middle - margin)}", "m, where that point is put"),
+        f"upper = {_numbers(middle + margin)}",
         _line("yaw_deg = [-30.0, 30.0]", "turn about the vertical"),
         _line("tilt_deg = [0.0, 0.0]", "then a tilt to any side"),
     ]
-    return ["\n".join(lines)]
+    return "\n".join(lines)
 
 
 def _line(text: str, comment: str = "") -> str:

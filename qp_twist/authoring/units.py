@@ -10,7 +10,7 @@ from qp_twist.authoring.request import Request
 from qp_twist.constraints.colliding_pairs import body_name
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
-from qp_twist.paths import Toolpath, unit_question
+from qp_twist.paths import Toolpath, UnitQuestion
 
 _FAR = 10.0
 """Distance of a path, in reaches of the robot, from which its unit is questioned."""
@@ -96,12 +96,12 @@ def _refuse_far(request: Request, toolpath: Toolpath, chain: SerialChain, reach:
     positions = np.concatenate([curve.positions for curve in toolpath.curves])
     apart = float(np.linalg.norm(positions - chain.screws[0].anchor, axis=1).min())
     largest = float(np.abs(positions).max())
-    question = unit_question(
+    question = UnitQuestion.of(
         toolpath.unit, largest, 2.0 * reach, unit_in_file=toolpath.unit_in_file
     )
-    if apart > _FAR * reach and question.startswith("is the file"):
+    if apart > _FAR * reach and question.likely is not None:
         raise InvalidInput(
             f"{request.toolpath.name}: its coordinates reach {largest:.3g} m, and the robot "
-            f"{reach:.3g} m at most: {question}. If it is in {toolpath.unit}, say "
+            f"{reach:.3g} m at most: {question.text}. If it is in {toolpath.unit}, say "
             f"--unit {toolpath.unit}, or --place where it stands."
         )

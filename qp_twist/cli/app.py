@@ -13,18 +13,22 @@ code    meaning of an exit code
 
 from __future__ import annotations
 
+import inspect
+import json
 import os
 import sys
 import tempfile
+from collections.abc import Callable
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn, TypeVar
 
 import tyro
 from rich.console import Console, RenderableType
 from tyro.extras import SubcommandApp
 
 app = SubcommandApp()
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 class _Console(Console):
@@ -47,6 +51,49 @@ RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
+TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
+Metres = Annotated[float, tyro.conf.arg(metavar="M")]
+Degrees = Annotated[float, tyro.conf.arg(metavar="DEG")]
+Count = Annotated[int, tyro.conf.arg(metavar="N")]
+OptionalCount = Annotated[int | None, tyro.conf.arg(metavar="N")]
+
+SHARED = {
+    "task": "Name of a shipped task, or path to a .toml file.",
+    "trajectory": "File that ends in .csv, .npz, .json or .mcap, or a robot program (.script, "
+    ".mod, .src, .ls).",
+    "method": "Method name.",
+    "methods": "Method names separated by commas; if omitted, all applicable ones.",
+    "solver": "Backend of the QPs, e.g. proxqp, osqp; if omitted, machine code.",
+    "gain": "Of the secondary objective, instead of the task file's or the method's own.",
+    "weight": "Of a centering secondary, likewise.",
+    "path": "Toolpath to follow instead of the task's own, e.g. path.csv.",
+    "position_tolerance": "Largest linear task error that passes, m.",
+    "axis_tolerance_deg": "Largest angular task error that passes, degrees.",
+    "robot": "For a program: the robot's name in the table of known robots, or a file with a table "
+    "of its own (.toml); if omitted, as the task file states it, or recognised by name and "
+    "geometry.",
+    "as_modelled": "For a program: the controller counts the joints as the model does.",
+    "force": "Write a program that does not pass, too; its first line stops a controller.",
+    "json_": "Print one JSON document on standard output, and nothing else there.",
+}
+"""What an option means that several commands have; a command describes its others."""
+
+
+def command(function: Command) -> Command:
+    """Make a function a command; its shared options are described by :data:`SHARED`."""
+    text = inspect.getdoc(function) or ""
+    shared = [
+        f"    {name}: {SHARED[name]}"
+        for name in inspect.signature(function).parameters
+        if name in SHARED and f"\n    {name}: " not in text
+    ]
+    if shared:
+        head = [] if "\nArgs:\n" in text else ["", "Args:"]
+        function.__doc__ = "\n".join([text, *head, *shared])
+    app.command(function)
+    return function
+
+
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether progress, tables and the names of written files are left out."""
 
@@ -56,6 +103,17 @@ def say(*lines: str) -> None:
     if not quiet.get():
         for line in lines:
             _Console().print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def show_json(facts: object) -> None:
+    """Print what a command found as JSON."""
+    print(json.dumps(facts, ensure_ascii=False, indent=2, allow_nan=False))
+
+
+def only_json(asked: bool) -> None:
+    """Print nothing more but the JSON document, and errors, if that is asked for."""
+    if asked:
+        quiet.set(True)
 
 
 def fail(sentence: str) -> NoReturn:

@@ -10,18 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from qp_twist.cli.app import (
-    Folder,
-    Gain,
-    Names,
-    OptionalFile,
-    Task,
-    Weight,
-    app,
-    check_folder,
-    say,
-    show,
-)
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load, method_names, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import Comparison, Interrupted, csv_table, notes, rich_table
@@ -30,30 +19,25 @@ from qp_twist.errors import InvalidInput
 from qp_twist.studies import Study
 
 
-@app.command
+@cli.command
 def compare(
-    task: Task,
-    methods: Names = None,
-    solver: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
-    gain: Gain = None,
-    weight: Weight = None,
-    out: Folder = None,
-    path: OptionalFile = None,
-    json: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    csv: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    sample: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    task: cli.Task,
+    methods: cli.Names = None,
+    solver: cli.Solver = None,
+    gain: cli.Gain = None,
+    weight: cli.Weight = None,
+    out: cli.Folder = None,
+    path: cli.OptionalFile = None,
+    json: cli.Flag = False,
+    csv: cli.Flag = False,
+    sample: cli.OptionalCount = None,
     from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
 ) -> None:
     """Compare methods on a task; print the table, write report.html, figures and numbers.
 
     Args:
-        task: Name of a shipped task, or path to a .toml file.
-        methods: Method names separated by commas; if omitted, all applicable ones.
         solver: Backend of the QPs, e.g. proxqp, osqp; if omitted, the study's, or machine code.
-        gain: Of the secondary objective, for the methods that have one.
-        weight: Of a centering secondary, likewise.
         out: Folder to write to; if omitted, out/TASK, with --json or --csv none.
-        path: Toolpath file to follow instead of the task's path.
         json: Print only the content of comparison.json.
         csv: Print only the metrics as CSV, one row per method.
         sample: Number of a study's sample to repeat, with the study's methods and backend.
@@ -70,12 +54,12 @@ def compare(
         path_task = dataclasses.replace(path_task, name=f"{path_task.name}_{sample}")
         methods = methods or ",".join(drawn.methods)
         if not (json or csv):
-            say(str(drawn))
+            cli.say(str(drawn))
     names = method_names(path_task, methods)
     path_task = with_secondary(path_task, names, gain, weight)
     folder = out or (None if json or csv else Path("out") / path_task.name)
     if folder is not None:
-        check_folder(folder)
+        cli.check_folder(folder)
     try:
         load_machine_code(path_task, names, solver)
         with method_progress(names, len(path_task.waypoints) - 1) as progress:
@@ -91,12 +75,12 @@ def compare(
         _print(comparison, json=json, csv=csv)
         written = [] if folder is None else comparison.save(folder)
         if not (json or csv):
-            say(*_kept(comparison, len(names)), *(f"wrote {line}" for line in written))
+            cli.say(*_kept(comparison, len(names)), *(f"wrote {line}" for line in written))
         raise
     _print(comparison, json=json, csv=csv)
     if folder is None:
         return
-    command = _command(
+    typed = _command(
         task,
         methods=methods,
         solver=solver,
@@ -108,9 +92,9 @@ def compare(
         out=out,
     )
     with working("drawing the figures, writing the report"):
-        lines = comparison.report(folder, command=command)
+        lines = comparison.report(folder, command=typed)
     if not (json or csv):
-        say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
+        cli.say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
 
 
 def _print(comparison: Comparison, *, json: bool, csv: bool) -> None:
@@ -119,8 +103,8 @@ def _print(comparison: Comparison, *, json: bool, csv: bool) -> None:
     if json or csv:
         sys.stdout.write(comparison.to_json() if json else csv_table(content))
     else:
-        show(rich_table(content))
-        say(*notes(content))
+        cli.show(rich_table(content))
+        cli.say(*notes(content))
 
 
 def _kept(comparison: Comparison, count: int) -> list[str]:

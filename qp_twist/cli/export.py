@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from qp_twist.checks import did_you_mean
-from qp_twist.cli.app import Flag, Json, OptionalFile, RobotName, app, check_file, fail, quiet, say
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import failure, load
 from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
@@ -25,24 +24,23 @@ from qp_twist.trajectories import (
 )
 from qp_twist.trajectories.program_trajectory import check_language
 
-TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
 OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
 BAG = ".mcap"
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": BAG}
 
 
-@app.command
+@cli.command
 def export(
-    trajectory: TrajectoryFile,
+    trajectory: cli.TrajectoryFile,
     task: OptionalTask = None,
     to: Language = None,
-    out: OptionalFile = None,
-    robot: RobotName = None,
-    as_modelled: Flag = False,
-    path: OptionalFile = None,
-    force: Flag = False,
-    json_: Json = False,
+    out: cli.OptionalFile = None,
+    robot: cli.RobotName = None,
+    as_modelled: cli.Flag = False,
+    path: cli.OptionalFile = None,
+    force: cli.Flag = False,
+    json_: cli.Json = False,
 ) -> None:
     """Write a trajectory file as a robot program or a ROS 2 bag, and check what was written.
 
@@ -55,16 +53,11 @@ def export(
         task: Name of a shipped task, or path to a .toml file: the trajectory's.
         to: urscript, rapid, krl, ls or mcap; if omitted, by the suffix of --out.
         out: File to write; if omitted, the trajectory's name with the suffix of the language.
-        robot: The robot's name in the table of known robots, or a file with a table of its own
-            (.toml); if omitted, as the task file states it, or recognised by name and geometry.
-        as_modelled: The controller counts the joints as the model does.
         path: Toolpath to check against instead of the task's own.
-        force: Write a program that does not pass, too; its first line stops a controller.
-        json_: Print the file, the axes and the findings of the check as JSON.
     """
     by_name = out is not None
     out = _destination(trajectory, to, out)
-    check_file(out)
+    cli.check_file(out)
     dialect = dialect_of(out)
     if dialect is None and (robot is not None or as_modelled or force):
         raise InvalidInput(
@@ -96,20 +89,19 @@ def export(
             found, written = write_checked(
                 rows, out, path_task, joints, joint_names=names, force=force
             )
-    shown = quiet.set(quiet.get() or json_)
-    say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} points")
+    cli.only_json(json_)
+    cli.say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} points")
     if dialect is not None and rows.accelerations is not None:
-        say(
+        cli.say(
             "the trajectory's accelerations are left out: between points the program has own curves"
         )
     axes = () if joints is None or dialect is None else joints.equations(dialect.axis_names)
     if joints is not None:
-        say(joints.origin + (f" ({joints.source})" if joints.source else ""))
-        say(*(f"  {axis}" for axis in axes))
+        cli.say(joints.origin + (f" ({joints.source})" if joints.source else ""))
+        cli.say(*(f"  {axis}" for axis in axes))
         advice = "no controller has run it: try it slowly, without a tool, first"
-        say(*([advice] if written else []))
-    say(*_findings(found))
-    quiet.reset(shown)
+        cli.say(*([advice] if written else []))
+    cli.say(*_findings(found))
     if json_:
         facts = {
             "file": str(out),
@@ -118,9 +110,9 @@ def export(
             "axes": list(axes),
             "check": None if found is None else found.to_dict(),
         }
-        print(json.dumps(facts, ensure_ascii=False, indent=2))
+        cli.show_json(facts)
     if found is not None and not found.passes:
-        fail(failure(out, found, written))
+        cli.fail(failure(out, found, written))
 
 
 def _findings(found: Check | None) -> list[str]:

@@ -10,6 +10,7 @@ import tyro
 
 _POSITIONAL = get_args(tyro.conf.Positional[int])[1]
 _ONE_FLAG = get_args(tyro.conf.FlagCreatePairsOff[bool])[1]
+_ARGUMENT: Any = type(tyro.conf.arg())
 _ALWAYS = ("--help", "--quiet")
 _COMPLETION = ("--tyro-print-completion", "--tyro-write-completion")
 """tyro's own: scripts by which a shell completes commands and options."""
@@ -59,16 +60,25 @@ def check_names(
 
 
 def options_of(command: Callable[..., Any]) -> list[str]:
-    """The options that tyro derives from a command's parameters."""
+    """The options of a command."""
+    return [*_own_options(command), *_ALWAYS]
+
+
+def _own_options(command: Callable[..., Any]) -> list[str]:
+    """The options that tyro derives from the parameters of a function or dataclass."""
     hints = get_type_hints(command, include_extras=True)
-    options = []
+    options: list[str] = []
     for name in inspect.signature(command).parameters:
         conf = get_args(hints[name])[1:]
         if _POSITIONAL in conf:
             continue
-        option = name.rstrip("_").replace("_", "-")
+        argument: Any = next((one for one in conf if isinstance(one, _ARGUMENT)), None)
+        if argument is not None and argument.constructor_factory is not None:
+            options += _own_options(argument.constructor_factory())
+            continue
+        option = (argument and argument.name) or name.rstrip("_").replace("_", "-")
         options.append(f"--{option}")
         is_flag = hints[name] is bool or get_args(hints[name])[:1] == (bool,)
         if is_flag and _ONE_FLAG not in conf:
             options.append(f"--no-{option}")
-    return [*options, *_ALWAYS]
+    return options

@@ -5,28 +5,52 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import make_dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from pydantic import ValidationError
 
 from qp_twist.authoring import NewTask, Request, new_task
-from qp_twist.checks import number
 from qp_twist.cli.app import Json, app, check_file, quiet, say
 from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import Orientation, Rollover, Rotary
-from qp_twist.paths.file_path_schema import ColumnsTable
+from qp_twist.paths import ColumnChoice, ToolpathOptions
+from qp_twist.paths.section import validated
+from qp_twist.paths.toolpath_options import choices
 
 _LONG = 2.0
 """A longer search also prints how to end it, s."""
 Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Pose = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
+
+
+def _toolpath_options() -> type:
+    """The options of a toolpath for tyro: ``auto``, or nothing, is for what the file says."""
+    fields: list[tuple[str, Any, Any]] = []
+    for key, field in ToolpathOptions.model_fields.items():
+        about = (field.description or "")[:1].upper() + (field.description or "")[1:] + "."
+        name = ToolpathOptions.option(key).removeprefix("--")
+        kind: Any
+        default: object
+        if values := choices(field.annotation):
+            kind, default, metavar = Literal["auto", *values], "auto", None
+        elif isinstance(field.default, (bool, int, float)):
+            kind, default, metavar = type(field.default), field.default, None
+        else:
+            kind, default, metavar = str | None, None, "TEXT"
+        argument = tyro.conf.arg(name=name, metavar=metavar, help=about)
+        fields.append((key, Annotated[kind, argument], default))
+    return make_dataclass("ToolpathOptions", fields)
+
+
+_Options: Any = _toolpath_options()
+_AS_THE_FILE_SAYS = _Options()
+Toolpath = Annotated[Any, tyro.conf.arg(constructor=_Options, name=""), tyro.conf.OmitArgPrefixes]
 
 
 @app.command
@@ -36,32 +60,20 @@ def new(
     frame: Text = None,
     frame_type: Literal["auto", "site", "body", "geom"] = "auto",
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("task.toml"),
-    unit: Literal["auto", "mm", "m", "inch"] = "auto",
-    angle_unit: Literal["auto", "deg", "rad"] = "auto",
-    orientation: Literal["auto"] | Orientation = "auto",
-    feed_unit: Literal["auto", "mm/min", "mm/s", "m/min", "m/s", "inch/min"] = "auto",
-    columns: Annotated[str | None, tyro.conf.arg(metavar="TEXT")] = None,
-    rapids: Literal["auto", "keep", "drop"] = "auto",
+    toolpath: Toolpath = _AS_THE_FILE_SAYS,
     transfer: Literal["straight", "joint"] = "straight",
-    arc_axis: Literal["auto", "right", "left"] = "auto",
-    rotary: Rotary | None = None,
-    rollover: Rollover | None = None,
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
-    place: Annotated[
-        str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
-    ] = None,
+    place: Pose = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
     angular_speed: Annotated[float | None, tyro.conf.arg(metavar="DEG/S")] = None,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
-    tcp: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")] = None,
+    tcp: Pose = None,
     part: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     fixture: tyro.conf.UseAppendAction[
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
     relative_to: Annotated[str | None, tyro.conf.arg(metavar="BODY")] = None,
-    tool_at: Annotated[
-        str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")
-    ] = None,
+    tool_at: Pose = None,
     mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
     package: tyro.conf.UseAppendAction[
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]
@@ -81,21 +93,9 @@ def new(
         frame: The robot's frame that follows it; if omitted, the only possible one.
         frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.
-        unit: Unit of positions, if the toolpath does not contain it.
-        angle_unit: Unit of angles and rotation vectors, likewise.
-        orientation: Columns of direction to use, if there are several.
-        feed_unit: Unit of a column of feeds, likewise.
-        columns: Columns with unusual names, e.g. "position=1,2,3;normal=4,5,6".
-        rapids: Whether rapid motions of the file are part of the path; auto: if the file leads
-            the tool away from each curve and to the next.
+        toolpath: How the toolpath is read.
         transfer: From one curve to the next: straight lines of the tool; or joint, moves of the
             joints at their full speed, clear of what is in the way.
-        arc_axis: Sense of rotation of CIRCLE about its axis, if the file leaves it open.
-        rotary: How the rotary axes A, B, C of a G-code file turn the tool or the part; or
-            vector, the tool axis is I, J, K of straight motions; reversed, a table that turns
-            right-handed, against ISO 841.
-        rollover: Whether rotary axes that turn by more than 180 degrees in a cut take the short
-            way, as where they roll over from 360 to 0 (the default), or the way as written.
         tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
             OBJ or DAE) in the axes of the robot's frame, whose tip's z points into the part: a
             scene is then written beside the task file.
@@ -124,45 +124,37 @@ def new(
         force: Overwrite the task file, and the folder of its scene.
         json_: Print the file, each decision and the check of its run as JSON.
     """
-    request = Request(
-        robot=robot,
-        toolpath=path,
-        frame=frame,
-        frame_type=None if frame_type == "auto" else frame_type,
-        length_unit=None if unit == "auto" else unit,
-        angle_unit=None if angle_unit == "auto" else angle_unit,
-        orientation=None if orientation == "auto" else orientation,
-        feed_unit=None if feed_unit == "auto" else feed_unit,
-        columns=None if columns is None else _columns(columns),
-        rapids=None if rapids == "auto" else rapids,
-        transfer=transfer,
-        arc_axis=None if arc_axis == "auto" else arc_axis,
-        rotary=rotary,
-        rollover=rollover,
-        tool="out" if tool == "out" else "into",
-        speed=number("--speed", speed, above=0.0),
-        angular_speed_deg=None
-        if angular_speed is None
-        else number("--angular-speed", angular_speed, above=0.0),
-        search_seconds=number("--search-time", search_time, above=0.0),
-        tool_mesh=None if tool in ("into", "out") else Path(tool),
-        tcp=None if tcp is None else _six(*_pose("--tcp", tcp)),
-        part_mesh=part,
-        fixture_meshes=fixture,
-        mesh_unit=mesh_units,
-        relative_to=relative_to,
-        tool_at=None if tool_at is None else _six(*_pose("--tool-at", tool_at)),
-        packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
-        arguments=_named("--arg", arg, ":="),
-        controller=controller,
-    )
-    if place is not None:
-        position, rpy_deg = _pose("--place", place)
-        request = replace(request, place=position, place_rpy_deg=rpy_deg)
-    check_file(out)
-    note_compiling(quiet=quiet.get())
-    with share_progress() as report:
-        task = new_task(request, out, force=force, progress=_with_hint(report))
+    at = None if place is None else _pose("--place", place)
+    try:
+        request = Request(
+            robot,
+            path,
+            **_given(toolpath),
+            frame=frame,
+            frame_type=None if frame_type == "auto" else frame_type,
+            transfer=transfer,
+            tool="out" if tool == "out" else "into",
+            place=None if at is None else at[:3],
+            place_rpy_deg=(0.0, 0.0, 0.0) if at is None else at[3:],
+            speed=speed,
+            angular_speed_deg=angular_speed,
+            search_seconds=search_time,
+            tool_mesh=None if tool in ("into", "out") else Path(tool),
+            tcp=None if tcp is None else _pose("--tcp", tcp),
+            part_mesh=part,
+            fixture_meshes=fixture,
+            mesh_unit=mesh_units,
+            relative_to=relative_to,
+            tool_at=None if tool_at is None else _pose("--tool-at", tool_at),
+            packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
+            arguments=_named("--arg", arg, ":="),
+            controller=controller,
+        )
+        task = _made(request, out, force=force)
+    except InvalidInput as error:
+        if error.key in Request.model_fields and not error.file:
+            error.key = Request.option(error.key)
+        raise
     shown = quiet.set(quiet.get() or json_)
     if json_:
         print(json.dumps(_facts(task), ensure_ascii=False, indent=2))
@@ -176,6 +168,13 @@ def new(
     if not task.path_task.joint_moves:
         say(f"or, all methods side by side: qp-twist compare {name}")
     quiet.reset(shown)
+
+
+def _made(request: Request, out: Path, *, force: bool) -> NewTask:
+    check_file(out)
+    note_compiling(quiet=quiet.get())
+    with share_progress() as report:
+        return new_task(request, out, force=force, progress=_with_hint(report))
 
 
 def _facts(task: NewTask) -> dict[str, Any]:
@@ -221,14 +220,7 @@ def _named(option: str, texts: tuple[str, ...], mark: str) -> dict[str, str]:
     return found
 
 
-Three = tuple[float, float, float]
-
-
-def _six(position: Three, rpy_deg: Three) -> tuple[float, float, float, float, float, float]:
-    return *position, *rpy_deg
-
-
-def _pose(option: str, text: str) -> tuple[Three, Three]:
+def _pose(option: str, text: str) -> tuple[float, ...]:
     """Position in m, and roll, pitch and yaw in degrees."""
     try:
         numbers = [float(part) for part in text.split(",")]
@@ -241,32 +233,28 @@ def _pose(option: str, text: str) -> tuple[Three, Three]:
             f"six, the last three roll, pitch and yaw in degrees, e.g. {option} 0.5,0,0.2,0,0,90 "
             f"(with a negative first one {option}=-0.5,0,0.2){got}."
         )
-    x, y, z, roll, pitch, yaw = [*numbers, 0.0, 0.0, 0.0][:6]
-    return (x, y, z), (roll, pitch, yaw)
+    return tuple([*numbers, 0.0, 0.0, 0.0][:6])
 
 
-def _columns(text: str) -> ColumnsTable:
-    expected = (
-        'expected for example "position=1,2,3;normal=4,5,6"; keys are '
-        f"{', '.join(ColumnsTable.model_fields)}"
-    )
+def _given(toolpath: Any) -> dict[str, object]:
+    """The options of a toolpath that were given."""
+    given = {key: value for key, value in vars(toolpath).items() if value not in (None, "auto")}
+    if "columns" in given:
+        given["columns"] = _columns(str(given["columns"]))
+    return given
+
+
+def _columns(text: str) -> ColumnChoice:
     table: dict[str, object] = {}
     for part in text.split(";"):
-        key, equals, names = part.partition("=")
-        if not equals or key.strip() not in ColumnsTable.model_fields:
-            raise InvalidInput(f"--columns {text!r}: {part!r} has no known key; {expected}.")
-        values = [
-            int(name) if name.strip().isdecimal() else name.strip() for name in names.split(",")
-        ]
-        table[key.strip()] = values[0] if key.strip() in ("curve", "feed") else tuple(values)
+        key, _, names = (side.strip() for side in part.partition("="))
+        values = tuple(int(n) if n.strip().isdecimal() else n.strip() for n in names.split(","))
+        table[key] = values[0] if key in ("curve", "feed") else values
     try:
-        return ColumnsTable.model_validate(table)
-    except ValidationError as error:
-        item = error.errors()[0]
-        message = item["msg"].removeprefix("Value error, ")
-        if item["type"] in ("missing", "too_short", "too_long"):
-            message = "a position needs three columns, and a direction as many as it has numbers"
+        return validated(ColumnChoice, table)
+    except InvalidInput as error:
         raise InvalidInput(
-            f"--columns {text!r}: {item['loc'][0] if item['loc'] else 'columns'}: {message}; "
-            f"{expected}."
+            f'{error.key}: {error.sentence} Expected for example "position=1,2,3;normal=4,5,6"; '
+            f"keys are {', '.join(ColumnChoice.model_fields)}.",
+            key=f"--columns {text!r}",
         ) from None

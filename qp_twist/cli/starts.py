@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import tyro
 from rich.table import Table
 
-from qp_twist.cli.app import Json, MethodName, Task, app, quiet, say, show
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load
 from qp_twist.cli.progress import sample_progress
 from qp_twist.errors import InvalidInput
@@ -19,20 +17,17 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD
 
 
-@app.command
+@cli.command
 def starts(
-    task: Task,
-    count: Annotated[int, tyro.conf.arg(metavar="N")] = 8,
-    method: MethodName = DEFAULT_METHOD,
-    json_: Json = False,
+    task: cli.Task,
+    count: cli.Count = 8,
+    method: cli.MethodName = DEFAULT_METHOD,
+    json_: cli.Json = False,
 ) -> None:
     """List possible starts: the most central configurations, and how far each run gets.
 
     Args:
-        task: Name of a shipped task, or path to a .toml file.
         count: Largest number of starts.
-        method: Method of the runs.
-        json_: Print the starts as JSON.
     """
     if count < 1:
         raise InvalidInput(f"--count {count}: expected a number of at least 1.")
@@ -45,21 +40,23 @@ def starts(
     scene = path_task.shown
     found = [replace(start, q=scene.configurations(start.q)) for start in found]
     ranges = JointRanges.of(scene.model)
-    shown = quiet.set(quiet.get() or json_)
-    show(_table(found, ranges))
+    cli.only_json(json_)
+    cli.show(_table(found, ranges))
     best = found[0]
     key, values = "q", best.q
     if ranges.hinge.all():
         key, values = "q_deg", np.degrees(best.q)
-    say("[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]")
+    cli.say(
+        "[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]"
+    )
     if json_:
-        print(json.dumps([_facts(start, ranges) for start in found], indent=2, allow_nan=False))
+        cli.show_json([_facts(start, ranges) for start in found])
     if not best.completed:
         held = f": {best.stopped_by}" if best.stopped_by else ""
-        say(f"none of them leads to the end; the best stops after waypoint {best.reached}{held}")
-        quiet.reset(shown)
+        cli.say(
+            f"none of them leads to the end; the best stops after waypoint {best.reached}{held}"
+        )
         raise SystemExit(1)
-    quiet.reset(shown)
 
 
 def _facts(start: FoundStart, ranges: JointRanges) -> dict[str, Any]:

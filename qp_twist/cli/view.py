@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import sys
 import webbrowser
-from typing import Annotated
 
-import tyro
-
-from qp_twist.cli.app import MethodName, OptionalFile, Solver, Task, app, say
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load
 from qp_twist.paths import DEFAULT_METHOD
 
-Port = Annotated[int | None, tyro.conf.arg(metavar="N")]
 
-
-@app.command
+@cli.command
 def view(
-    task: Task,
-    method: MethodName = DEFAULT_METHOD,
-    solver: Solver = None,
-    path: OptionalFile = None,
-    port: Port = None,
+    task: cli.Task,
+    method: cli.MethodName = DEFAULT_METHOD,
+    solver: cli.Solver = None,
+    path: cli.OptionalFile = None,
+    port: cli.OptionalCount = None,
     browser: bool = True,
 ) -> None:
     """Serve a page on this machine to run a task, drag its target and change its settings.
@@ -29,10 +24,8 @@ def view(
     Ctrl-C ends it, exit code 0.
 
     Args:
-        task: Name of a shipped task, or path to a .toml file.
         method: Initial method name.
         solver: Initial backend of the QPs; if omitted, machine code.
-        path: Toolpath to follow instead of the task's own, e.g. path.csv.
         port: Port of 127.0.0.1; if omitted, the first free one from 8080 on.
         browser: Open the page in a browser, if this runs in a terminal.
     """
@@ -45,12 +38,12 @@ def view(
 
     session = Session(path_task, settings)
     page = Page(session, free)
-    say(f"{path_task.name}: {page.url} (Ctrl-C ends)")
+    cli.say(f"{path_task.name}: {page.url} (Ctrl-C ends)")
     if browser and sys.stdout.isatty():
         webbrowser.open(page.url)
     try:
         page.run()
     except KeyboardInterrupt:
-        say("ended.")
+        cli.say("ended.")
     finally:
         page.close()

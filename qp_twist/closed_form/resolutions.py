@@ -13,6 +13,8 @@ exists, and the least-squares answer where the arm has fewer joints than operati
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
@@ -138,3 +140,14 @@ def twa(
     if manipulator_redundancy:
         step = step + desired - inverse @ (t_o @ j @ desired)
     return step
+
+
+BY_METHOD: dict[str, Callable[[Array, TwistProjector, Array, Array, TwistProjector], Array]] = {
+    "rmr": lambda J, T, twist, h, whole: resolved_motion_rate(J, twist, whole),
+    "rmr_flipped": lambda J, T, twist, h, whole: resolved_motion_rate(J, twist, whole),
+    "minimum_norm": lambda J, T, twist, h, whole: minimum_norm(J, T, twist),
+    "gradient_projection": lambda J, T, twist, h, whole: gradient_projection(J, T, twist, h),
+    "twa": lambda J, T, twist, h, whole: twa(J, T, twist, h, operational=whole),
+}
+"""The resolution of a method, of J, T, Δt, h and T_O; a method has its name and its settings in
+``paths/methods.py``."""

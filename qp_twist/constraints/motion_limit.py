@@ -176,8 +176,9 @@ def per_joint(
             dofs = names == joint
             if not dofs.any():
                 raise InvalidInput(
-                    f"{name}.{joint}: the model has no joint of that name; it has "
-                    f"{', '.join(dict.fromkeys(ranges.names))}."
+                    "the model has no joint of that name; it has "
+                    f"{', '.join(dict.fromkeys(ranges.names))}.",
+                    key=f"{name}.{joint}",
                 )
             limits[dofs] = _checked(f"{name}.{joint}", limit, ())
     elif value is not None:
@@ -189,9 +190,10 @@ def _checked(name: str, value: npt.ArrayLike, shape: tuple[int, ...]) -> Array:
     limits = float_array(name, value)
     if limits.shape not in ((), shape):
         raise InvalidInput(
-            f"{name}: expected a number{f' or {shape[0]} of them' if shape else ''}, got an array "
-            f"of shape {limits.shape}."
+            f"expected a number{f' or {shape[0]} of them' if shape else ''}, got an array "
+            f"of shape {limits.shape}.",
+            key=name,
         )
     if not (limits > 0.0).all():
-        raise InvalidInput(f"{name}: expected numbers above 0, got {limits.tolist()}.")
+        raise InvalidInput(f"expected numbers above 0, got {limits.tolist()}.", key=name)
     return limits

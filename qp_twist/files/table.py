@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -27,21 +27,28 @@ class Problems:
     """Problems of a file, collected so that all are reported at once."""
 
     def __init__(self) -> None:
-        self._found: list[tuple[int, str]] = []
+        self._found: list[InvalidInput] = []
 
     def __bool__(self) -> bool:
         """Whether there is one."""
         return bool(self._found)
 
-    def add(self, line: int, what: str, place: str = "") -> None:
+    def add(
+        self,
+        line: int,
+        what: str,
+        column: str = "",
+        options: Mapping[str, str | None] | None = None,
+    ) -> None:
         """Add a problem.
 
         Args:
             line: Of the file, from 1.
             what: What was read and what was expected, without a full stop.
-            place: Column or word in the line, if there is one to name.
+            column: Column or word in the line, if there is one to name.
+            options: Options of a toolpath that settle it.
         """
-        self._found.append((line, f"line {line}{place and f', {place}'}: {what}."))
+        self._found.append(InvalidInput(f"{what}.", line=line, column=column, options=options))
 
     def refuse(self) -> None:
         """Raise if there is a problem.
@@ -50,13 +57,15 @@ class Problems:
             InvalidInput: With every problem in the order of the lines, or the first :data:`SHOWN`
                 and the number of others.
         """
-        sentences = [sentence for _, sentence in sorted(self._found, key=lambda item: item[0])]
-        if len(sentences) > 1:
-            hidden = len(sentences) - SHOWN
+        found = sorted(self._found, key=lambda problem: problem.line or 0)
+        if len(found) == 1:
+            raise found[0]
+        if found:
+            hidden = len(found) - SHOWN
             more = [f"and {hidden} more."] if hidden > 0 else []
-            sentences = [f"{len(sentences)} problems:", *sentences[:SHOWN], *more]
-        if sentences:
-            raise InvalidInput("\n  ".join(sentences))
+            lines = [f"{len(found)} problems:", *map(str, found[:SHOWN]), *more]
+            options = {name: value for one in found for name, value in one.options.items()}
+            raise InvalidInput("\n  ".join(lines), options=options)
 
 
 class TableLine(NamedTuple):

@@ -33,8 +33,9 @@ def of_file(name: object) -> Iterator[None]:
     try:
         yield
     except InvalidInput as error:
-        between = "," if str(error).startswith("line ") else ":"
-        error.args = (f"{name}{between} {error}",)
+        if error.file:  # which this one names
+            error.sentence, error.line, error.column, error.key = str(error), None, "", ""
+        error.file = str(name)
         raise
     except Exception:
         with own_exceptions(name):

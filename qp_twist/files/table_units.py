@@ -7,7 +7,7 @@ import re
 from collections.abc import Container, Mapping, Sequence
 from typing import Any, Literal
 
-LengthUnit = Literal["m", "mm", "inch"]
+LengthUnit = Literal["mm", "m", "inch"]
 AngleUnit = Literal["deg", "rad"]
 FeedUnit = Literal["mm/min", "mm/s", "m/min", "m/s", "inch/min"]
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from qp_twist import closed_form
 from qp_twist.checks import Array
+from qp_twist.closed_form.resolutions import BY_METHOD
 from qp_twist.constraints import BindingLimit, GatheredLimits, gather_limits
 from qp_twist.control import Controller, Status
 from qp_twist.errors import InvalidInput
@@ -103,22 +104,11 @@ class ClosedFormResolver(Resolver):
         if first:
             h = total_displacement(self.objectives, configuration)
         J, T = state.jacobian, state.projector
-        match self.method.name:
-            case "rmr" | "rmr_flipped":
-                dq = closed_form.resolved_motion_rate(J, twist, self.operational)
-            case "minimum_norm":
-                dq = closed_form.minimum_norm(J, T, twist)
-            case "weighted_least_norm":
-                if first:
-                    self._weigh(configuration.q)
-                dq = closed_form.weighted_least_norm(J, T, twist, self._weights)
-            case "gradient_projection":
-                dq = closed_form.gradient_projection(J, T, twist, h)
-            case "twa":
-                dq = closed_form.twa(J, T, twist, h, operational=self.operational)
-            case name:
-                raise AssertionError(f"unknown closed form {name}")
-        return Iteration(dq)
+        if self.method.name == "weighted_least_norm":
+            if first:
+                self._weigh(configuration.q)
+            return Iteration(closed_form.weighted_least_norm(J, T, twist, self._weights))
+        return Iteration(BY_METHOD[self.method.name](J, T, twist, h, self.operational))
 
     def _weigh(self, q: Array) -> None:
         """Compute the joint weights for a waypoint.

@@ -53,7 +53,7 @@ class Range(NamedTuple):
             ends = [f"{end:g} {unit}" for end in (lower, upper)]
             if unit == "rad":  # task files give degrees
                 ends = [f"{end:g} rad ({math.degrees(end):g}°)" for end in (lower, upper)]
-            raise InvalidInput(f"{name}: lower = {ends[0]} is above upper = {ends[1]}.")
+            raise InvalidInput(f"lower = {ends[0]} is above upper = {ends[1]}.", key=name)
         return cls(lower, upper)
 
 
@@ -194,16 +194,17 @@ def check_bands(
         InvalidInput: If one is not a band, or contradicts a value that T fixes.
     """
     if not isinstance(bands, (list, tuple)):
-        raise InvalidInput(f"{name}: bands: expected a list of bands, got {bands!r}.")
+        raise InvalidInput(f"bands: expected a list of bands, got {bands!r}.", key=name)
     for band in bands:
         if not isinstance(band, ToleranceBand):
             raise InvalidInput(
-                f"{name}: bands: expected RollBand, ConeBand, SlabBand or BoxBand, got {band!r}."
+                f"bands: expected RollBand, ConeBand, SlabBand or BoxBand, got {band!r}.", key=name
             )
         why = band.contradiction(projector)
         if why is not None:
             raise InvalidInput(
-                f"{name}: {band!r} contradicts the projector: {why}. Free that direction in the "
-                "projector, or widen the band."
+                f"{band!r} contradicts the projector: {why}. Free that direction in the "
+                "projector, or widen the band.",
+                key=name,
             )
     return tuple(bands)

@@ -6,9 +6,9 @@ from qp_twist.files import LengthUnit as LengthUnit
 from qp_twist.shipped import shipped_folder as shipped_folder
 from qp_twist.shipped import shipped_tasks as shipped_tasks
 
-from .apt_toolpath import ArcAxis as ArcAxis
 from .arcs import ARC_ERROR as ARC_ERROR
-from .assemble import unit_question as unit_question
+from .arcs import ArcAxis as ArcAxis
+from .assemble import UnitQuestion as UnitQuestion
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
@@ -26,7 +26,6 @@ from .path_task import check_method as check_method
 from .path_task import twist_task as twist_task
 from .placement import leaned as leaned
 from .placement import placed as placed
-from .read_toolpath import Format as Format
 from .read_toolpath import read_toolpath as read_toolpath
 from .rerooted import Rerooted as Rerooted
 from .rerooted import rerooted as rerooted
@@ -47,6 +46,9 @@ from .toolpath import Toolpath as Toolpath
 from .toolpath_columns import ColumnChoice as ColumnChoice
 from .toolpath_columns import Orientation as Orientation
 from .toolpath_columns import UnclearColumns as UnclearColumns
+from .toolpath_options import Format as Format
+from .toolpath_options import ReadingOptions as ReadingOptions
+from .toolpath_options import ToolpathOptions as ToolpathOptions
 from .turning import angles_between as angles_between
 from .turning import transported as transported
 from .turning import turns_between as turns_between

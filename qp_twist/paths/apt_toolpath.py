@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems, shortened
-from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii
+from qp_twist.paths.arcs import ARC_ERROR, ArcAxis, arc_points, arc_sweep, check_radii
 from qp_twist.paths.arcs_to_lines import crossing, sense_of_motion
 from qp_twist.paths.assemble import assembled
 from qp_twist.paths.motions import Motions, PassedOver, notes_on_rapid, of_lines, times
 from qp_twist.paths.toolpath import Toolpath
-from qp_twist.paths.toolpath_columns import Orientation
+from qp_twist.paths.toolpath_options import ReadingOptions
 from qp_twist.paths.turning import vectors_at
 
 _ALONG = re.compile(r"\(?CIRCLE/([^()/]*?)\)?,ON(,2,INTOF)?,\(?LINE/([^()/]*?)\)?")
@@ -35,9 +34,6 @@ _ANGLE_ROUNDING = math.radians(0.01)
 """How an angle of an arc is rounded."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _COORDINATES = ("x", "y", "z", "i", "j", "k")
-
-ArcAxis = Literal["right", "left"]
-"""Sense of the motion about the axis of ``CIRCLE``: right-handed or left-handed."""
 
 _TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT")
 """Words followed by free text, or that concern only the operator or the machine."""
@@ -80,14 +76,7 @@ _PER_TURN: dict[str, LengthUnit | None] = {
 """Units of a feed per turn of the spindle."""
 
 
-def read_apt(
-    path: Path,
-    lines: Sequence[str],
-    orientation: Orientation | None,
-    length_unit: LengthUnit | None,
-    arc_error: float = ARC_ERROR,
-    arc_axis: ArcAxis | None = None,
-) -> Toolpath:
+def read_apt(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
     """The toolpath of an APT-CL file.
 
     The point after ``RAPID`` begins another curve. Points between two ``RAPID`` belong to no curve:
@@ -99,12 +88,13 @@ def read_apt(
         InvalidInput: If a line is invalid, changes the path in a way that is not supported, or
             the sense of rotation of its circles is open.
     """
+    orientation = options.orientation
     if orientation not in (None, "axis", "none"):
         raise InvalidInput(
             f"orientation is {orientation!r}, but an APT file has tool axes; leave it "
             'out or say "axis" or "none".'
         )
-    reader = _with_sense_of_arcs(lines, length_unit, arc_error, arc_axis)
+    reader = _with_sense_of_arcs(lines, options)
     if not reader.motions.points:
         reader.problems.refuse()
         raise InvalidInput("there is no GOTO in it.")
@@ -124,17 +114,12 @@ def read_apt(
         "i, j, k",
         notes,
         reader.problems,
-        unit=reader.unit or length_unit or "m",
+        unit=reader.unit or options.length_unit or "m",
         unit_in_file=reader.unit is not None,
     )
 
 
-def _with_sense_of_arcs(
-    lines: Sequence[str],
-    length_unit: LengthUnit | None,
-    arc_error: float,
-    arc_axis: ArcAxis | None,
-) -> _Reader:
+def _with_sense_of_arcs(lines: Sequence[str], options: ReadingOptions) -> _Reader:
     """Read the statements with the sense of rotation that is asked for, or that alone fits.
 
     The manuals of CAM systems differ on it. Where a circle continues a straight motion without a
@@ -142,18 +127,18 @@ def _with_sense_of_arcs(
     """
 
     def read(sense: ArcAxis) -> _Reader:
-        reader = _Reader(Problems(), length_unit, arc_error, sense)
+        reader = _Reader(Problems(), options.length_unit, options.arc_error, sense)
         line = 1
         try:
             for line, text in _statements(lines):
                 reader.statement(line, text)
             reader.finish()
         except InvalidInput as error:  # too many points
-            reader.problems.add(line, str(error))
+            reader.problems.add(line, error.sentence)
         return reader
 
-    if arc_axis is not None:
-        return read(arc_axis)
+    if options.arc_axis is not None:
+        return read(options.arc_axis)
     reader = read("right")
     for_right, against = reader.for_sense, reader.against_sense
     if against and not for_right:
@@ -169,7 +154,8 @@ def _with_sense_of_arcs(
     raise InvalidInput(
         f"CIRCLE ({of_lines(reader.open_arcs)}) states an axis, but CAM systems differ on the sense"
         f" of the motion about it (Creo: right-handed; NX: clockwise), and {evidence}; add "
-        'arc_axis = "right" or "left" to [path] of the task file.'
+        'arc_axis = "right" or "left" to [path] of the task file.',
+        options={"arc_axis": None},
     )
 
 
@@ -748,6 +734,7 @@ class _Reader:
                 line,
                 'no UNITS/ before the first GOTO; add UNITS/MM above it, or length_unit = "mm" '
                 'or "inch" to [path] of the task file',
+                options={"length_unit": None},
             )
             self.unit = "mm"
         return self._length()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 
+ArcAxis = Literal["right", "left"]
+"""Sense of the motion about the axis of ``CIRCLE``: right-handed or left-handed."""
 ARC_ERROR = 1e-5
 """Largest distance between an arc and its polygon, unless another is given, m."""
 _LARGEST_STEP = math.radians(10.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -121,25 +122,40 @@ def _refuse_far(
         return
     more = f", and {len(far) - 1} points more are as far" if len(far) > 1 else ""
     extent = float(apart.max())
-    question = unit_question(unit, extent, LARGEST_COORDINATE, unit_in_file=unit_in_file)
+    question = UnitQuestion.of(unit, extent, LARGEST_COORDINATE, unit_in_file=unit_in_file)
     problems.add(
         lines[far[0]],
         f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than "
-        f"{LARGEST_COORDINATE:g} m{more}; {question}",
+        f"{LARGEST_COORDINATE:g} m{more}; {question.text}",
+        options=question.options,
     )
 
 
-def unit_question(unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> str:
-    """Ask in a message whether a file of a size (m) above ``most`` (m) is in another unit."""
-    factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
-    likely: list[LengthUnit] = [u for u, f in factors.items() if f < 1.0 and f * size <= most]
-    if not likely:
-        return "in no unit that is known would it be small enough"
-    other = likely[0]
-    how = f"the file says {unit}, so write {other} there" if unit_in_file else (
-        f'if it is, say length_unit = "{other}"'
-    )  # fmt: skip
-    return f"is the file in {other}? {how}"
+class UnitQuestion(NamedTuple):
+    """Whether a file is in another unit, in words, and the options that say so.
+
+    Attributes:
+        text: For a message, without a full stop.
+        likely: The unit in which it is small enough; ``None`` if there is none.
+        options: Options of the toolpath; none if the unit is to be changed in the file.
+    """
+
+    text: str
+    likely: LengthUnit | None
+    options: dict[str, str | None]
+
+    @classmethod
+    def of(cls, unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> UnitQuestion:
+        """About a file of a size (m) above ``most`` (m)."""
+        factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
+        likely = next((u for u, f in factors.items() if f < 1.0 and f * size <= most), None)
+        if likely is None:
+            return cls("in no unit that is known would it be small enough", None, {})
+        if unit_in_file:
+            how = f"the file says {unit}, so write {likely} there"
+            return cls(f"is the file in {likely}? {how}", likely, {})
+        how = f'if it is, say length_unit = "{likely}"'
+        return cls(f"is the file in {likely}? {how}", likely, {"length_unit": likely})
 
 
 def _curve(

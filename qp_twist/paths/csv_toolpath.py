@@ -9,9 +9,6 @@ from qp_twist.files import (
     ANGLES,
     FEEDS,
     LENGTHS,
-    AngleUnit,
-    FeedUnit,
-    LengthUnit,
     Problems,
     Table,
     columns_named,
@@ -24,24 +21,16 @@ from qp_twist.paths.toolpath_columns import (
     LOOKED_AT,
     ColumnChoice,
     ColumnRoles,
-    Orientation,
     UnclearColumns,
     column_roles,
     has_position,
     unit_of,
     usual,
 )
+from qp_twist.paths.toolpath_options import ReadingOptions
 
 
-def read_csv(
-    path: Path,
-    lines: Sequence[str],
-    choice: ColumnChoice,
-    orientation: Orientation | None,
-    length_unit: LengthUnit | None,
-    angle_unit: AngleUnit | None,
-    feed_unit: FeedUnit | None,
-) -> Toolpath:
+def read_csv(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
     """The toolpath of a table.
 
     A blank line, a line of text between rows, or a new entry in the curve column begins another
@@ -51,6 +40,7 @@ def read_csv(
         InvalidInput: If the table is ambiguous, or rows are invalid; with line and column of each.
         UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
     """
+    choice = options.columns or ColumnChoice()
     by_name = [
         column
         for columns in vars(choice).values()
@@ -68,24 +58,26 @@ def read_csv(
         ),
     )
     try:
-        where = column_roles(table, choice, orientation, feed_unit)
+        where = column_roles(table, choice, options.orientation, options.feed_unit)
     except UnclearColumns as error:
         if error.suggestion is not None or has_position(table.names):
             raise
         raise UnclearColumns(error.message, suggested(table.sample(LOOKED_AT))) from None
-    unit, in_file = unit_of(table, "length_unit", where.position, length_unit, LENGTHS)
+    unit, in_file = unit_of(table, "length_unit", where.position, options.length_unit, LENGTHS)
     scale, angle, feed = LENGTHS[unit], 1.0, 1.0
     notes = [where.note] if where.note else []
     if where.orientation in ("rpy", "rotation_vector"):
-        own = angle_unit or (None if _states_unit(table, where.direction) else where.angle_unit)
+        own = options.angle_unit or (
+            None if _states_unit(table, where.direction) else where.angle_unit
+        )
         stated, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
         angle = ANGLES[stated]
-        if not in_header and angle_unit is None:
+        if not in_header and options.angle_unit is None:
             called = ", ".join(table.call(i) for i in sorted(where.direction))
             word = "degrees" if stated == "deg" else "radians"
             notes.append(f"{called} are read in {word}, by their numbers.")
     if where.feed is not None:
-        feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), feed_unit, FEEDS)[0]]
+        feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), options.feed_unit, FEEDS)[0]]
     problems = Problems()
     curves = _curves(table, where, problems)
     for rows in curves:

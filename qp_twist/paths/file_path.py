@@ -12,7 +12,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector
-from qp_twist.paths.assemble import unit_question
+from qp_twist.paths.assemble import UnitQuestion
 from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
 from qp_twist.paths.orientation import lean_turns
 from qp_twist.paths.read_toolpath import read_toolpath
@@ -76,19 +76,7 @@ def file_waypoints(
         InvalidInput: If the toolpath is refused, is larger than the robot's reach, yields too many
             waypoints, or contradicts the keys.
     """
-    toolpath = read_toolpath(
-        task_file.parent / section.file,
-        format=section.format,
-        columns=None if section.columns is None else section.columns.choice(),
-        length_unit=section.length_unit,
-        angle_unit=section.angle_unit,
-        orientation=section.orientation,
-        feed_unit=section.feed_unit,
-        arc_error=section.arc_error,
-        arc_axis=section.arc_axis,
-        rotary=section.rotary,
-        rollover=section.rollover,
-    )
+    toolpath = read_toolpath(task_file.parent / section.file, section)
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)
     refuse_too_large(toolpath, reach)
@@ -150,10 +138,13 @@ def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
     if extent <= 2.0 * reach:
         return
     largest = max(float(np.abs(curve.positions).max()) for curve in toolpath.curves)
-    question = unit_question(toolpath.unit, extent, 2.0 * reach, unit_in_file=toolpath.unit_in_file)
+    question = UnitQuestion.of(
+        toolpath.unit, extent, 2.0 * reach, unit_in_file=toolpath.unit_in_file
+    )
     raise InvalidInput(
         f"{toolpath.source.name}: its coordinates reach {largest:.3g} m and it is {extent:.3g} m "
-        f"across; the robot reaches {reach:.3g} m at most from its first joint: {question}."
+        f"across; the robot reaches {reach:.3g} m at most from its first joint: {question.text}.",
+        options=question.options,
     )
 
 
@@ -193,7 +184,7 @@ def file_segments(
         )
     }
     segments: list[Segment] = []
-    keys: list[Part] = []
+    keys: list[str] = []
     begin = 0
     for index in range(1, len(parts)):
         before, part = parts[index - 1], parts[index]
@@ -206,19 +197,14 @@ def file_segments(
             blend = blends[before] if late else blends["retreat"] if part == "retreat" else 0
             if late and blend >= index - begin:
                 raise InvalidInput(
-                    f"path.{before}.blend: waypoints {begin + 1} to {index} are {before}, and its "
-                    f"projector has to hold at one of them at least; got a blend over {blend}."
+                    f"waypoints {begin + 1} to {index} are {before}, and its "
+                    f"projector has to hold at one of them at least; got a blend over {blend}.",
+                    key=f"path.{before}.blend",
                 )
             segments.append(Segment(index - blend if late else index, of[part], blend))
-            keys.append(before if late else part)
+            keys.append(f"path.{before if late else part}")
         begin = index
-    try:
-        check_segments(operational, of[parts[0]], segments, len(parts))
-    except InvalidInput as error:
-        message = str(error)
-        for index, key in enumerate(keys):
-            message = message.replace(f"segments[{index}]", f"path.{key}")
-        raise InvalidInput(message) from None
+    check_segments(operational, of[parts[0]], segments, len(parts), keys)
     return of[parts[0]], tuple(segments)
 
 

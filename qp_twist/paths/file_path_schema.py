@@ -5,51 +5,15 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PlainValidator, model_validator
+from pydantic import Field, model_validator
 
-from qp_twist.files import AngleUnit, FeedUnit, LengthUnit
-from qp_twist.paths.apt_toolpath import ArcAxis
-from qp_twist.paths.arcs import ARC_ERROR
 from qp_twist.paths.projector_schema import OwnProjector
-from qp_twist.paths.read_toolpath import Format
 from qp_twist.paths.resample import Sampling
-from qp_twist.paths.rotary_axes import Rollover, Rotary
 from qp_twist.paths.section import Number, Positive, Section, Vector
-from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
+from qp_twist.paths.toolpath_columns import Name
+from qp_twist.paths.toolpath_options import ToolpathOptions
 
 LeanAngle = Annotated[float, Field(gt=-90.0, lt=90.0)]
-
-
-def _parse_column(value: object) -> str | int:
-    """A column or a curve: a name, or a number from 1."""
-    if isinstance(value, str) and value:
-        return value
-    if type(value) is int and value >= 1:
-        return value
-    raise ValueError(f"expected a name, or a number counted from 1, got {value!r}")
-
-
-Name = Annotated[str | int, PlainValidator(_parse_column)]
-Triple = tuple[Name, Name, Name]
-Quadruple = tuple[Name, Name, Name, Name]
-
-
-class ColumnsTable(Section):
-    """Columns of a table without usual names."""
-
-    position: Triple | None = None
-    axis: Triple | None = Field(default=None, description="of the tool, from its tip to its holder")
-    normal: Triple | None = Field(default=None, description="of the surface, away from the part")
-    quaternion_wxyz: Quadruple | None = None
-    quaternion_xyzw: Quadruple | None = None
-    rpy: Triple | None = None
-    rotation_vector: Triple | None = Field(default=None, description="axis times angle")
-    curve: Name | None = Field(default=None, description="where its entry changes a curve begins")
-    feed: Name | None = Field(default=None, description="of the motion to each point")
-
-    def choice(self) -> ColumnChoice:
-        """The choice as the reader takes it."""
-        return ColumnChoice(**{key: getattr(self, key) for key in type(self).model_fields})
 
 
 class WorkpieceTable(Section):
@@ -110,27 +74,13 @@ class TransferTable(OwnProjector):
         return self
 
 
-class FilePath(Section):
+class FilePath(ToolpathOptions):
     """A toolpath file."""
 
     kind: Literal["file"]
     file: str = Field(description="relative to the task file", min_length=1)
-    format: Format | None = None
-    length_unit: LengthUnit | None = None
-    angle_unit: AngleUnit | None = None
-    orientation: Orientation | None = None
-    feed_unit: FeedUnit | None = None
     feeds: Literal["file", "task"] = Field(
         default="file", description="whose feeds count: the file's where it states one, or [feed]"
-    )
-    rapids: Literal["keep", "drop"] = Field(
-        default="drop", description="whether rapid motions of the file are part of the path"
-    )
-    arc_error: Positive = Field(default=ARC_ERROR, description="m, of the chords of an arc")
-    arc_axis: ArcAxis | None = None
-    rotary: Rotary | None = None
-    rollover: Rollover | None = Field(
-        default=None, description="of rotary axes over 360 degrees; shortest unless stated"
     )
     tool: Literal["into", "out"] = "into"
     lead_deg: LeanAngle = 0.0
@@ -140,7 +90,6 @@ class FilePath(Section):
     axis_error_deg: Positive = 0.1
     max_turn_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 3.0
     max_spacing: Positive = 0.01
-    columns: ColumnsTable | None = None
     placement: WorkpieceTable | None = None
     approach: LeadTable | None = None
     retreat: LeadTable | None = None
@@ -157,7 +106,7 @@ class FilePath(Section):
 
     @model_validator(mode="after")
     def _joint_moves_have_ends(self) -> Self:
-        if self.rapids == "drop" and self.joint_moves and not (self.approach and self.retreat):
+        if self.rapids != "keep" and self.joint_moves and not (self.approach and self.retreat):
             raise ValueError(
                 'motion = "joint" in [path.transfer] begins and ends away from the part; add '
                 '[path.retreat] and [path.approach], or say rapids = "keep"'

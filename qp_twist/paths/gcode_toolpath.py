@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
-from qp_twist.paths.arcs import ARC_ERROR, arc_points, arc_sweep, check_radii, check_radius
+from qp_twist.paths.arcs import arc_points, arc_sweep, check_radii, check_radius
 from qp_twist.paths.assemble import assembled
 from qp_twist.paths.gcode_words import Block, read_block
 from qp_twist.paths.motions import (
@@ -33,7 +33,7 @@ from qp_twist.paths.rotary_axes import (
     tool_axis,
 )
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
-from qp_twist.paths.toolpath_columns import Orientation
+from qp_twist.paths.toolpath_options import ReadingOptions
 
 SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".ngc", ".cnc")
 """Suffixes of files that are read as G-code."""
@@ -81,15 +81,7 @@ _MOST_TURNED = 36_000.0
 """Largest turn of a rotary axis in one cut, degrees: beyond it, a number is wrong."""
 
 
-def read_gcode(
-    path: Path,
-    lines: Sequence[str],
-    orientation: Orientation | None,
-    length_unit: LengthUnit | None,
-    arc_error: float = ARC_ERROR,
-    rotary: Rotary | None = None,
-    rollover: Rollover | None = None,
-) -> Toolpath:
+def read_gcode(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
     """The toolpath of a G-code program.
 
     A straight motion in rapid traverse (G0) begins another curve. The tool axis is (0, 0, 1), or
@@ -100,12 +92,15 @@ def read_gcode(
         InvalidInput: If a line is invalid, changes the path in a way that is not supported, or a
             tool axis is open.
     """
+    orientation = options.orientation
     if orientation not in (None, "axis", "none"):
         raise InvalidInput(
             f"orientation is {orientation!r}, but a G-code file has tool axes; leave it "
             'out or say "axis" or "none".'
         )
-    reader = _Reader(Problems(), length_unit, arc_error, rotary, rollover)
+    reader = _Reader(
+        Problems(), options.length_unit, options.arc_error, options.rotary, options.rollover
+    )
     reader.program(lines)
     reader.problems.refuse()
     if not reader.motions.points:
@@ -125,7 +120,7 @@ def read_gcode(
         "I, J, K",
         notes,
         reader.problems,
-        unit=reader.unit or length_unit or "m",
+        unit=reader.unit or options.length_unit or "m",
         unit_in_file=reader.unit is not None,
     )
 
@@ -186,7 +181,7 @@ class _Reader:
                         self.passed.add("lines after the end of the program", ends[0])
                     break
             except InvalidInput as error:
-                self.problems.add(number, str(error))
+                self.problems.add(number, error.sentence, options=error.options)
                 if isinstance(error, TooManyPoints):
                     break
         if self.whole is not None and self.pointed:
@@ -356,7 +351,8 @@ class _Reader:
             self.unit = "mm"  # report it once
             raise InvalidInput(
                 "no G20 (inch) or G21 (mm) before the first coordinate; add one, or "
-                'length_unit = "mm" or "inch" to [path] of the task file'
+                'length_unit = "mm" or "inch" to [path] of the task file',
+                options={"length_unit": None},
             )
         return LENGTHS[unit]
 
@@ -446,15 +442,17 @@ class _Reader:
             known = self.rotary not in (None, "vector") and letter in rotary_letters(self.rotary)
             if value and not known and not self.rotary_refused:
                 self.rotary_refused = True
+                answer: dict[str, str | None] = {}
                 if self.rotary in (None, "vector"):
-                    choices = ", ".join(name for name in get_args(Rotary) if name != "vector")
+                    choices = [name for name in get_args(Rotary) if name != "vector"]
                     text = (
                         f"{letter} is a rotary axis; add rotary = to [path] of the task file, how "
-                        f"the machine's rotary axes turn the tool: {choices}"
+                        f"the machine's rotary axes turn the tool: {', '.join(choices)}"
                     )
+                    answer = {"rotary": f"{choices[0]} or another of these"}
                 else:
                     text = f"{letter} is not one of the rotary axes of {self.rotary}"
-                self.problems.add(line, text)
+                self.problems.add(line, text, options=answer)
             if known and letter not in self.angles and self.motions.points and value:
                 raise InvalidInput(
                     f"{letter} is first stated here, after the first motion; where it was before is"
@@ -488,7 +486,8 @@ class _Reader:
         elif not self.vectors and self.rotary != "vector":
             raise InvalidInput(
                 f"{', '.join(stated)} on a straight motion may be the tool axis; if so, add "
-                'rotary = "vector" to [path] of the task file'
+                'rotary = "vector" to [path] of the task file',
+                options={"rotary": "vector"},
             )
         elif len(stated) < 3:
             raise InvalidInput(

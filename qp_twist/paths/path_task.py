@@ -409,12 +409,14 @@ def check_carrier(
     check_body(scene, relative_to)
     if not JointRanges.of(scene).only_hinges_and_slides:
         raise InvalidInput(
-            "relative_to: a path on a body is for scenes whose joints are all hinges and slides."
+            "a path on a body is for scenes whose joints are all hinges and slides.",
+            key="relative_to",
         )
     if together(scene, frame_name, frame_type, relative_to, "body"):
         raise InvalidInput(
-            f"relative_to: no joint moves the {frame_type} {frame_name!r} against the body "
-            f"{relative_to!r}, which is to carry the path; name the body that carries the part."
+            f"no joint moves the {frame_type} {frame_name!r} against the body "
+            f"{relative_to!r}, which is to carry the path; name the body that carries the part.",
+            key="relative_to",
         )
 
 

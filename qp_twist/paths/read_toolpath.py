@@ -5,19 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal
 
 from qp_twist.errors import InvalidInput
-from qp_twist.files import AngleUnit, FeedUnit, LengthUnit, of_file, read_bytes, text_lines
-from qp_twist.paths.apt_toolpath import ArcAxis, read_apt
-from qp_twist.paths.arcs import ARC_ERROR
+from qp_twist.files import of_file, read_bytes, text_lines
+from qp_twist.paths.apt_toolpath import read_apt
 from qp_twist.paths.csv_toolpath import read_csv
 from qp_twist.paths.gcode_toolpath import SUFFIXES, read_gcode
-from qp_twist.paths.rotary_axes import Rollover, Rotary
+from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
-from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
+from qp_twist.paths.toolpath_options import ReadingOptions
 
-Format = Literal["csv", "apt", "gcode"]
 _OTHER_PROGRAMS = {
     "a RAPID program (ABB)": r"%%%$|\s*(?:LOCAL\s+)?MODULE\s+\w+",
     "a URScript program (Universal Robots)": r"\s*def\s+\w+\s*\(.*\)\s*:\s*$",
@@ -31,18 +28,7 @@ _BEGIN = 50
 
 
 def read_toolpath(
-    file: str | Path,
-    *,
-    format: Format | None = None,
-    columns: ColumnChoice | None = None,
-    length_unit: LengthUnit | None = None,
-    angle_unit: AngleUnit | None = None,
-    orientation: Orientation | None = None,
-    feed_unit: FeedUnit | None = None,
-    arc_error: float = ARC_ERROR,
-    arc_axis: ArcAxis | None = None,
-    rotary: Rotary | None = None,
-    rollover: Rollover | None = None,
+    file: str | Path, options: ReadingOptions | None = None, **given: object
 ) -> Toolpath:
     """Read a toolpath from a table (CSV), APT-CL or G-code.
 
@@ -50,17 +36,9 @@ def read_toolpath(
 
     Args:
         file: The file.
-        format: Format of the file; if left out, APT-CL for a file with ``GOTO/`` lines, G-code by
-            the suffix ``.nc``, ``.gcode``, ``.tap``, ``.mpf``, ``.ngc`` or ``.cnc``, else a table.
-        columns: Columns whose names are not the usual ones.
-        length_unit: Unit of the positions.
-        angle_unit: Unit of roll, pitch and yaw.
-        orientation: Which direction columns to use.
-        feed_unit: Unit of the feed column.
-        arc_error: Largest distance of an arc from the chords that replace it, m.
-        arc_axis: Sense of rotation of ``CIRCLE`` about its axis, if the file leaves it open.
-        rotary: Of G-code, how rotary axes turn the tool, or ``"vector"`` for I, J, K.
-        rollover: Whether its rotary axes turn over 360° the short way (the default).
+        options: How to read it; or its fields as keywords, e.g. ``length_unit="mm"``
+            (:class:`ReadingOptions`).
+        given: These fields.
 
     Returns:
         The curves, in metres, with unit vectors or rotations, and the feeds of the file.
@@ -75,34 +53,38 @@ def read_toolpath(
         Toolpath('dome_seams.csv', 2 curves, 122 points, normal)
     """
     path = Path(file)
+    options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
     with of_file(path.name):
         lines = text_lines(content)
-        if format is None:
-            goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
-            format = "apt" if goto else "gcode" if path.suffix.lower() in SUFFIXES else "csv"
-        if format == "csv":
-            choice = columns or ColumnChoice()
-            try:
-                return read_csv(
-                    path, lines, choice, orientation, length_unit, angle_unit, feed_unit
-                )
-            except InvalidInput:
-                _refuse_other_programs(lines)
-                raise
-        if columns is not None:
-            raise InvalidInput("an APT or G-code file has no columns; leave columns out.")
-        if feed_unit is not None:
-            raise InvalidInput(
-                "an APT or G-code file states the unit of a feed itself; leave feed_unit out."
-            )
-        if format == "gcode":
-            return read_gcode(path, lines, orientation, length_unit, arc_error, rotary, rollover)
-        if rotary is not None or rollover is not None:
-            raise InvalidInput(
-                "an APT file states tool axes as vectors; leave rotary and rollover out."
-            )
-        return read_apt(path, lines, orientation, length_unit, arc_error, arc_axis)
+        return _read(path, lines, options)
+
+
+def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:
+    """The toolpath of a file in its format."""
+    format = options.format
+    if format is None:
+        goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
+        format = "apt" if goto else "gcode" if path.suffix.lower() in SUFFIXES else "csv"
+    if format == "csv":
+        try:
+            return read_csv(path, lines, options)
+        except InvalidInput:
+            _refuse_other_programs(lines)
+            raise
+    if options.columns is not None:
+        raise InvalidInput("an APT or G-code file has no columns; leave columns out.")
+    if options.feed_unit is not None:
+        raise InvalidInput(
+            "an APT or G-code file states the unit of a feed itself; leave feed_unit out."
+        )
+    if format == "gcode":
+        return read_gcode(path, lines, options)
+    if options.rotary is not None or options.rollover is not None:
+        raise InvalidInput(
+            "an APT file states tool axes as vectors; leave rotary and rollover out."
+        )
+    return read_apt(path, lines, options)
 
 
 def _refuse_other_programs(lines: Sequence[str]) -> None:
@@ -115,7 +97,8 @@ def _refuse_other_programs(lines: Sequence[str]) -> None:
         for name, begin in _OTHER_PROGRAMS.items():
             if re.match(begin, line, re.IGNORECASE):
                 raise InvalidInput(
-                    f"line {number}: this is {name}, which is not read as a toolpath; have the CAM "
+                    f"this is {name}, which is not read as a toolpath; have the CAM "
                     "system write APT-CL or G-code (ISO), or a table of points. A program of a "
-                    "robot is checked against a task by qp-twist check PROGRAM TASK."
+                    "robot is checked against a task by qp-twist check PROGRAM TASK.",
+                    line=number,
                 )

@@ -116,8 +116,9 @@ class _Tree:
         for joint in _joints(self.model, link):
             if int(self.model.jnt_type[joint]) not in _SCALAR:
                 raise InvalidInput(
-                    f"relative_to: joint {self.joints[joint]!r}, which moves {body!r}, is a ball "
-                    "or free joint; a path may lie on what hinges and slides move."
+                    f"joint {self.joints[joint]!r}, which moves {body!r}, is a ball "
+                    "or free joint; a path may lie on what hinges and slides move.",
+                    key="relative_to",
                 )
 
     def pose_in_link(self, body: int) -> mink.SE3:
@@ -217,7 +218,9 @@ def check_body(model: mujoco.MjModel, name: object) -> int:
         InvalidInput: If there is none.
     """
     if not isinstance(name, str) or not name:
-        raise InvalidInput(f"relative_to: expected the name of a body of the scene, got {name!r}.")
+        raise InvalidInput(
+            f"expected the name of a body of the scene, got {name!r}.", key="relative_to"
+        )
     number = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name))
     if number < 0:
         names = [str(model.body(b).name) for b in range(1, model.nbody) if model.body(b).name]
@@ -227,11 +230,13 @@ def check_body(model: mujoco.MjModel, name: object) -> int:
                 continue
             on = body_name(model, int(getattr(model, f"{kind}_bodyid")[found]))
             raise InvalidInput(
-                f"relative_to: {name!r} is a {kind}; name the body that carries it, {on!r}."
+                f"{name!r} is a {kind}; name the body that carries it, {on!r}.", key="relative_to"
             )
         raise InvalidInput(
-            f"relative_to: the scene has no body {name!r}{did_you_mean(name, names)} It has "
-            f"{', '.join(names)}."[:600]
+            f"the scene has no body {name!r}{did_you_mean(name, names)} It has {', '.join(names)}."[
+                :600
+            ],
+            key="relative_to",
         )
     return number
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from qp_twist.checks import instance
-from qp_twist.errors import InvalidInput
+from qp_twist.errors import InvalidInput, about
 from qp_twist.geometry import TwistProjector, task_redundancy
 
 
@@ -49,38 +49,48 @@ def check_segments(
     projector: TwistProjector,
     segments: Sequence[Segment],
     count: int,
+    keys: Sequence[str] | None = None,
 ) -> None:
     """Refuse segments that do not fit the path or the robot.
+
+    Args:
+        operational: T of the robot.
+        projector: T before the first segment.
+        segments: The segments.
+        count: Number of waypoints.
+        keys: The key of each in the task file, if it is not ``segments[0]`` and so on.
 
     Raises:
         InvalidInput: With the segment's key in the task file.
     """
+    keys = [f"segments[{index}]" for index in range(len(segments))] if keys is None else keys
     for index, segment in enumerate(segments):
-        instance(f"segments[{index}]", segment, Segment)
+        instance(keys[index], segment, Segment)
         begin = segments[index - 1].first if index else 0
         if not begin < segment.first < count:
             raise InvalidInput(
-                f"segments[{index}].first: expected a waypoint after {begin + 1}, where the "
-                f"projector before it begins, up to {count}, the last one; got {segment.first + 1}."
+                f"expected a waypoint after {begin + 1}, where the projector before it begins, up "
+                f"to {count}, the last one; got {segment.first + 1}.",
+                key=f"{keys[index]}.first",
             )
     before = projector
     for index, segment in enumerate(segments):
         end = segments[index + 1].first if index + 1 < len(segments) else count
-        key = f"segments[{index}]"
+        key = keys[index]
         if not 0 <= segment.blend < end - segment.first:
             raise InvalidInput(
-                f"{key}.blend: the segment has waypoints {segment.first + 1} to {end}, and its "
-                f"projector has to hold at one of them at least; got a blend over {segment.blend}."
+                f"the segment has waypoints {segment.first + 1} to {end}, and its "
+                f"projector has to hold at one of them at least; got a blend over {segment.blend}.",
+                key=f"{key}.blend",
             )
-        try:
+        with about(key):
             task_redundancy(operational, segment.projector)
             common = before.intersection(segment.projector) if segment.blend else None
-        except InvalidInput as error:
-            raise InvalidInput(f"{key}: {error}") from None
         if common is not None and common.rank == 0:
             raise InvalidInput(
-                f"{key}.blend: this projector has no row in common with the one before, so nothing "
-                "would be held in the blend; leave it out, or put a segment in between."
+                "this projector has no row in common with the one before, so nothing "
+                "would be held in the blend; leave it out, or put a segment in between.",
+                key=f"{key}.blend",
             )
         before = segment.projector
 
@@ -97,13 +107,14 @@ def check_joint_moves(joint_moves: Sequence[int], segments: Sequence[Segment], c
         instance("joint_moves", index, int)
     if list(joint_moves) != sorted(set(joint_moves)) or not all(0 < k < count for k in joint_moves):
         raise InvalidInput(
-            f"joint_moves: expected increasing indices of waypoints from 1 to {count - 1}, got "
-            f"{joint_moves}."
+            f"expected increasing indices of waypoints from 1 to {count - 1}, got {joint_moves}.",
+            key="joint_moves",
         )
     for segment in segments:
         inside = [k for k in joint_moves if segment.first <= k < segment.first + segment.blend]
         if inside:
             raise InvalidInput(
-                f"joint_moves: a joint move leads to waypoint {inside[0] + 1}, inside the blend "
-                f"from waypoint {segment.first + 1} on; begin the blend after it."
+                f"a joint move leads to waypoint {inside[0] + 1}, inside the blend "
+                f"from waypoint {segment.first + 1} on; begin the blend after it.",
+                key="joint_moves",
             )

@@ -30,11 +30,11 @@ class Suggestion:
     angle_unit: str | None = None
 
     @property
-    def option(self) -> str:
-        """As an option of ``qp-twist new``."""
-        text = ";".join(f"{key}={','.join(map(str, at))}" for key, at in self.columns.items())
+    def text(self) -> str:
+        """As ``qp-twist new --columns`` takes it."""
+        columns = ";".join(f"{key}={','.join(map(str, at))}" for key, at in self.columns.items())
         unit = f" --angle-unit {self.angle_unit}" if self.angle_unit else ""
-        return f'--columns "{text}"{unit}'
+        return f'"{columns}"{unit}'
 
     def __str__(self) -> str:
         """A sentence for the user."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import json
 import os
@@ -22,7 +21,7 @@ from pydantic import ValidationError
 
 from qp_twist.checks import Array, clause, did_you_mean, unit_vector
 from qp_twist.constraints import Clearance, per_joint
-from qp_twist.errors import InvalidInput, TaskFileError
+from qp_twist.errors import InvalidInput, TaskFileError, about
 from qp_twist.files import printable, read_text
 from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
 from qp_twist.kinematics import (
@@ -39,7 +38,7 @@ from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
 from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
 from qp_twist.paths.rerooted import rerooted
-from qp_twist.paths.section import Section
+from qp_twist.paths.section import problems
 from qp_twist.paths.segment import Segment
 from qp_twist.paths.shapes import polyline, spherical_patch_edges, with_leads
 from qp_twist.paths.task_schema import (
@@ -54,8 +53,8 @@ from qp_twist.paths.turning import transported
 from qp_twist.robots import Robot, load_robot
 from qp_twist.shipped import shipped_folder, shipped_tasks
 
-FILE_KEY = "path.file: "
-"""Prefix of messages about a toolpath."""
+FILE_KEY = "path.file"
+"""Key of a toolpath."""
 
 
 def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
@@ -85,35 +84,40 @@ def load_task(task: str | Path, *, path: str | Path | None = None) -> PathTask:
     except InvalidInput as error:
         raise TaskFileError(str(error)) from None
     except tomllib.TOMLDecodeError as error:
-        twice = "; the same key or table stands in the file twice, or as both"
-        why = twice if "overwrite" in str(error) or "twice" in str(error) else ""
-        raise TaskFileError(f"{source}: not valid TOML: {clause(error)}{why}.") from error
+        raise TaskFileError(f"not valid TOML: {clause(error)}.", file=source) from error
     except (ValueError, RecursionError) as error:
-        raise TaskFileError(f"{source}: cannot be read: {clause(error)}.") from error
+        raise TaskFileError(f"cannot be read: {clause(error)}.", file=source) from error
     if table.get("start") in ("best", "central"):
         table["start"] = {table["start"]: True}
-    if path is not None:
-        table = _with_toolpath(source, table, path)
     try:
+        if path is not None:
+            table = _with_toolpath(source, table, path)
         # Convert to JSON: only there strict mode accepts an array for a tuple.
         file = TaskFile.model_validate_json(json.dumps(table, default=str))
-    except ValidationError as error:
-        raise TaskFileError(_explain(source, text, error)) from None
-    except RecursionError as error:
-        raise TaskFileError(f"{source}: its tables are nested too deep.") from error
-    try:
         return _build(source, file)
-    except TaskFileError:
-        raise
+    except ValidationError as error:
+        found = [_in_file(problem, source, text) for problem in problems(error)]
+        raise found[0] if len(found) == 1 else TaskFileError("\n".join(map(str, found))) from None
     except InvalidInput as error:
-        if path is not None and str(error).startswith(FILE_KEY):
-            # That key was not read.
-            raise TaskFileError(str(error).removeprefix(FILE_KEY)) from error
-        key = re.match(r"[\w.\[\]]+(?=: )", str(error))
-        number = _line_of(text, _split(key[0])) if key else None
-        raise TaskFileError(f"{_place(source, number)}: {error}") from error
+        if path is not None and error.key == FILE_KEY:  # that key was not read
+            raise TaskFileError(error.sentence, options=error.options) from error
+        raise _in_file(error, source, text) from error
+    except RecursionError as error:
+        raise TaskFileError("its tables are nested too deep.", file=source) from error
     except OverflowError as error:
-        raise TaskFileError(f"{source}: a length in it is too large to compute with.") from error
+        raise TaskFileError("a length in it is too large to compute with.", file=source) from error
+
+
+def _in_file(error: InvalidInput, source: Path, text: str) -> TaskFileError:
+    """The error with its place in a task file."""
+    keys = [int(k) if k.isdecimal() else k for k in re.findall(r"[^.\[\]]+", error.key)]
+    return TaskFileError(
+        error.sentence,
+        file=source,
+        line=_line_of(text, keys),
+        key=error.key,
+        options=error.options,
+    )
 
 
 def _find(task: str | Path) -> Path:
@@ -145,9 +149,10 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
     if not isinstance(path, (str, Path)) or not str(path):
         raise TaskFileError(f"load_task(path=…): expected a toolpath file, got {path!r}.")
     if table.get("segments"):
-        raise TaskFileError(
-            f"{source}: segments: they count the waypoints of the path in the file, so another "
-            "cannot take its place; write a task with [path.approach] and [path.retreat]."
+        raise InvalidInput(
+            "they count the waypoints of the path in the file, so another cannot take its place; "
+            "write a task with [path.approach] and [path.retreat].",
+            key="segments",
         )
     section = table.get("path")
     section = section if isinstance(section, dict) else {}
@@ -163,18 +168,19 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     ranges = JointRanges.of(model)
     if not ranges.only_hinges_and_slides:
         joint = ranges.names[int(np.argmax(ranges.qpos < 0))]
-        raise TaskFileError(
-            f"{path}: robot.scene: joint {joint!r} is a ball or free joint; a path task follows "
-            "arms of hinges and slides. For other robots use qp_twist.Controller step by step."
+        raise InvalidInput(
+            f"joint {joint!r} is a ball or free joint; a path task follows "
+            "arms of hinges and slides. For other robots use qp_twist.Controller step by step.",
+            key="robot.scene",
         )
-    start = ranges.middle if file.start.found else _start(path, file.start, model)
+    start = ranges.middle if file.start.found else _start(file.start, model)
     projector, operational = file.projector.projector(), file.operational.projector()
     task_redundancy(operational, projector)
     bands = check_bands("bands", [table.band() for table in file.bands], projector)
     try:
         frame_id(model, file.robot.frame, file.robot.frame_type)
     except mink.InvalidFrame as error:
-        raise TaskFileError(f"{path}: robot.frame: {error}") from error
+        raise InvalidInput(str(error), key="robot.frame") from error
     carrier = file.robot.relative_to
     if carrier is not None:
         model, ranges, start = _seen_from(carrier, file, scene, start)
@@ -185,7 +191,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
         reach = largest_reach(chain, ranges)
     built = _waypoints(path, file, rotation, projector, operational, reach)
-    durations, notes = _durations(path, file, built)
+    durations, notes = _durations(file, built)
     toolpath = None
     if built.read is not None:
         toolpath = built.read.toolpath
@@ -205,8 +211,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         flipped_waypoints=None if built.flipped is None else poses(built.positions, built.flipped),
         start=start,
         durations=durations,
-        velocity_limits=_limits(path, file, ranges, "velocity", robot.velocity_limits, timed=timed),
-        acceleration_limits=_limits(path, file, ranges, "acceleration", {}, timed=timed),
+        velocity_limits=_limits(file, ranges, "velocity", robot.velocity_limits, timed=timed),
+        acceleration_limits=_limits(file, ranges, "acceleration", {}, timed=timed),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=built.segments,
@@ -229,7 +235,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         unused = METHODS[name].unused(task.settings(name))
         for key in settings.model_fields_set & set(unused):
             raise InvalidInput(
-                f"methods.{name}.{key}: it would change nothing, since {unused[key]}; leave it out."
+                f"it would change nothing, since {unused[key]}; leave it out.",
+                key=f"methods.{name}.{key}",
             )
     return task
 
@@ -244,11 +251,9 @@ def _seen_from(
     carrier: str, file: TaskFile, scene: mujoco.MjModel, start: Array
 ) -> tuple[mujoco.MjModel, JointRanges, Array]:
     """The scene as seen from the body that carries the path, its ranges, and the start there."""
-    try:
+    with about("robot"):
         check_carrier(scene, file.robot.frame, file.robot.frame_type, carrier)
         seen = rerooted(scene, carrier)
-    except InvalidInput as error:
-        raise InvalidInput(f"robot.{error}") from error
     return seen.model, JointRanges.of(seen.model), seen.ordered(start)
 
 
@@ -270,28 +275,29 @@ def load_scene(
             try:
                 robot = load_robot(candidate, packages=folders, arguments=arguments)
             except InvalidInput as error:
-                raise TaskFileError(f"{path}: robot.scene: {error}") from error
+                raise TaskFileError(str(error), file=path, key="robot.scene") from error
             for sentence in robot.left_out:
                 warnings.warn(f"{candidate.name}: {sentence}", stacklevel=2)
             return robot
     raise TaskFileError(
-        f"{path}: robot.scene: there is no {scene!r} beside the task file or among the shipped "
-        "scenes."
+        f"there is no {scene!r} beside the task file or among the shipped scenes.",
+        file=path,
+        key="robot.scene",
     )
 
 
-def _start(path: Path, section: StartSection, model: mujoco.MjModel) -> Array:
+def _start(section: StartSection, model: mujoco.MjModel) -> Array:
     key = "q_deg" if section.q_deg is not None else "q"
     values = np.array(section.q_deg if section.q_deg is not None else section.q, dtype=np.float64)
     if values.shape != (model.nq,):
-        raise TaskFileError(
-            f"{path}: start.{key}: the scene has {model.nq} joint coordinates, got {len(values)}."
+        raise InvalidInput(
+            f"the scene has {model.nq} joint coordinates, got {len(values)}.", key=f"start.{key}"
         )
     if key == "q_deg":
         if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all():
-            raise TaskFileError(
-                f"{path}: start.q_deg: the scene has joints that are not hinges; give start.q in "
-                "rad and m."
+            raise InvalidInput(
+                "the scene has joints that are not hinges; give start.q in rad and m.",
+                key="start.q_deg",
             )
         values = np.radians(values)
     return values
@@ -342,18 +348,19 @@ def _waypoints(
     if not isinstance(section, FilePath):
         no_axis = isinstance(section, PolylinePath) and section.tool_axis is None
         whole: FromStart = "orientation" if no_axis else "nothing"
-        return _Waypoints(*_poses(path, file, held), projector, segments, from_start=whole)
+        return _Waypoints(*_poses(file, held), projector, segments, from_start=whole)
     try:
         read = file_waypoints(path, section, held, reach)
     except InvalidInput as error:
-        raise InvalidInput(f"{FILE_KEY}{error}") from error
+        raise InvalidInput(str(error), key=FILE_KEY, options=error.options) from error
     if read.toolpath.meaning == "none":
-        _refuse_held(path, file, "directions in the toolpath")
+        _refuse_held(file, "directions in the toolpath")
     first, own = file_segments(section, projector, operational, read.parts)
     if own and segments:
-        raise TaskFileError(
-            f"{path}: segments: [path.approach], [path.retreat] and [path.transfer] change T "
-            "already; state projectors here or there."
+        raise InvalidInput(
+            "[path.approach], [path.retreat] and [path.transfer] change T "
+            "already; state projectors here or there.",
+            key="segments",
         )
     brought: FromStart = "nothing"
     if read.rotations is not None:
@@ -371,16 +378,17 @@ def _waypoints(
     return _Waypoints(read.positions, rotations, flipped, first, own or segments, read, brought)
 
 
-def _refuse_held(path: Path, file: TaskFile, without: str) -> None:
+def _refuse_held(file: TaskFile, without: str) -> None:
     """Refuse to search a start on a path whose orientation comes from the start."""
     if file.start.found and file.projector.projector().angular.rank:
-        raise TaskFileError(
-            f"{path}: start: a start is looked for on the path, and without {without} the path has "
-            "its orientation from the start; give one of them."
+        raise InvalidInput(
+            f"a start is looked for on the path, and without {without} the path has "
+            "its orientation from the start; give one of them.",
+            key="start",
         )
 
 
-def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
+def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
     """Positions (N, 3), rotations (N, 3, 3), and those of the roll rule's other sign."""
     section = file.path
     if isinstance(section, PosesPath):
@@ -392,7 +400,7 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
     if isinstance(section, PolylinePath):
         positions = polyline(np.array(section.points), section.steps_per_segment)
         if section.tool_axis is None:
-            _refuse_held(path, file, "path.tool_axis")
+            _refuse_held(file, "path.tool_axis")
             return positions, np.broadcast_to(held, (len(positions), 3, 3)), None
         axis = unit_vector("path.tool_axis", section.tool_axis)
         axes = np.broadcast_to(axis, (len(positions), 3))
@@ -410,9 +418,10 @@ def _poses(path: Path, file: TaskFile, held: Array) -> tuple[Array, Array, Array
             )
         axes = -normals if section.tool == "into" else normals
     if file.roll is None:
-        raise TaskFileError(
-            f"{path}: roll: this path states the tool axis only; add [roll] with plane_normal, the "
-            "rule by which rmr and qp_rmr fix the roll."
+        raise InvalidInput(
+            "this path states the tool axis only; add [roll] with plane_normal, the "
+            "rule by which rmr and qp_rmr fix the roll.",
+            key="roll",
         )
     normal = np.array(file.roll.plane_normal)
     return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
@@ -429,7 +438,7 @@ def _pose_rotation(pose: Any) -> Array:
     return matrix
 
 
-def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:
+def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:
     """Time for each waypoint, s, (N,), and notes about it.
 
     The slower of the linear and the angular feed counts; a joint move has the time 0. The linear
@@ -451,11 +460,11 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
         if of_file is not None:
             speeds = np.where(np.isnan(of_file), speeds, of_file)
         if feed.rapid is not None:
-            between = _between_curves(path, built)
+            between = _between_curves(built)
             speeds = np.where(between, feed.rapid, speeds)
     else:
         assert built.read is not None
-        speeds = _nearest_feeds(path, built.read)
+        speeds = _nearest_feeds(built.read)
     durations = np.zeros(len(built.positions))
     durations[1:] = np.linalg.norm(np.diff(built.positions, axis=0), axis=1) / speeds[1:]
     if feed is not None and feed.angular_speed_deg is not None:
@@ -464,45 +473,49 @@ def _durations(path: Path, file: TaskFile, built: _Waypoints) -> tuple[Array | N
         durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
     standing = np.setdiff1d(np.flatnonzero(durations <= 0.0)[1:], built.joint_moves) - 1
     if len(standing):
-        raise TaskFileError(
-            f"{path}: feed: waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
+        raise InvalidInput(
+            f"waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
             "position, so speed alone gives them no time; add feed.angular_speed_deg, or use "
-            "feed.dt."
+            "feed.dt.",
+            key="feed",
         )
     if not np.isfinite(durations).all():
-        raise TaskFileError(f"{path}: feed: it is so low that the path takes no finite time.")
+        raise InvalidInput("it is so low that the path takes no finite time.", key="feed")
     durations[list(built.joint_moves)] = 0.0  # as fast as the joints may
     return durations, []
 
 
-def _between_curves(path: Path, built: _Waypoints) -> npt.NDArray[np.bool_]:
+def _between_curves(built: _Waypoints) -> npt.NDArray[np.bool_]:
     """Which waypoints are reached on the way from one curve of a toolpath to the next, (N,)."""
     if built.read is None:
-        raise TaskFileError(
-            f'{path}: feed.rapid is for the ways between the curves of a path of kind "file"; this '
-            "path has none. Leave it out."
+        raise InvalidInput(
+            'it is for the ways between the curves of a path of kind "file"; this '
+            "path has none. Leave it out.",
+            key="feed.rapid",
         )
     between = np.array([part == "transfer" for part in built.read.parts])
     between[list(built.joint_moves)] = False
     if built.joint_moves and not between.any():
-        raise TaskFileError(
-            f"{path}: feed.rapid is for straight ways between the curves; here all are joint "
-            "moves, which are as fast as the joints' limits permit. Leave it out."
+        raise InvalidInput(
+            "it is for straight ways between the curves; here all are joint "
+            "moves, which are as fast as the joints' limits permit. Leave it out.",
+            key="feed.rapid",
         )
     return between
 
 
-def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
+def _nearest_feeds(read: FileWaypoints) -> Array:
     """The feeds of a toolpath; between its curves those of the next or last curve."""
     for curve in read.toolpath.curves:
         open_ = np.ones(len(curve) - 1, dtype=bool)
         if curve.feeds is not None:
             open_ = np.isnan(curve.feeds[1:])
         if open_.any():
-            raise TaskFileError(
-                f"{path}: feed: {read.toolpath.source.name} states feeds, but none for line "
+            raise InvalidInput(
+                f"{read.toolpath.source.name} states feeds, but none for line "
                 f"{curve.lines[1:][open_][0]}; add [feed] with the speed (m/s) where it states "
-                'none, or leave its feeds out by feeds = "task" in [path].'
+                'none, or leave its feeds out by feeds = "task" in [path].',
+                key="feed",
             )
     assert read.feeds is not None
     known = np.flatnonzero(~np.isnan(read.feeds))
@@ -512,7 +525,6 @@ def _nearest_feeds(path: Path, read: FileWaypoints) -> Array:
 
 
 def _limits(
-    path: Path,
     file: TaskFile,
     ranges: JointRanges,
     kind: str,
@@ -526,90 +538,21 @@ def _limits(
         return per_joint(f"{kind} limits of the robot", of_robot, ranges)
     limits = per_joint(f"limits.{kind}", limits_by_joint, ranges)
     if limits_by_joint and not timed:
-        raise TaskFileError(
-            f"{path}: limits.{kind}: {kind} limits need a clock; add [feed] with speed or dt."
+        raise InvalidInput(
+            f"{kind} limits need a clock; add [feed] with speed or dt.", key=f"limits.{kind}"
         )
     return limits
 
 
 def _clearance(section: ClearanceSection, model: mujoco.MjModel) -> Clearance:
     """The constraint of [clearance]."""
-    try:
+    with about("clearance"):
         if not len(Clearance(model, 0.0).pairs):
             raise InvalidInput(
                 "no geom of the scene can collide with another one that moves against it; give "
                 "them contype and conaffinity other than 0, or remove this section."
             )
         return Clearance(model, section.distance, section.ignore)
-    except InvalidInput as error:
-        raise InvalidInput(f"clearance: {error}") from error
-
-
-def _explain(path: Path, text: str, error: ValidationError) -> str:
-    """One line for each problem, with its place in the file."""
-    items = error.errors()
-    places = [_keys(item) for item in items]
-    lines = []
-    for item, keys in zip(items, places, strict=True):
-        # pydantic also reports a list as too short if an entry is refused: report it once.
-        if item["type"] == "too_short" and any(
-            k != keys and k[: len(keys)] == keys for k in places
-        ):
-            continue
-        key = "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in keys).lstrip(".")
-        place = _place(path, _line_of(text, keys))
-        lines.append(f"{place}: {key}: {_sentence(item, keys)}")
-    return "\n".join(lines)
-
-
-def _place(path: Path, number: int | None) -> str:
-    return f"{path}, line {number}" if number else str(path)
-
-
-def _split(key: str) -> list[str | int]:
-    """Split ``segments[1].first`` into its keys."""
-    return [int(k) if k.isdecimal() else k for k in re.findall(r"\w+", key)]
-
-
-def _keys(item: Any) -> list[str | int]:
-    """The keys of an error, as in the file."""
-    keys = list(item["loc"])
-    if not keys:
-        return ["file"]
-    if keys[0] == "path" and len(keys) > 1:
-        del keys[1]  # pydantic puts the kind of path there, which is no key of the file
-    if keys[0] == "bands" and len(keys) > 2:
-        del keys[2]  # and the kind of band
-    if item["type"].startswith("union_tag"):
-        keys.append("kind")
-    if keys[-1] == "[key]":
-        del keys[-1]
-    return keys
-
-
-def _sentence(item: Any, keys: list[str | int]) -> str:
-    if item["type"] == "extra_forbidden":
-        close = difflib.get_close_matches(str(keys[-1]), _known_keys(Section), n=1)
-        # A known key in the wrong table is no misspelling.
-        hint = f"; did you mean {close[0]!r}?" if close and close[0] != keys[-1] else " here."
-        return f"unknown key{hint}"
-    if item["type"] in ("missing", "union_tag_not_found"):
-        return "missing; add this key."
-    if item["type"] == "union_tag_invalid":
-        return f"expected one of {item['ctx']['expected_tags']}; got {item['ctx']['tag']!r}."
-    message = str(item["msg"]).removeprefix("Value error, ").rstrip(".")
-    if item["type"] == "value_error":
-        return f"{message}."
-    given = json.dumps(item["input"], default=str)
-    return f"{message}, got {given if len(given) < 60 else given[:57] + '…'}."
-
-
-def _known_keys(section: type[Section]) -> set[str]:
-    """Every key that the schema knows, in any table."""
-    keys = set(section.model_fields)
-    for table in section.__subclasses__():
-        keys |= _known_keys(table)
-    return keys
 
 
 def _line_of(text: str, keys: list[str | int]) -> int | None:

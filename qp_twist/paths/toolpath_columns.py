@@ -5,13 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeVar, cast
+from typing import Annotated, Literal, TypeVar, cast
 
 import numpy as np
+from pydantic import Field, PlainValidator
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import ANGLES, FEEDS, AngleUnit, FeedUnit, Table, columns_named, split_unit
+from qp_twist.paths.section import Section
 from qp_twist.paths.suggested_columns import Suggestion, have_length_1
 
 Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", "none"]
@@ -97,31 +99,32 @@ def _usual_names() -> dict[str, tuple[str, int]]:
 _USUAL = _usual_names()
 
 
-@dataclass(frozen=True)
-class ColumnChoice:
-    """Columns chosen by the user: names of the header, or numbers counted from 1.
+def _parse_column(value: object) -> str | int:
+    """A column or a curve: a name, or a number from 1."""
+    if isinstance(value, str) and value:
+        return value
+    if type(value) is int and value >= 1:
+        return value
+    raise ValueError(f"expected a name, or a number counted from 1, got {value!r}")
 
-    Attributes:
-        position: x, y, z.
-        axis: Axis of the tool, from its tip to its holder.
-        normal: Normal of the surface, away from the part.
-        quaternion_wxyz: w first.
-        quaternion_xyzw: w last.
-        rpy: Roll about x, pitch about y, yaw about z.
-        rotation_vector: Axis times angle.
-        curve: Another curve begins where its entry changes.
-        feed: Feed of the motion to each point.
-    """
 
-    position: tuple[Column, ...] | None = None
-    axis: tuple[Column, ...] | None = None
-    normal: tuple[Column, ...] | None = None
-    quaternion_wxyz: tuple[Column, ...] | None = None
-    quaternion_xyzw: tuple[Column, ...] | None = None
-    rpy: tuple[Column, ...] | None = None
-    rotation_vector: tuple[Column, ...] | None = None
-    curve: Column | None = None
-    feed: Column | None = None
+Name = Annotated[str | int, PlainValidator(_parse_column)]
+Triple = tuple[Name, Name, Name]
+Quadruple = tuple[Name, Name, Name, Name]
+
+
+class ColumnChoice(Section):
+    """Columns of a table without usual names: names of the header, or numbers counted from 1."""
+
+    position: Triple | None = None
+    axis: Triple | None = Field(default=None, description="of the tool, from its tip to its holder")
+    normal: Triple | None = Field(default=None, description="of the surface, away from the part")
+    quaternion_wxyz: Quadruple | None = None
+    quaternion_xyzw: Quadruple | None = None
+    rpy: Triple | None = None
+    rotation_vector: Triple | None = Field(default=None, description="axis times angle")
+    curve: Name | None = Field(default=None, description="where its entry changes a curve begins")
+    feed: Name | None = Field(default=None, description="of the motion to each point")
 
 
 class UnclearColumns(InvalidInput):
@@ -130,11 +133,20 @@ class UnclearColumns(InvalidInput):
     Attributes:
         message: Without the suggestion.
         suggestion: Their likely meaning by the numbers, if there is one.
+        or_none: Whether the columns that are unclear may be left out.
     """
 
-    def __init__(self, message: str, suggestion: Suggestion | None = None) -> None:
+    def __init__(
+        self,
+        message: str,
+        suggestion: Suggestion | None = None,
+        *,
+        or_none: bool = False,
+    ) -> None:
         example = "For example: [path.columns] position = [1, 2, 3], normal = [4, 5, 6]."
-        super().__init__(f"{message} {suggestion or example}")
+        columns = suggestion.text if suggestion else '"position=1,2,3;normal=4,5,6"'
+        options = {"columns": columns, **({"orientation": "none"} if or_none else {})}
+        super().__init__(f"{message} {suggestion or example}", options=options)
         self.message = message
         self.suggestion = suggestion
 
@@ -148,16 +160,17 @@ def index_of(table: Table, key: str, column: Column) -> int:
     if isinstance(column, int):
         if not 1 <= column <= table.width:
             raise InvalidInput(
-                f"columns.{key}: the file has columns 1 to {table.width}, got {column}."
+                f"the file has columns 1 to {table.width}, got {column}.", key=f"columns.{key}"
             )
         return column - 1
     found = columns_named(table.names, column)
     if len(found) == 1:
         return found[0]
     raise InvalidInput(
-        f"columns.{key}: there is no column {column!r}; "
+        f"there is no column {column!r}; "
         + (f"the header names {', '.join(map(repr, table.names))}." if table.names
-           else "the file has no header line, so give numbers, counted from 1.")
+           else "the file has no header line, so give numbers, counted from 1."),
+        key=f"columns.{key}",
     )  # fmt: skip
 
 
@@ -181,7 +194,8 @@ def unit_of(
         raise InvalidInput(
             f"the unit of {called} is not said; add {key} = "
             + " or ".join(f'"{u}"' for u in known)
-            + f" to [path] of the task file, or write it into the header: {first} [{example}]."
+            + f" to [path] of the task file, or write it into the header: {first} [{example}].",
+            options={key: None},
         )
     if unit not in known:
         raise InvalidInput(f"{called}: the header says {unit!r}; known are {', '.join(known)}.")
@@ -262,7 +276,7 @@ def column_roles(
         InvalidInput: If the columns contradict each other.
         UnclearColumns: If the columns have to be chosen.
     """
-    position = _chosen(table, "position", choice.position, 3)
+    position = _chosen(table, "position", choice.position)
     direction = _chosen_direction(table, choice)
     settled = set() if position is None else {"position"}
     if direction is not None or orientation == "none":
@@ -291,7 +305,7 @@ def column_roles(
     convention, columns = _direction(table, direction, groups, orientation)
     where = ColumnRoles(position, convention.orientation, columns, curve, feed)
     if len(set(where.numbers)) < len(where.numbers):
-        raise InvalidInput("columns: a column is used twice.")
+        raise InvalidInput("a column is used twice.", key="columns")
     if orientation is None and convention.orientation == "none":
         _refuse_unused_orientation(table, where)
     return _with_convention(table, where, convention)
@@ -330,7 +344,8 @@ def _with_convention(table: Table, where: ColumnRoles, convention: Convention) -
         if not have_length_1(values):
             raise UnclearColumns(
                 f"{called} are named like {convention.called}, but their length is not 1; say what "
-                'they are in [path.columns] of the task file, or orientation = "none" in [path].'
+                'they are in [path.columns] of the task file, or orientation = "none" in [path].',
+                or_none=True,
             )
     else:
         largest = float(np.abs(values).max(initial=0.0))
@@ -339,13 +354,15 @@ def _with_convention(table: Table, where: ColumnRoles, convention: Convention) -
             raise UnclearColumns(
                 f"{called} are named like {convention.called}; but in each row their length is 1, "
                 "like that of a direction. Say what they are in [path.columns] of the task file: "
-                'rpy, normal or axis; or orientation = "none" in [path].'
+                'rpy, normal or axis; or orientation = "none" in [path].',
+                or_none=True,
             )
         if convention.called and largest > 360.0:
             raise UnclearColumns(
                 f"{called} are named like {convention.called}; but a number in them is "
                 f"{largest:.6g}, more than 360 degrees. Say what they are in [path.columns] of the "
-                'task file, or orientation = "none" in [path].'
+                'task file, or orientation = "none" in [path].',
+                or_none=True,
             )
         # A vector above one turn is in degrees, and angles within one turn may be radians.
         agrees = largest <= 2.0 * np.pi if unit == "rad" else largest > 2.0 * np.pi
@@ -384,6 +401,7 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
         " be left out; say in [path.columns] of the task file what they are (a rotation matrix is "
         'not read), or orientation = "none" in [path] if they state none.',
         suggestion,
+        or_none=True,
     )
 
 
@@ -430,18 +448,15 @@ def _groups(
         raise InvalidInput(
             f"{', '.join(table.call(i) for i in lonely)}: {len(lonely)} of "
             f"{_SIZES[group]} columns of one {group}; add the missing ones, or say in "
-            '[path.columns] what counts, or orientation = "none" in [path] if they state none.'
+            '[path.columns] what counts, or orientation = "none" in [path] if they state none.',
+            options={"orientation": "none"},
         )
     return groups
 
 
-def _chosen(
-    table: Table, key: str, columns: tuple[Column, ...] | None, size: int
-) -> tuple[int, ...] | None:
+def _chosen(table: Table, key: str, columns: tuple[Column, ...] | None) -> tuple[int, ...] | None:
     if columns is None:
         return None
-    if len(columns) != size:
-        raise InvalidInput(f"columns.{key}: expected {size} columns, got {len(columns)}.")
     return tuple(index_of(table, key, column) for column in columns)
 
 
@@ -459,14 +474,13 @@ def _chosen_direction(
         ("quaternion_xyzw", "quaternion"), ("rpy", "rpy"), ("rotation_vector", "rotation_vector"),
     )  # fmt: skip
     for key, orientation in kinds:
-        size = 4 if orientation == "quaternion" else 3
-        indices = _chosen(table, key, getattr(choice, key), size)
+        indices = _chosen(table, key, getattr(choice, key))
         if indices is not None:
             if key == "quaternion_xyzw":
                 indices = (indices[3], *indices[:3])
             found.append((orientation, indices))
     if len(found) > 1:
-        raise InvalidInput(f"columns: choose one orientation, not {len(found)}.")
+        raise InvalidInput(f"choose one orientation, not {len(found)}.", key="columns")
     return found[0] if found else None
 
 
@@ -492,17 +506,20 @@ def _usual_direction(
             f"{', '.join(table.call(i) for i in groups['angles'])}: these can be "
             'roll, pitch, yaw or a rotation vector; add orientation = "rpy" to [path] of the task '
             'file if R = Rz Ry Rx, orientation = "rotation_vector" if they are axis times angle '
-            '(as of Universal Robots), or orientation = "none" to leave them out.'
+            '(as of Universal Robots), or orientation = "none" to leave them out.',
+            options={"orientation": None},
         )
     if len(present) > 1 or (orientation is None and "angles" in groups):
         kinds = list(dict.fromkeys(convention.orientation for convention in present.values()))
         called = " and ".join([*present, *(["angles"] if "angles" in groups else [])])
-        answer = (
-            f'add orientation = "{kinds[0]}" or another to [path] of the task file'
-            if len(kinds) == len(present)
-            else "say in [path.columns] of the task file which count"
+        if len(kinds) < len(present):
+            answer = "say in [path.columns] of the task file which count"
+            raise InvalidInput(f"the header has columns for {called}; {answer}.")
+        raise InvalidInput(
+            f'the header has columns for {called}; add orientation = "{kinds[0]}" or another to '
+            "[path] of the task file.",
+            options={"orientation": None},
         )
-        raise InvalidInput(f"the header has columns for {called}; {answer}.")
     [(group, convention)] = present.items()
     return convention, tuple(groups[group][i] for i in convention.order)
 

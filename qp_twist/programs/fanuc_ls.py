@@ -232,7 +232,7 @@ class _Reader:
         for number, act, match in program.acts:
             if left:
                 raise InvalidInput(
-                    f"line {number}: this never runs, since line {left} ends {program.name}."
+                    f"this never runs, since line {left} ends {program.name}.", line=number
                 )
             self._course.step(number)
             left = number if act(number, match) else 0
@@ -298,31 +298,29 @@ class _Reader:
             number = first + tail.count("\n", 0, match.start())
             point, inside = int(match[1]), match[2]
             if point in found:
-                raise InvalidInput(f"line {number}: P[{point}] stands twice.")
+                raise InvalidInput(f"P[{point}] stands twice.", line=number)
             if re.search(r"\b[XYZ]\s*=", inside):
                 raise InvalidInput(
-                    f"line {number}: P[{point}] is Cartesian; only joint angles J1 to J6 can be "
-                    "checked."
+                    f"P[{point}] is Cartesian; only joint angles J1 to J6 can be checked.",
+                    line=number,
                 )
             axes: dict[str, float] = {}
             for group, _, axis, value, unit in _FIELD.findall(inside):
                 if group and group != "1":
-                    raise InvalidInput(
-                        f"line {number}: P[{point}] moves more than one motion group."
-                    )
+                    raise InvalidInput(f"P[{point}] moves more than one motion group.", line=number)
                 if axis and unit not in ("deg", *(["mm"] if axis[0] == "E" else [])):
                     raise InvalidInput(
-                        f"line {number}: P[{point}], {axis}: the unit is {unit or 'missing'!r}; "
-                        "expected deg."
+                        f"P[{point}], {axis}: the unit is {unit or 'missing'!r}; expected deg.",
+                        line=number,
                     )
                 if axis in axes:
-                    raise InvalidInput(f"line {number}: P[{point}]: {axis} stands twice.")
+                    raise InvalidInput(f"P[{point}]: {axis} stands twice.", line=number)
                 if axis:
                     axes[axis] = number_of(number, value, f"an angle of {axis}")
             if left := _FIELD.sub("", inside).replace(",", " ").strip():
-                raise InvalidInput(f"line {number}: P[{point}]: {left[:60]!r} is not read.")
+                raise InvalidInput(f"P[{point}]: {left[:60]!r} is not read.", line=number)
             if sorted(axis for axis in axes if axis[0] == "J") != list(LS.axis_names):
-                raise InvalidInput(f"line {number}: P[{point}]: expected J1 to J{AXES}.")
+                raise InvalidInput(f"P[{point}]: expected J1 to J{AXES}.", line=number)
             found[point] = [axes[axis] for axis in LS.axis_names]
             self._external[name, point] = {axis: axes[axis] for axis in axes if axis[0] == "E"}
         left = _POINT.sub("", tail).strip()

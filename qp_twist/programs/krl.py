@@ -449,12 +449,13 @@ def _end_block(
     """The segments of a time block: each takes its part's share of the whole time."""
     if len(parts) != len(block) or not block:
         raise InvalidInput(
-            f"line {number}: the time block has {len(block)} segments and {len(parts)} parts; "
-            "a line was lost or added."
+            f"the time block has {len(block)} segments and {len(parts)} parts; "
+            "a line was lost or added.",
+            line=number,
         )
     total = sum(parts)
     if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
-        raise InvalidInput(f"line {number}: a time of the time block is not positive.")
+        raise InvalidInput("a time of the time block is not positive.", line=number)
     for (line, point), part in zip(block, parts, strict=True):
         course.move(line, point, part * whole / total)
 

@@ -39,7 +39,7 @@ def shown(text: str) -> str:
 
 def refuse(line: int, text: str, why: str) -> InvalidInput:
     """The error for a statement."""
-    return InvalidInput(f"line {line}: {shown(text)}: {why}")
+    return InvalidInput(f"{shown(text)}: {why}", line=line)
 
 
 def number_of(line: int, text: str, name: str = "a number") -> float:
@@ -146,8 +146,9 @@ class Course:
             )
         if self._end is not None:
             raise InvalidInput(
-                f"line {line}: this never runs, since {self._end[1]} in line {self._end[0]} ends "
-                "the program; remove one of them."
+                f"this never runs, since {self._end[1]} in line {self._end[0]} ends "
+                "the program; remove one of them.",
+                line=line,
             )
 
     def move(
@@ -160,7 +161,7 @@ class Course:
         """Move to a point; the first move leads to the start, and its time does not count."""
         if duration is not None and not 0.0 < duration < math.inf:
             raise InvalidInput(
-                f"line {line}: the move takes {duration:g} s; a time is positive and finite."
+                f"the move takes {duration:g} s; a time is positive and finite.", line=line
             )
         if self.points:
             if duration is None:
@@ -183,14 +184,15 @@ class Course:
             before = self._external.setdefault(axis, 0.0)
             if value != before:
                 raise InvalidInput(
-                    f"line {line}: it moves the external axis {axis} to {value:g}, from "
-                    f"{before:g}; only robots whose external axes stand still can be checked."
+                    f"it moves the external axis {axis} to {value:g}, from "
+                    f"{before:g}; only robots whose external axes stand still can be checked.",
+                    line=line,
                 )
 
     def wait(self, line: int, seconds: float) -> None:
         """Stay at the last point."""
         if not 0.0 <= seconds < math.inf:
-            raise InvalidInput(f"line {line}: a wait of {seconds:g} s; expected a finite time.")
+            raise InvalidInput(f"a wait of {seconds:g} s; expected a finite time.", line=line)
         if self.points and seconds > 0.0:
             rates = [0.0] * AXES if self.velocities else None
             self.move(line, list(self.points[-1]), seconds, rates)
@@ -377,8 +379,9 @@ class Calls:
         for number, act, match in self._acts[name]:
             if left:
                 raise InvalidInput(
-                    f"line {number}: this never runs, since line {left} leaves {procedure.name} "
-                    "before it; remove one of them."
+                    f"this never runs, since line {left} leaves {procedure.name} "
+                    "before it; remove one of them.",
+                    line=number,
                 )
             self._course.step(number)
             left = number if act(number, match) else 0

@@ -120,8 +120,9 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     names = table.names
     if not names:
         raise InvalidInput(
-            f"line {table.first + 1}: expected the names of the columns; put a line "
-            f"with the joints' names above them, one for each of the {table.width} columns."
+            f"expected the names of the columns; put a line "
+            f"with the joints' names above them, one for each of the {table.width} columns.",
+            line=table.first + 1,
         )
     columns = [_Column.of(name, joint_names) for name in names]
     if not any(column.kind == "position" for column in columns):

@@ -183,7 +183,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
             )
         lines = text_lines(content)
         if lines[0].startswith(DOES_NOT_PASS):
-            raise InvalidInput(f"line 1: {lines[0]} (written all the same, by --force).")
+            raise InvalidInput(f"{lines[0]} (written all the same, by --force).", line=1)
         moves = dialect.decode("\n".join(lines), beside)
         check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
     scale = _scale(dialect)

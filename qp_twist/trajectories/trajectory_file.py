@@ -201,7 +201,7 @@ def write_checked(
         check = checked(_write_program(Path(folder) / path.name, texts))
     if check.passes or force:
         if not check.passes:
-            verdict = check.verdict.removeprefix("does not pass: ").replace("°", "deg")
+            verdict = "; ".join([*check.problems, *check.sources]).replace("°", "deg")
             verdict = " ".join(verdict.encode("ascii", "replace").decode().split())
             line = f"{DOES_NOT_PASS}: {verdict}"
             texts = {name: dialect.stopped(text, line) for name, text in texts.items()}

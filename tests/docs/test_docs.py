@@ -5,8 +5,10 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -24,7 +26,13 @@ from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.comparison import metrics
 from qp_twist.control.controller import SINGULARITY
-from qp_twist.paths import file_path_schema, shipped_tasks, task_schema
+from qp_twist.paths import (
+    ColumnChoice,
+    ToolpathOptions,
+    file_path_schema,
+    shipped_tasks,
+    task_schema,
+)
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.qp import SCALE_BACKOFF, check_solver
 from qp_twist.qp.verification import (
@@ -280,7 +288,7 @@ SECTIONS = {
     '[path] with kind = "polyline"': task_schema.PolylinePath,
     '[path] with kind = "spherical_patch"': task_schema.SphericalPatchPath,
     '[path] with kind = "file"': file_path_schema.FilePath,
-    "[path.columns]": file_path_schema.ColumnsTable,
+    "[path.columns]": ColumnChoice,
     "[path.placement]": file_path_schema.WorkpieceTable,
     "[path.approach] and [path.retreat]": file_path_schema.LeadTable,
     "[path.transfer]": file_path_schema.TransferTable,
@@ -310,7 +318,7 @@ def test_every_key_of_a_task_file_is_listed_with_its_default(title: str) -> None
             r for r in rows(sections(page("task_files.md"), "###")[title]) if len(r) == 4
         )
     }
-    assert list(listed) == list(fields)
+    assert sorted(listed) == sorted(fields)
     for key, field in fields.items():
         default = field.get_default(call_default_factory=True)
         if field.is_required():
@@ -382,9 +390,15 @@ def test_every_default_of_a_command_is_that_of_its_function(command: str) -> Non
     told = " ".join((inspect.getdoc(function) or "").split())
     [body] = [t for title, t in sections(page("command_line.md"), "##").items()
               if f"qp-twist {command}" in title]  # fmt: skip
+    defaults = {name.rstrip("_"): one.default for name, one in parameters.items()}
+    of_toolpath = vars(defaults["toolpath"]) if "toolpath" in defaults else {}
+    defaults |= {
+        ToolpathOptions.option(key).strip("-").replace("-", "_"): default
+        for key, default in of_toolpath.items()
+    }
     for option, stated, _ in (r for r in rows(body) if len(r) == 3):
         name = re.findall(r"--([a-z][\w-]*)", option)[0].replace("-", "_")
-        default = parameters.get(name, parameters.get(f"{name}_")).default  # type: ignore[union-attr]
+        default = defaults[name]
         literal = re.fullmatch(r"`([^`]*)`", stated)
         if default is inspect.Parameter.empty:
             assert stated == "required"
@@ -495,15 +509,49 @@ def test_the_architecture_has_the_rooms_and_the_dependencies_that_the_project_ha
             assert name in page("architecture.md") or name == "qp_twist"
 
 
-@pytest.mark.parametrize("name", ["constraint", "cost_term"])
-def test_a_demonstration_applies_and_edits_at_most_three_files(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "most"), [("constraint", 2), ("cost_term", 3), ("toolpath_option", 2)]
+)
+def test_a_demonstration_applies_and_edits_few_files(name: str, most: int) -> None:
     change = DOCS / "demonstrations" / f"{name}.diff"
     command = ["git", "apply", "--check", "--numstat", str(change)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     files = [line.split("\t")[2] for line in done.stdout.splitlines()]
-    assert 0 < len(files) <= 3
+    assert 0 < len(files) <= most
     assert all(file.startswith("qp_twist/") for file in files)
+
+
+def test_an_option_of_a_toolpath_is_stated_once(tmp_path: Path) -> None:
+    """The demonstrated one is then an argument, a key of a task file, and an option of `new`."""
+    sources = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "qp_twist", tmp_path / "qp_twist", ignore=sources)
+    change = DOCS / "demonstrations" / "toolpath_option.diff"
+    subprocess.run(["git", "apply", "--unsafe-paths", change], cwd=tmp_path, check=True)
+    (tmp_path / "line.csv").write_text("made by hand, 1, 2, 3, 4\nx_mm,y_mm,z_mm\n0,0,0\n9,0,0\n")
+    source = """
+from pathlib import Path
+from qp_twist.authoring import Request
+from qp_twist.authoring.task_text import toolpath_lines
+from qp_twist.cli import main
+from qp_twist.paths import read_toolpath
+from qp_twist.paths.file_path_schema import FilePath
+
+assert len(read_toolpath("line.csv", skip_lines=1).curves[0]) == 2
+assert FilePath(kind="file", file="line.csv", skip_lines=1).skip_lines == 1
+request = Request(Path("robot.xml"), Path("line.csv"), skip_lines=1)
+assert any(line.startswith("skip_lines = 1 ") for line in toolpath_lines(request))
+main(["new", "--help"])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", source],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "--skip-lines INT" in done.stdout, done.stderr
 
 
 # ---------------------------------------------------------------- the site

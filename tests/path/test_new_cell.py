@@ -8,7 +8,6 @@ import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -160,11 +159,11 @@ def test_tool_and_part_may_touch_and_everything_else_keeps_5_mm(cell: NewTask) -
 
 
 def test_a_part_is_not_moved_with_the_path(request_: Request, tmp_path: Path) -> None:
-    far = replace(request_, place=(5.0, 0.0, 0.3))
+    far = request_.changed(place=(5.0, 0.0, 0.3))
     made = new_task(far, tmp_path / "far.toml")
     assert not made.runs
     assert not any("MOVED" in note for note in made.notes)
-    free = replace(far, place=None, toolpath=tmp_path / "far.csv")
+    free = far.changed(place=None, toolpath=tmp_path / "far.csv")
     text = request_.toolpath.read_text("utf-8").replace(";0;0;0;0;1", ";0;5000;0;0;1")
     (tmp_path / "far.csv").write_text(text, encoding="utf-8")
     made = new_task(free, tmp_path / "free.toml")
@@ -185,7 +184,7 @@ def test_a_cell_that_is_refused_leaves_nothing_behind(
 ) -> None:
     before = sorted(tmp_path.iterdir())
     with pytest.raises(qt.InvalidInput, match=sentence):
-        new_task(replace(request_, **change), tmp_path / "cell.toml")
+        new_task(request_.changed(**change), tmp_path / "cell.toml")
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -208,7 +207,7 @@ def test_a_scene_is_not_overwritten_unless_forced(request_: Request, tmp_path: P
     (folder / "mine.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(qt.InvalidInput, match=r"cell_cell.*--force"):
         new_task(request_, tmp_path / "cell.toml")
-    refused = replace(request_, mesh_unit=None)
+    refused = request_.changed(mesh_unit=None)
     with pytest.raises(qt.InvalidInput, match="--mesh-units"):
         new_task(refused, tmp_path / "cell.toml", force=True)
     assert (folder / "mine.txt").read_text("utf-8") == "mine"  # a failure changes nothing
@@ -262,7 +261,7 @@ def test_the_pieces_of_a_concave_mesh_collide_and_the_mesh_is_drawn(
     monkeypatch.setitem(sys.modules, "coacd", fake)
     fixture = bracket(tmp_path / "bracket.stl")
     made = new_task(
-        replace(request_, part_mesh=None, fixture_meshes=(fixture,), place=(0.45, 0.3, 0.1)),
+        request_.changed(part_mesh=None, fixture_meshes=(fixture,), place=(0.45, 0.3, 0.1)),
         tmp_path / "cell.toml",
     )
     model = made.path_task.model
@@ -421,7 +420,7 @@ def test_what_an_srdf_beside_the_robot_disables_may_touch(path: Path, tmp_path: 
 def test_a_plan_names_a_pair_that_no_motion_takes_apart_as_the_task_file_needs_it(
     path: Path, tmp_path: Path
 ) -> None:
-    request = replace(with_tool(wrist(tmp_path / "wrist.xml"), path, tmp_path), tool_mesh=None)
+    request = with_tool(wrist(tmp_path / "wrist.xml"), path, tmp_path).changed(tool_mesh=None)
     file = new_task(request, tmp_path / "task.toml").path
     lines = file.read_text("utf-8").splitlines()
     pair = next(k for k, line in enumerate(lines) if line.startswith('  ["l4", "l6"],'))

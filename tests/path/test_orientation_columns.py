@@ -214,7 +214,10 @@ def test_new_asks_with_its_options_and_then_has_the_whole_pose(
     given_ = ["new", "seven_axis_arm.xml", "--frame", "tool", "--path", "poses.csv"]
     with pytest.raises(SystemExit):
         main(given_)
-    assert "--orientation normal, axis, rpy, rotation_vector or none" in capsys.readouterr().err
+    assert (
+        "--orientation axis, normal, quaternion, rpy, rotation_vector or none"
+        in capsys.readouterr().err
+    )
     main([*given_, "--orientation", "rotation_vector"])
     capsys.readouterr()
     text = (tmp_path / "task.toml").read_text(encoding="utf-8")

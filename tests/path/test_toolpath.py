@@ -968,7 +968,7 @@ def test_between_curves_the_tool_may_be_fast(tmp_path: Path) -> None:
     (tmp_path / "plain.toml").write_text(
         plain.replace("speed = ", "rapid = 1.0\nspeed = "), "utf-8"
     )
-    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid is for the ways between the curves"):
+    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid: it is for the ways"):
         qt.load_task(tmp_path / "plain.toml")
 
 
@@ -1305,7 +1305,7 @@ def test_the_columns_that_are_suggested_fit_the_numbers(
         read_toolpath(write(tmp_path, names + "\n".join(lines)), length_unit="mm")
     suggestion = refused.value.suggestion
     assert suggestion is not None
-    assert suggestion.option == f"--columns {option}"
+    assert suggestion.text == option
     assert "By the numbers in it: [path.columns] position = [" in str(refused.value)
     # The suggestion is read without a further question.
     unit = suggestion.angle_unit

@@ -298,7 +298,7 @@ def test_what_a_joint_move_cannot_have_is_refused(
 def test_rapid_speeds_are_of_straight_ways(tmp_path: Path) -> None:
     file = walled_task(tmp_path)
     file.write_text(file.read_text().replace("speed = 0.05", "speed = 0.05\nrapid = 0.5"))
-    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid is for straight ways"):
+    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid: it is for straight ways"):
         qt.load_task(file)
 
 
