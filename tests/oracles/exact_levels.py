@@ -317,6 +317,17 @@ def solved(kind: str, seed: int) -> list[float]:
     return exact_cascade(h, guesses).residuals
 
 
+def as_lines(found: dict[str, dict[int, list[float]]]) -> str:
+    """As JSON, a line for each hierarchy."""
+    kinds = (
+        f'"{kind}": {{\n'
+        + ",\n".join(f'"{seed}": {lengths}' for seed, lengths in seeds.items())
+        + "\n}"
+        for kind, seeds in found.items()
+    )
+    return "{\n" + ",\n".join(kinds) + "\n}\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("seeds", type=int, help="how many seeds")
@@ -330,7 +341,7 @@ def main() -> None:
     for kind, seed in NAMED:
         if seed not in found[kind]:
             found[kind][seed] = solved(kind, seed)
-    FILE.write_text(json.dumps(found, indent=0) + "\n")
+    FILE.write_text(as_lines(found))
 
 
 if __name__ == "__main__":
