@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
-import pickle
 import sys
 import threading
 import warnings
@@ -15,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.same_steps import by_reference, plain_controller, same
+from oracles.twists import at
 
 import qp_twist as qt
 from qp_twist.control.lazy_step import LazyStep
@@ -44,7 +43,7 @@ def test_the_same_arm_with_other_sites_is_another_robot(sites: str) -> None:
 
 def test_the_same_robot_read_again_or_with_other_lengths_is_taken() -> None:
     task = qt.TwistTask.point("tip", "site")
-    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    task.set_target(at(0.6, 0.2, 0.05))
     controllers = [qt.Controller(arm(), [task], limits=[], solver=s) for s in ("daqp", "compiled")]
     by_reference(controllers[0])
     for reach in (0.3, 0.5):
@@ -115,14 +114,6 @@ def test_a_velocity_that_is_written_into_changes_no_report() -> None:
     assert np.abs(step.residuals[0]).max() < 1e-9
 
 
-def test_a_step_made_from_another_can_be_copied() -> None:
-    controller, _, configuration = plain_controller("compiled")
-    made = dataclasses.replace(controller.step(configuration, 0.1), scale=0.5)
-    for copied in (copy.copy(made), copy.deepcopy(made), pickle.loads(pickle.dumps(made))):
-        assert copied.scale == 0.5
-        np.testing.assert_array_equal(copied.velocity, made.velocity)
-
-
 class Fixed(mink.Limit):
     """|q̇| ≤ speed, of a class that the package does not know."""
 
@@ -174,31 +165,6 @@ def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
             controller.step(configuration, 0.1)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("joint_weight", 0.0), ("joint_weight", np.inf), ("joint_weight", "a"),
-        ("singularity", np.inf), ("singularity", "no"), ("metric", np.ones(3)),
-        ("metric", np.zeros(6)), ("metric", None), ("free_twist_costs", (1.0, -1.0)),
-    ],
-)  # fmt: skip
-def test_a_controller_checks_what_it_is_assigned(name: str, value: Any) -> None:
-    controller, _, configuration = plain_controller("daqp")
-    before = controller.step(configuration, 0.1)
-    with pytest.raises(qt.InvalidInput, match=name):
-        setattr(controller, name, value)
-    same(before, copy.deepcopy(controller).step(configuration, 0.1))
-
-
-@pytest.mark.parametrize("value", ["a", None, 0.0, np.nan])
-def test_a_task_and_an_objective_check_what_they_are_assigned(value: Any) -> None:
-    controller, task, _ = plain_controller("daqp")
-    with pytest.raises(qt.InvalidInput, match="max_linear_step"):
-        task.max_linear_step = value
-    with pytest.raises(qt.InvalidInput, match="weight"):
-        qt.JointCentering(controller.model).weight = value
-
-
 @pytest.mark.parametrize("returned", [None, (np.eye(6), np.ones(6))])
 def test_a_limit_that_returns_no_constraint_is_named(returned: Any) -> None:
     class Odd(mink.Limit):
@@ -236,14 +202,6 @@ def test_a_displacement_of_another_shape_is_refused_with_the_name_of_who_has_it(
     model = qt.load_task("deburring").model
     controller, _, configuration = plain_controller("compiled", secondary=[Wishes(model)])
     with pytest.raises(qt.InvalidInput, match="Wishes: its displacement"):
-        controller.step(configuration, 0.1)
-
-
-def test_a_joint_that_became_no_number_is_told_by_its_place() -> None:
-    controller, _, configuration = plain_controller("compiled")
-    controller.step(configuration, 0.1)
-    configuration.data.qpos[2] = np.nan
-    with pytest.raises(qt.InvalidInput, match=r"configuration\.q"):
         controller.step(configuration, 0.1)
 
 
@@ -293,7 +251,7 @@ REPLACED = {
 def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(change: str) -> None:
     """The same as without a step before, and as the reference: a step, or a sentence."""
     task = qt.TwistTask.point("tip", "site")
-    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    task.set_target(at(0.6, 0.2, 0.05))
     outcomes = []
     for prepared, steps_before in ((False, 0), (True, 0), (True, 1)):
         model = arm()
@@ -322,7 +280,7 @@ def test_a_configuration_that_was_changed_after_a_step_is_looked_at_again(change
 
 def test_a_copy_of_a_configuration_goes_its_own_way() -> None:
     task = qt.TwistTask.point("tip", "site")
-    task.set_target(mink.SE3.from_translation(np.array([0.6, 0.2, 0.05])))
+    task.set_target(at(0.6, 0.2, 0.05))
     model = arm()
     controller = qt.Controller(model, [task], limits=[], solver="compiled")
     configuration = mink.Configuration(model, np.array([0.3, 0.4, 0.5]))

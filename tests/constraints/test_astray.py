@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.joint_paths import evenly, joint_path, slider
+from oracles.twists import ALONG_X
 
 import qp_twist as qt
 from qp_twist.cli import main
@@ -123,7 +124,7 @@ def rail() -> qt.PathTask:
         '<mujoco><worldbody><body><joint name="slide_1" type="slide" axis="1 0 0"/>'
         '<geom size="0.1" mass="1"/><site name="tool"/></body></worldbody></mujoco>'
     )
-    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    along = ALONG_X
     task = joint_path(free, rows, evenly(17, 1.0), velocity=1.0, projector=along).path_task
     return dataclasses.replace(task, model=slider())
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from pathlib import Path
 
 import mink
 import numpy as np
-import numpy.typing as npt
 import pytest
 import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration, random_direction, random_rotation
+from oracles.twists import FRAMES, NOTHING, ROLL_FREE, SPATIAL, X, Y, Z, pose, turn
 from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
@@ -24,24 +23,12 @@ from qp_twist.kinematics import FramePair, frame_pose
 from qp_twist.kinematics.cone_band import FACES
 from qp_twist.paths import shipped_folder
 
-X, Y, Z = np.eye(3)
-FREE = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
-ROLL_FREE = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane(Z), frame="body"
-)
-FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
 seeds = st.integers(0, 2**32 - 1)
 
 
-def turn(vector: npt.ArrayLike) -> Array:
-    """Rotation matrix of a rotation vector, from scipy."""
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-def pose(rotation: Array, position: Array) -> mink.SE3:
-    return mink.SE3.from_rotation_and_translation(
-        mink.SO3.from_matrix(np.ascontiguousarray(rotation)), position
-    )
+def pair_at(rotation: Array, position: Array = X, target: Array = X) -> FramePair:
+    """A frame whose target is not turned and rests."""
+    return FramePair(rotation, position, np.eye(3), target, np.zeros(6))
 
 
 def moved(pair: FramePair, body: Array, dt: float) -> FramePair:
@@ -86,15 +73,15 @@ def random_pair(rng: np.random.Generator, *, apart: float = 1.0) -> FramePair:
 
 def rates(band: qt.ToleranceBand, pair: FramePair, body: Array, rooms: Array) -> Array:
     """What a band's rows say of the rates of its values: row · twist less what is no room."""
-    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
     return rows @ body - bounds + rooms
 
 
 # ---------------------------------------------------------------------------------- gradients
 
 
-@pytest.mark.parametrize("frame", ["body", "target", "world"])
-@settings(max_examples=40)
+@pytest.mark.parametrize("frame", FRAMES)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_the_gradient_of_the_roll(frame: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -108,7 +95,7 @@ def test_the_gradient_of_the_roll(frame: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("frame", ["target", "world"])
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_the_gradients_of_the_cone(frame: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -128,8 +115,8 @@ def test_the_gradients_of_the_cone(frame: str, seed: int) -> None:
     assert found == pytest.approx(np.append(expected, -rate @ e), rel=1e-5, abs=1e-6)
 
 
-@pytest.mark.parametrize("frame", ["body", "target", "world"])
-@settings(max_examples=40)
+@pytest.mark.parametrize("frame", FRAMES)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_the_gradient_of_the_slab(frame: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -149,13 +136,13 @@ def test_a_box_is_its_three_slabs() -> None:
     rng = np.random.default_rng(0)
     pair = random_pair(rng)
     low, high = np.array([-0.1, -0.2, -0.3]), np.array([0.3, 0.2, 0.1])
-    for frame in ("body", "target", "world"):
+    for frame in FRAMES:
         box = qt.BoxBand(low, high, frame=frame)
-        rows, bounds = box.half_spaces(pair, 0.1, FREE)
+        rows, bounds = box.half_spaces(pair, 0.1, NOTHING)
         slabs = [
             qt.SlabBand(e, a, b, frame=frame) for e, a, b in zip(np.eye(3), low, high, strict=True)
         ]
-        parts = [slab.half_spaces(pair, 0.1, FREE) for slab in slabs]
+        parts = [slab.half_spaces(pair, 0.1, NOTHING) for slab in slabs]
         np.testing.assert_allclose(rows, np.vstack([r for r, _ in parts]), atol=1e-14)
         np.testing.assert_allclose(bounds, np.concatenate([b for _, b in parts]), rtol=1e-12)
         assert box.excess(pair) == pytest.approx(max(slab.excess(pair) for slab in slabs))
@@ -169,7 +156,7 @@ def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:
         model = random_arm(rng, 5, slides=True)
         configuration = mink.Configuration(model, random_configuration(model, rng))
         a = random_direction(rng)
-        task = qt.TwistTask("tool", "site", FREE, bands=[
+        task = qt.TwistTask("tool", "site", NOTHING, bands=[
             qt.SlabBand(a, -5.0, -4.0, frame="body"), qt.RollBand(a, 3.0, 3.01, weight=2.0),
         ])  # fmt: skip
         task.set_target(pose(random_rotation(rng), rng.normal(size=3)))
@@ -190,7 +177,7 @@ def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:
 # ---------------------------------------------------------------------------------- the polygon
 
 
-@pytest.mark.parametrize("upper_deg", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("upper_deg", [2.0, 20.0])
 def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
     upper_deg: float,
 ) -> None:
@@ -202,9 +189,9 @@ def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
     single, polygon = [], []
     for _ in range(200):
         start = upper * math.sqrt(rng.uniform()) * np.append(random_direction(rng)[:2], 0.0)
-        pair = FramePair(turn(start), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+        pair = pair_at(turn(start), 0 * X, 0 * X)
         u = pair.rotation @ Z
-        rows, bounds = band.half_spaces(pair, 1.0, FREE)
+        rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
         omegas = np.cross(u, rng.normal(size=(200, 3)))
         omegas *= 3.0 * upper * rng.uniform(size=(200, 1)) / np.linalg.norm(omegas, axis=1)[:, None]
         ends = np.arccos(np.minimum(1.0, Rotation.from_rotvec(omegas).apply(u)[:, 2]))
@@ -223,8 +210,8 @@ def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
 def test_at_the_rim_a_sideways_motion_overshoots_by_its_square() -> None:
     upper = math.radians(10.0)
     band = qt.ConeBand(Z, Z, upper)
-    pair = FramePair(turn(upper * X), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
-    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    pair = pair_at(turn(upper * X), 0 * X, 0 * X)
+    rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
     u = pair.rotation @ Z
     for t in (0.02, 0.01, 0.005):
         omega = t * np.cross(u, X)
@@ -233,15 +220,15 @@ def test_at_the_rim_a_sideways_motion_overshoots_by_its_square() -> None:
         assert excess == pytest.approx(t**2 / (2.0 * upper), rel=0.03)
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(seed=seeds)
 def test_the_lower_end_of_a_cone_is_safe_sideways(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lower = rng.uniform(0.1, 1.2)
     start = rng.uniform(lower, 1.5)
     band = qt.ConeBand(Z, Z, math.pi, lower)
-    pair = FramePair(turn(start * X), np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
-    rows, bounds = band.half_spaces(pair, 1.0, FREE)
+    pair = pair_at(turn(start * X), 0 * X, 0 * X)
+    rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
     u = pair.rotation @ Z
     omega = np.cross(u, random_direction(rng))
     omega *= rng.uniform(0.0, 1.5) / np.linalg.norm(omega)
@@ -256,7 +243,7 @@ def test_a_cone_beyond_a_right_angle_is_the_one_about_the_opposite_direction() -
         ends = np.sort(rng.uniform(0.01, math.pi, size=2))
         one = qt.ConeBand(a, n, ends[1], ends[0])
         other = qt.ConeBand(a, -n, math.pi - ends[0], math.pi - ends[1])
-        rows = [np.column_stack(band.half_spaces(pair, 0.1, FREE)) for band in (one, other)]
+        rows = [np.column_stack(band.half_spaces(pair, 0.1, NOTHING)) for band in (one, other)]
         rows = [block[np.lexsort(block.round(6).T)] for block in rows]
         assert rows[0] == pytest.approx(rows[1], abs=1e-9)
 
@@ -323,7 +310,7 @@ def test_a_step_from_the_edge_overshoots_to_second_order(kind: str) -> None:
         model = random_arm(rng, 7, limited=False)
         configuration = mink.Configuration(model, random_configuration(model, rng))
         band = build(kind, random_direction(rng), random_direction(rng))
-        task = qt.TwistTask("tool", "site", FREE, bands=[band])
+        task = qt.TwistTask("tool", "site", NOTHING, bands=[band])
         task.set_target_from_configuration(configuration)
         desired = rng.normal(size=7)
         excess = []
@@ -358,7 +345,7 @@ def test_overshoots_along_the_edge_do_not_add_up(kind: str) -> None:
         mean = []
         for dt in (0.01, 0.005):
             configuration = mink.Configuration(model, home)
-            task = qt.TwistTask("tool", "site", FREE, bands=[band])
+            task = qt.TwistTask("tool", "site", NOTHING, bands=[band])
             task.set_target_from_configuration(configuration)
             excess = []
             for _ in range(round(0.5 / dt)):
@@ -419,10 +406,10 @@ def test_a_band_beside_five_rows_moves_with_the_target() -> None:
 def test_outside_it_comes_back_at_the_recovery_speed_and_no_faster(
     band: qt.ToleranceBand, start: Array, speed: float
 ) -> None:
-    pair = FramePair(start, np.zeros(3), np.eye(3), np.zeros(3), np.zeros(6))
+    pair = pair_at(start, 0 * X, 0 * X)
     dt, excess = 0.1, [band.excess(FramePair(start, *pair[1:]))]
     for _ in range(40):
-        rows, bounds = band.half_spaces(pair, dt, FREE)
+        rows, bounds = band.half_spaces(pair, dt, NOTHING)
         # Least motion that the rows allow, turned by exactly that.
         omega = qpsolvers.solve_qp(np.eye(3), np.zeros(3), rows[:, 3:], bounds, solver="daqp")
         assert omega is not None
@@ -437,8 +424,8 @@ def test_outside_it_comes_back_at_the_recovery_speed_and_no_faster(
 def test_a_slab_comes_back_at_its_speed_and_lands_on_its_edge() -> None:
     band = qt.SlabBand(Z, -0.001, 0.001)
     for height, room in ((0.05, -0.1), (0.002, -0.01)):
-        pair = FramePair(np.eye(3), height * Z, np.eye(3), np.zeros(3), np.zeros(6))
-        _, bounds = band.half_spaces(pair, 0.1, FREE)
+        pair = pair_at(np.eye(3), height * Z, 0 * X)
+        _, bounds = band.half_spaces(pair, 0.1, NOTHING)
         assert bounds[1] == pytest.approx(room)
         assert bounds[0] == pytest.approx((height + 0.001) / 0.1)
 
@@ -446,24 +433,24 @@ def test_a_slab_comes_back_at_its_speed_and_lands_on_its_edge() -> None:
 def test_a_roll_band_may_lie_across_the_half_turn() -> None:
     band = qt.RollBand(Z, math.radians(150.0), math.radians(210.0))
     for degrees, expected in ((180, 0), (-170, 0), (155, 0), (-140, 10), (140, 10), (0, 150)):
-        pair = FramePair(turn(math.radians(degrees) * Z), X, np.eye(3), X, np.zeros(6))
+        pair = pair_at(turn(math.radians(degrees) * Z))
         assert math.degrees(band.excess(pair)) == pytest.approx(expected, abs=1e-9)
 
 
 def test_where_the_axis_points_backwards_there_is_no_roll_and_no_row() -> None:
-    pair = FramePair(turn(math.pi * X), X, np.eye(3), X, np.zeros(6))
-    rows, bounds = qt.RollBand(Z, -0.1, 0.1).half_spaces(pair, 0.1, FREE)
+    pair = pair_at(turn(math.pi * X))
+    rows, bounds = qt.RollBand(Z, -0.1, 0.1).half_spaces(pair, 0.1, NOTHING)
     assert rows.shape == (0, 6)
     assert bounds.shape == (0,)
 
 
 def test_an_axis_opposite_to_its_reference_is_no_number_less() -> None:
-    pair = FramePair(turn(math.pi * X), X, np.eye(3), X, np.zeros(6))
-    rows, bounds = qt.ConeBand(Z, Z, 0.1).half_spaces(pair, 0.1, FREE)
+    pair = pair_at(turn(math.pi * X))
+    rows, bounds = qt.ConeBand(Z, Z, 0.1).half_spaces(pair, 0.1, NOTHING)
     assert np.isfinite(rows).all()
     assert bounds == pytest.approx([-0.5])
     # The whole range of angles holds everything: no rows, also at its ends.
-    assert qt.ConeBand(Z, Z, math.pi).half_spaces(pair, 0.1, FREE)[0].shape == (0, 6)
+    assert qt.ConeBand(Z, Z, math.pi).half_spaces(pair, 0.1, NOTHING)[0].shape == (0, 6)
 
 
 # ---------------------------------------------------------------------------------- beside mink
@@ -478,7 +465,7 @@ def test_minks_own_solver_keeps_the_band() -> None:
     for banded in (False, True):
         configuration = mink.Configuration(model, home)
         rotation, position = frame_pose(configuration, "tool", "site")
-        task = qt.TwistTask("tool", "site", FREE, bands=[
+        task = qt.TwistTask("tool", "site", NOTHING, bands=[
             qt.ConeBand(Z, rotation @ Z, math.radians(5.0), frame="world"),
             qt.SlabBand(Z, -0.01, 0.01, frame="world"),
             qt.RollBand(Z, -1e-6, 1e-6, weight=1.0),  # soft: mink cannot take it
@@ -501,7 +488,7 @@ def test_minks_own_solver_keeps_the_band() -> None:
 def test_gathered_rows_are_called_band() -> None:
     path_task = qt.load_task("deburring")
     configuration = mink.Configuration(path_task.model, path_task.start)
-    task = qt.TwistTask("tool", "site", FREE, bands=[qt.ConeBand(Z, Z, 0.1)])
+    task = qt.TwistTask("tool", "site", NOTHING, bands=[qt.ConeBand(Z, Z, 0.1)])
     task.set_target(path_task.waypoints[0])
     gathered = gather_limits([qt.BandLimit(task)], configuration, 0.1)
     assert len(gathered.rows) == 16
@@ -517,17 +504,17 @@ def test_gathered_rows_are_called_band() -> None:
 @pytest.mark.parametrize(
     ("bands", "projector", "kept"),
     [
-        ([qt.RollBand(Z, -0.1, 0.1)], FULL, 0),
-        ([qt.RollBand(Z, 6.0, 2 * math.pi)], FULL, 0),  # a whole turn is none
+        ([qt.RollBand(Z, -0.1, 0.1)], SPATIAL, 0),
+        ([qt.RollBand(Z, 6.0, 2 * math.pi)], SPATIAL, 0),  # a whole turn is none
         ([qt.RollBand(Z, -0.1, 0.1)], ROLL_FREE, 1),
         ([qt.RollBand(X, -0.1, 0.1)], ROLL_FREE, 0),
         ([qt.RollBand(X, -0.1, 0.1, frame="world")], ROLL_FREE, 1),
         ([qt.ConeBand(Z, X, 1.6, 1.5)], ROLL_FREE, 0),
         ([qt.ConeBand(X, Z, 1.6, 1.5)], ROLL_FREE, 0),
         ([qt.ConeBand(X, X, 0.5)], ROLL_FREE, 1),
-        ([qt.SlabBand(X, -0.1, 0.1)], FULL, 0),
-        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], FULL, 0),
-        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], FREE, 1),
+        ([qt.SlabBand(X, -0.1, 0.1)], SPATIAL, 0),
+        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], SPATIAL, 0),
+        ([qt.BoxBand(-X - Y - Z, X + Y + Z)], NOTHING, 1),
     ],
 )
 def test_a_band_has_rows_where_the_projector_leaves_it_free(
@@ -545,13 +532,13 @@ def test_a_band_has_rows_where_the_projector_leaves_it_free(
 @pytest.mark.parametrize(
     ("band", "projector", "says"),
     [
-        (qt.RollBand(Z, 0.1, 0.2), FULL, "holds the value at 0°"),
-        (qt.RollBand(Z, math.radians(350), 2 * math.pi - 0.01), FULL, "at 360°"),
+        (qt.RollBand(Z, 0.1, 0.2), SPATIAL, "holds the value at 0°"),
+        (qt.RollBand(Z, math.radians(350), 2 * math.pi - 0.01), SPATIAL, "at 360°"),
         (qt.RollBand(X, 0.1, 0.2), ROLL_FREE, "holds the value at 0°"),
         (qt.ConeBand(Z, X, 0.5), ROLL_FREE, "holds the value at 90°"),
-        (qt.ConeBand(X, Y, 0.5), FULL, "holds the value at 90°"),
+        (qt.ConeBand(X, Y, 0.5), SPATIAL, "holds the value at 90°"),
         (qt.SlabBand(X, 0.1, 0.2), ROLL_FREE, "holds the value at 0 m"),
-        (qt.BoxBand([-1, 0.1, -1], [1, 1, 1]), FULL, "holds the value along y at 0 m"),
+        (qt.BoxBand([-1, 0.1, -1], [1, 1, 1]), SPATIAL, "holds the value along y at 0 m"),
     ],
 )
 def test_a_band_that_contradicts_the_projector_is_refused(
@@ -561,7 +548,7 @@ def test_a_band_that_contradicts_the_projector_is_refused(
         qt.TwistTask("tool", "site", projector, bands=[band])
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(seed=seeds)
 def test_what_counts_as_fixed_is_fixed(seed: int) -> None:
     """Anywhere on the motion that a projector leaves free, at zero task error."""
@@ -614,7 +601,7 @@ JUNK = [None, "abc", float("nan"), float("inf"), [], [1, 2], {}, np.zeros(4), np
         lambda x: qt.BoxBand(x, [1, 1, 1]),
         lambda x: qt.BoxBand([-1, -1, -1], x),
         qt.BandLimit,
-        lambda x: qt.TwistTask("tool", "site", FREE, bands=[x]),
+        lambda x: qt.TwistTask("tool", "site", NOTHING, bands=[x]),
     ],
 )  # fmt: skip
 def test_junk_is_refused_with_a_sentence(build: object) -> None:
@@ -639,8 +626,8 @@ def test_junk_is_refused_with_a_sentence(build: object) -> None:
         (lambda: qt.BoxBand([0, 0, 0], [1, -1, 1]), "above upper = -1 m"),
         (lambda: qt.SlabBand(Z, 0.0, 0.1, weight=0.0), "weight=…): expected a number above 0"),
         (lambda: qt.SlabBand(Z, 0.0, 0.1, weight=1e13), "at most 1e.12"),
-        (lambda: qt.TwistTask("tool", "site", FREE, bands=qt.SlabBand(Z, 0, 1)), "a list of bands"),
-        (lambda: qt.BandLimit(qt.TwistTask("tool", "site", FREE)), "no hard band"),
+        (lambda: qt.TwistTask("tool", "site", NOTHING, bands=qt.SlabBand(Z, 0, 1)), "a list of b"),
+        (lambda: qt.BandLimit(qt.TwistTask("tool", "site", NOTHING)), "no hard band"),
     ],
 )  # fmt: skip
 def test_nonsense_is_named(build: object, says: str) -> None:
@@ -650,7 +637,7 @@ def test_nonsense_is_named(build: object, says: str) -> None:
 
 
 def test_bands_need_a_target() -> None:
-    task = qt.TwistTask("tool", "site", FREE, bands=[qt.SlabBand(Z, -0.1, 0.1)])
+    task = qt.TwistTask("tool", "site", NOTHING, bands=[qt.SlabBand(Z, -0.1, 0.1)])
     configuration = mink.Configuration(random_arm(np.random.default_rng(0), 3))
     for call in (
         lambda: task.band_rows(configuration, 0.1),
@@ -771,29 +758,5 @@ def test_the_shipped_task_with_bands_loads_and_reaches_the_task() -> None:
     assert "band" in table[2]
     assert table[3].split()[-1] == "excess"
     assert not any("…" in line for line in table)
-    unbanded = dataclasses.replace(trajectory, path_task=qt.load_task("deburring"))
-    assert numbers["minimum_norm"].keys() - metrics(unbanded).keys() == {"band_excess_max"}
-
-
-def test_the_shipped_band_can_be_kept() -> None:
-    """By a step of this test alone: the five rows, the ranges and the band, least motion."""
-    path_task = qt.load_task("deburring_bands")
-    configuration = mink.Configuration(path_task.model, path_task.start)
-    task = qt.TwistTask("tool", "site", path_task.projector, bands=path_task.bands)
-    lower, upper = path_task.model.jnt_range.T
-    excess, error = [], []
-    for waypoint in path_task.waypoints:
-        task.set_target(waypoint)
-        for _ in range(4):
-            A, b = task.velocity_rows(configuration, 1.0)
-            G, g, _, _ = task.band_rows(configuration, 1.0)[0]
-            dq = qpsolvers.solve_qp(
-                np.eye(6), np.zeros(6), G, g, A, b, lower - configuration.q,
-                upper - configuration.q, solver="daqp",
-            )  # fmt: skip
-            assert dq is not None
-            configuration.integrate_inplace(dq, 1.0)
-        excess.append(task.band_excess(configuration)[0])
-        error.append(np.abs(task.compute_error(configuration)).max())
-    assert max(excess) < 1e-6
-    assert max(error) < 1e-6
+    unbanded = metrics(qt.follow(qt.load_task("deburring"), "minimum_norm"))
+    assert numbers["minimum_norm"].keys() - unbanded.keys() == {"band_excess_max"}

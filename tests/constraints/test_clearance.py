@@ -1,15 +1,11 @@
-"""Clearance: distances and derivatives held against another library, bounds, pairs, refusals.
-
-python tests/constraints/test_clearance.py 100000  # these many random pairs, minutes
-"""
+"""Clearance: distances and derivatives held against another library, bounds, pairs, refusals."""
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import itertools
-import sys
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import mink
@@ -18,8 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.arms import seven_axes
 from oracles.cells import KINDS, among_others, random_tree
 from oracles.distances import Distances
+from oracles.twists import ALONG_X, PLANE, POINT, at, twists
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -75,7 +73,7 @@ def closed_form(model: mujoco.MjModel, oracle: Distances, a: int, b: int) -> flo
 
 def test_the_oracle_agrees_with_formulas_and_with_its_own_proof() -> None:
     rng, compared = np.random.default_rng(0), 0
-    for _ in range(12):
+    for _ in range(8):
         model = among_others(rng)
         oracle = Distances(model).at(np.concatenate([rng.normal(size=3) * 0.15, np.zeros(3)]))
         for a in KINDS:
@@ -91,7 +89,7 @@ def test_the_oracle_agrees_with_formulas_and_with_its_own_proof() -> None:
                 if known is not None and (known > 0.0 or a in ("plane", "sphere", "capsule")):
                     assert found.value == pytest.approx(known, abs=1e-8)
                     compared += 1
-    assert compared > 40
+    assert compared > 25
 
 
 # ---------------------------------------------------------------------------------- distances
@@ -116,53 +114,26 @@ def configurations(
     return q
 
 
-class Compared:
-    """Margins of random pairs beside the oracle's, by kinds."""
-
-    def __init__(self) -> None:
-        self.errors: dict[str, list[float]] = collections.defaultdict(list)
-        self.true: dict[str, list[float]] = collections.defaultdict(list)
-
-    def add(self, seed: int, count: int, *, right_angles: bool) -> None:
-        """Compare the 42 pairs of a random model at so many configurations."""
-        rng = np.random.default_rng(seed)
-        model = among_others(rng, right_angles=right_angles)
-        clearance = qt.Clearance(model, distance=0.0)
-        assert len(clearance.pairs) == 42
-        oracle = Distances(model)
-        q = configurations(rng, oracle, clearance.pairs, count, right_angles)
-        true, found = oracle.along(q, clearance.pairs), clearance.margins(q)
-        for k, name in enumerate(clearance.names):
-            kinds = " and ".join(sorted(part[2:] for part in name.split(" to ")))
-            self.errors[kinds] += (found[:, k] - true[:, k]).tolist()
-            self.true[kinds] += true[:, k].tolist()
-
-    def worst(self) -> dict[str, tuple[int, float, int, float]]:
-        """For each two kinds: pairs apart and the largest error, pairs inside and theirs, m."""
-        found = {}
-        for kinds in sorted(self.errors):
-            errors, apart = np.abs(self.errors[kinds]), np.array(self.true[kinds]) > 0.0
-            found[kinds] = (
-                int(apart.sum()), errors[apart].max(initial=0.0),
-                int((~apart).sum()), errors[~apart].max(initial=0.0),
-            )  # fmt: skip
-        return found
-
-
 @pytest.mark.parametrize("right_angles", [False, True])
 def test_distances_and_depths_are_those_of_another_library(right_angles: bool) -> None:
-    compared = Compared()
-    for seed in range(12):
-        compared.add(seed, 3, right_angles=right_angles)
-    worst = compared.worst()
-    assert sum(apart for apart, _, _, _ in worst.values()) > 700
-    assert sum(inside for _, _, inside, _ in worst.values()) > 150
-    for kinds, (_, apart, _, inside) in worst.items():
-        assert apart <= ACCURATE, f"{kinds}: {apart:.1e} m apart"
-        assert inside <= ACCURATE, f"{kinds}: {inside:.1e} m inside"
+    """The 42 pairs of random models, of each two kinds of geoms."""
+    apart = inside = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        model = among_others(rng, right_angles=right_angles)
+        clearance, oracle = qt.Clearance(model, distance=0.0), Distances(model)
+        assert len(clearance.pairs) == 42
+        q = configurations(rng, oracle, clearance.pairs, 3, right_angles)
+        true, found = oracle.along(q, clearance.pairs), clearance.margins(q)
+        worst = np.abs(found - true).max(axis=0)
+        wrong = [f"{clearance.names[k]}: {worst[k]:.1e}" for k in np.flatnonzero(worst > ACCURATE)]
+        assert not wrong, (seed, wrong)
+        apart, inside = apart + int((true > 0.0).sum()), inside + int((true <= 0.0).sum())
+    assert apart > 450
+    assert inside > 100
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_moving_out_along_the_gradient_by_the_depth_separates(seed: int) -> None:
     """The slides carry the first geom, so that the gradient has the direction of the least way."""
     rng = np.random.default_rng(seed)
@@ -227,7 +198,7 @@ def test_margins_are_less_by_the_distance_asked_for() -> None:
 # ---------------------------------------------------------------------------------- derivatives
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_distances_on_random_trees(seed: int) -> None:
     """Of hinges and slides, whose zero may be elsewhere, with bodies fixed to others."""
@@ -242,7 +213,7 @@ def test_distances_on_random_trees(seed: int) -> None:
 def test_gradients_are_finite_differences_on_random_trees() -> None:
     rng, h = np.random.default_rng(0), 1e-5
     errors, skipped = [], 0
-    for _ in range(12):
+    for _ in range(6):
         model = random_tree(rng)
         clearance = qt.Clearance(model)
         q = rng.uniform(-2.0, 2.0, size=(3, model.nq))
@@ -256,7 +227,7 @@ def test_gradients_are_finite_differences_on_random_trees() -> None:
             skipped += int((~smooth & (here > 0.001)).sum())
             error = np.abs(gradients[:, :, joint] - 0.5 * (after + before))
             errors += error[smooth].tolist()
-    assert len(errors) > 2000
+    assert len(errors) > 1000
     assert skipped < 0.05 * len(errors)
     assert np.quantile(errors, 0.99) < 1e-4
     assert max(errors) < SMOOTH
@@ -300,7 +271,7 @@ def wandering(rng: np.random.Generator, q: Array, travel: Array, count: int = 12
     return np.column_stack([np.interp(at, np.arange(len(ends)), column) for column in ends.T])
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -322,7 +293,7 @@ def test_no_motion_within_the_travel_varies_a_margin_by_more_than_the_bound(seed
         assert (margins.min(axis=0) >= least - 1e-6).all()
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(seed=seeds)
 def test_no_motion_with_bounded_second_derivatives_comes_nearer_than_the_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -369,7 +340,7 @@ def test_the_bound_comes_closer_with_the_square_of_a_straight_motion() -> None:
 
 
 @given(seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_what_is_known_of_a_configuration_is_no_more_than_holds_at_the_next(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = random_tree(rng)
@@ -440,61 +411,66 @@ def arm(tool: str = "", rest: str = "", hand: str = HAND) -> str:
     return ARM.format(tool=tool, hand=hand) + rest
 
 
+def arm_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+
+
 def touching(*names: str) -> set[frozenset[str]]:
     """The pairs of ``ALL`` in which all of some names are."""
     return {pair for pair in ALL if set(names) <= pair}
 
 
-def test_which_pairs_there_are() -> None:
-    """Not those of a body, of bodies fixed to each other or jointed, or that nothing moves."""
-    assert pairs_of(arm()) == ALL
+EXCLUDED = '<contact><exclude body1="hand" body2="shoulder"/></contact>'
+STATED = '<contact><pair geom1="floor" geom2="tool"/></contact>'
+SILENT = 'contype="0" conaffinity="0"'
 
 
-def test_geoms_that_do_not_collide_have_no_pairs() -> None:
-    without = ALL - touching("tool")
-    assert pairs_of(arm('contype="0" conaffinity="0"')) == without
-    assert pairs_of(arm('contype="2" conaffinity="4"')) == without
-    assert pairs_of(arm('contype="0" conaffinity="1"')) == ALL  # the others' contype is 1
-    assert pairs_of(arm('contype="3" conaffinity="0"')) == ALL
-
-
-def test_excluded_bodies_have_no_pairs() -> None:
-    excluded = '<contact><exclude body1="hand" body2="shoulder"/></contact>'
-    assert pairs_of(arm(rest=excluded)) == ALL - both("shoulder-hand")
+@pytest.mark.parametrize(
+    ("xml", "expected"),
+    [
+        # Not those of a body, of bodies fixed to each other or jointed, or that nothing moves.
+        (arm(), ALL),
+        (arm(SILENT), ALL - touching("tool")),
+        (arm('contype="2" conaffinity="4"'), ALL - touching("tool")),
+        (arm('contype="0" conaffinity="1"'), ALL),  # the others' contype is 1
+        (arm('contype="3" conaffinity="0"'), ALL),
+        (arm(rest=EXCLUDED), ALL - both("shoulder-hand")),
+        # As in MuJoCo a <pair> does not ask for contype.
+        (arm(SILENT, STATED), (ALL - touching("tool")) | both("floor-tool")),
+        (arm(hand='<geom size="0.1"/>'), ALL),  # called by its body, whose only geom it is
+    ],
+)
+def test_which_pairs_there_are(xml: str, expected: set[frozenset[str]]) -> None:
+    assert pairs_of(xml) == expected
 
 
 @pytest.mark.parametrize(
     ("ignore", "without"),
     [
-        (("floor", "tool"), both("floor-tool")),
-        (("tool", "floor"), both("floor-tool")),
-        (("post", "tool"), both("post_a-tool", "post_b-tool")),
-        (("post_a", "tool"), both("post_a-tool")),
-        (("post", "shoulder"), {p for p in ALL if p & {"post_a", "post_b"}
-                                and p & {"shoulder", "cover"}}),
-        (("base", "base"), set()),
+        ([("floor", "tool")], both("floor-tool")),
+        ([("tool", "floor")], both("floor-tool")),
+        ([("post", "tool")], both("post_a-tool", "post_b-tool")),
+        ([("post_a", "tool")], both("post_a-tool")),
+        ([("base", "base")], set()),
+        ([("floor", "tool"), ("base", "elbow")], both("floor-tool", "base-elbow")),
     ],
-)  # fmt: skip
+)
 def test_ignored_pairs_by_geoms_and_bodies(
-    ignore: tuple[str, str], without: set[frozenset[str]]
+    ignore: list[tuple[str, str]], without: set[frozenset[str]]
 ) -> None:
     """A body stands for its geoms. Of two things that share a name, neither is forgotten."""
-    found = pairs_of(arm(), ignore)
-    if ignore == ("post", "shoulder"):  # with or without the bodies that are fixed to it
-        assert ALL - without <= found <= ALL - both("post_a-shoulder", "post_b-shoulder")
-    else:
-        assert found == ALL - without
+    assert pairs_of(arm(), *ignore) == ALL - without
 
 
-def test_several_pairs_are_ignored() -> None:
-    found = pairs_of(arm(), ("floor", "tool"), ("base", "elbow"))
-    assert found == ALL - both("floor-tool", "base-elbow")
-
-
-def test_pairs_may_be_given() -> None:
+def test_pairs_may_be_given_and_names_follow_them() -> None:
     """Those that are given have the margins that they have among all."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
+    model = arm_model()
     every = qt.Clearance(model, distance=0.03)
+    assert every.pairs.shape == (len(ALL), 2)
+    assert every.kind == "clearance"
+    assert every.units == ("m",) * len(ALL)
+    for (a, b), name in zip(every.pairs, every.names, strict=True):
+        assert name == f"{model.geom(a).name} to {model.geom(b).name}"
     some = qt.Clearance(model, distance=0.03, pairs=every.pairs[1::2])
     assert some.names == every.names[1::2] and len(some.names) > 1
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, model.nq))
@@ -502,42 +478,17 @@ def test_pairs_may_be_given() -> None:
     assert every.without_pairs().margins(q).shape == (5, 0)
 
 
-@pytest.mark.parametrize(
-    "pairs", [[[0, 999]], [[0, -1]], [[0.0, 1.0]], [0, 1], 3, [[0, 1, 2]], [[1, 1]]]
-)
-def test_pairs_that_are_none_are_refused(pairs: object) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
-    with pytest.raises(qt.InvalidInput, match="pairs"):
-        qt.Clearance(model, pairs=pairs)  # type: ignore[arg-type]
-
-
-def test_unnamed_geoms_are_called_by_their_body() -> None:
-    one = arm(hand='<geom size="0.1"/>')
-    assert pairs_of(one) == ALL  # the body's only geom
-    two = pairs_of(arm(hand='<geom size="0.1"/><geom size="0.2" pos="0 0 0.1"/>'))
-    assert both("floor-hand geom 1", "floor-hand geom 2", "base-hand geom 2") <= two
-    assert both("floor-hand").isdisjoint(two)
-    assert len(two) == len(ALL) + len(touching("hand"))
-
-
-def test_a_geom_is_ignored_by_the_name_that_messages_give_it() -> None:
+def test_unnamed_geoms_are_called_by_their_body_and_ignored_by_that_name() -> None:
     text = arm(hand='<geom size="0.1"/><geom size="0.2" pos="0 0 0.1"/>')
     every = pairs_of(text)
+    assert both("floor-hand geom 1", "floor-hand geom 2", "base-hand geom 2") <= every
+    assert both("floor-hand").isdisjoint(every)
+    assert len(every) == len(ALL) + len(touching("hand"))
     for number in (1, 2):
         name = f"hand geom {number}"
         assert pairs_of(text, ("floor", name)) == every - both(f"floor-{name}")
     with pytest.raises(qt.InvalidInput, match="no geom or body is called 'hand geom 3'"):
         pairs_of(text, ("floor", "hand geom 3"))
-
-
-def test_names_follow_the_pairs() -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
-    clearance = qt.Clearance(model)
-    assert clearance.pairs.shape == (len(ALL), 2)
-    assert clearance.kind == "clearance"
-    assert clearance.units == ("m",) * len(ALL)
-    for (a, b), name in zip(clearance.pairs, clearance.names, strict=True):
-        assert name == f"{model.geom(a).name} to {model.geom(b).name}"
 
 
 def test_geoms_of_one_robot_that_touch_no_other_are_no_pair() -> None:
@@ -558,20 +509,11 @@ def test_geoms_of_one_robot_that_touch_no_other_are_no_pair() -> None:
     assert clearance.compute_qp_inequalities(mink.Configuration(model), 0.01).G.shape[0] == 0
 
 
-def test_a_stated_pair_is_a_pair() -> None:
-    """As in MuJoCo a <pair> does not ask for contype."""
-    stated = '<contact><pair geom1="floor" geom2="tool"/></contact>'
-    silent = 'contype="0" conaffinity="0"'
-    assert pairs_of(arm(silent, stated)) == (ALL - touching("tool")) | both("floor-tool")
-
-
 def test_mocap_bodies_are_obstacles() -> None:
     """One that has moved is seen where it is; the pairs with what stands are none."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody><geom name="floor" type="plane" size="1 1 1" pos="0 0 -1"/>
+    model = world("""<geom name="floor" type="plane" size="1 1 1" pos="0 0 -1"/>
       <body name="ball" mocap="true" pos="2 0 0"><geom name="ball" size="0.1"/></body>
-      <body name="link"><joint axis="0 0 1"/>
-        <geom name="tip" size="0.05" pos="1 0 0"/></body></worldbody></mujoco>""")
+      <body name="link"><joint axis="0 0 1"/><geom name="tip" size="0.05" pos="1 0 0"/></body>""")
     clearance = qt.Clearance(model, distance=0.0)
     assert both("ball-tip") <= named(clearance)
     configuration = mink.Configuration(model, np.zeros(1))
@@ -585,28 +527,7 @@ def test_mocap_bodies_are_obstacles() -> None:
     assert rows.h[ahead][0] == pytest.approx(0.15, abs=1e-9)
 
 
-def test_a_robot_on_a_mocap_body_gives_way_to_what_stands() -> None:
-    """All that its carrier carries moves, on joints too: so does its distance from a wall."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody><geom name="wall" type="box" size="0.1 1 1" pos="1 0 0"/>
-      <body name="cart" mocap="true">
-        <body><joint type="slide" axis="1 0 0"/><geom name="hand" size="0.05"/>
-          <site name="hand"/></body></body></worldbody></mujoco>""")
-    clearance = qt.Clearance(model, distance=0.02)
-    task = qt.TwistTask("hand", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    motion = qt.MotionLimit(model, velocity=1.0)
-    controller = qt.Controller(model, [task], limits=[clearance, motion])
-    configuration, least = mink.Configuration(model, np.zeros(1)), np.inf
-    task.set_target(mink.SE3.from_translation(np.array([1.0, 0.0, 0.0])))
-    for k in range(400):
-        configuration.data.mocap_pos[0] = [0.002 * k, 0.0, 0.0]
-        configuration.update()
-        configuration.integrate_inplace(controller.step(configuration, 0.01).velocity, 0.01)
-        ahead = 0.002 * (k + 1) + configuration.q[0]
-        least = min(least, 0.9 - 0.05 - ahead)
-    assert 0.02 - 1e-6 <= least <= 0.021
+# ---------------------------------------------------------------------------------- refusals
 
 
 @pytest.mark.parametrize(
@@ -614,14 +535,10 @@ def test_a_robot_on_a_mocap_body_gives_way_to_what_stands() -> None:
 )
 def test_an_obstacle_without_a_pose_is_refused(place: list[float], turn: list[float]) -> None:
     """No distance from it would be too small."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody>
-      <body name="ball" mocap="true" pos="2 0 0"><geom size="0.1"/></body>
+    model = world("""<body name="ball" mocap="true" pos="2 0 0"><geom size="0.1"/></body>
       <body><joint axis="0 0 1"/><geom size="0.05" pos="1 0 0"/><site name="tip" pos="1 0 0"/>
-      </body></worldbody></mujoco>""")
-    task = qt.TwistTask(
-        "tip", "site", qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
-    )
+      </body>""")
+    task = qt.TwistTask("tip", "site", POINT)
     controller = qt.Controller(model, [task], limits=[qt.Clearance(model)])
     configuration = mink.Configuration(model)
     task.set_target_from_configuration(configuration)
@@ -648,36 +565,78 @@ def test_configurations_that_are_none_are_refused(q: Any) -> None:
             ask(q)
 
 
-def test_a_tolerance_that_is_none_is_refused() -> None:
-    clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
-    for tolerance in ("1 mm", np.nan, [0.001, 0.002]):
-        with pytest.raises(qt.InvalidInput, match="tolerance: expected"):
-            clearance.inside(np.zeros((1, 2)), tolerance)  # type: ignore[arg-type]
-
-
 def test_what_is_no_model_or_another_one_is_refused() -> None:
     model = mujoco.MjModel.from_xml_string(PLANAR)
     for wrong in ("arm.xml", mujoco.MjData(model)):
         with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
             qt.Clearance(wrong)  # type: ignore[arg-type]
     elsewhere = mujoco.MjModel.from_xml_string(PLANAR.replace("0.9 0 0", "1.9 0 0"))
-    task = qt.TwistTask(
-        "tool", "site", qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
-    )
-    controller = qt.Controller(
-        mujoco.MjModel.from_xml_string(PLANAR), [task],
-        limits=[qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))],
-    )  # fmt: skip
+    task = qt.TwistTask("tool", "site", POINT)
     task.set_target(mink.SE3.identity())
+    again = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))  # of the same model, read anew
+    controller = qt.Controller(model, [task], limits=[again])
     with pytest.raises(qt.InvalidInput, match="step: bodies or geoms of the Clearance's model"):
         controller.step(mink.Configuration(elsewhere), 0.01)
     with pytest.raises(qt.InvalidInput, match="of the same model"):
         qt.Controller(model, [task], limits=[qt.Clearance(elsewhere)])
-    same = mujoco.MjModel.from_xml_string(PLANAR)
-    qt.Controller(model, [task], limits=[qt.Clearance(same)])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"ignore": [("flor", "tool")]}, r"'flor'.*floor"),
+        *[
+            ({"ignore": wrong}, "ignore")
+            for wrong in ([("floor",)], ["floor"], [("floor", "tool", "hand")], [(1, 2)], [None])
+        ],
+        *[({"distance": d}, "distance") for d in (-0.001, np.nan, np.inf, "near", None, [0.1])],
+        *[
+            ({"pairs": wrong}, "pairs")
+            for wrong in ([[0, 999]], [[0, -1]], [[0.0, 1.0]], [0, 1], 3, [[0, 1, 2]], [[1, 1]])
+        ],
+    ],
+)
+def test_arguments_that_are_none_are_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(qt.InvalidInput, match=said):
+        qt.Clearance(arm_model(), **options)
+
+
+@pytest.mark.parametrize("tolerance", ["1 mm", np.nan, [0.001, 0.002]])
+def test_a_tolerance_that_is_none_is_refused(tolerance: Any) -> None:
+    clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
+    with pytest.raises(qt.InvalidInput, match="tolerance: expected"):
+        clearance.inside(np.zeros((1, 2)), tolerance)
+
+
+HILLS = """<mujoco><asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
+    <worldbody><geom name="hills" type="hfield" hfield="h"/>
+      <body pos="0 0 3"><joint/><geom size="0.1"/></body></worldbody></mujoco>"""
+ABOVE = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+    <body pos="0 0 3">{joint}<geom size="0.1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("xml", "said"),
+    [
+        (HILLS, "hills"),
+        (ABOVE.format(joint='<joint type="ball" name="wrist"/>'), "wrist"),
+        (ABOVE.format(joint='<freejoint name="wrist"/>'), "wrist"),
+    ],
+)
+def test_what_is_not_convex_or_moves_freely_is_refused_by_its_name(xml: str, said: str) -> None:
+    with pytest.raises(qt.InvalidInput, match=said):
+        qt.Clearance(mujoco.MjModel.from_xml_string(xml))
 
 
 # ---------------------------------------------------------------------------------- steps
+
+
+def world(bodies: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian" autolimits="true"/><worldbody>{bodies}</worldbody>'
+        "</mujoco>"
+    )
+
 
 PLANAR = """
     <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
@@ -688,30 +647,6 @@ PLANAR = """
           <geom name="hand" type="box" size="0.2 0.05 0.03" pos="0.2 0 0"/>
           <site name="tool" pos="0.4 0 0"/></body></body>
     </worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize("acceleration", [None, 10.0])
-@pytest.mark.parametrize("mode", ["scale", "relax"])
-def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float | None) -> None:
-    """A tool drawn along and through a wall, at up to 3 rad/s: the oracle looks after each step."""
-    model = mujoco.MjModel.from_xml_string(PLANAR)
-    clearance = qt.Clearance(model, distance=0.02)
-    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    controller = qt.Controller(model, [task], limits=[clearance, motion], on_infeasible=mode)
-    configuration = mink.Configuration(model, np.array([2.0, -1.0]))
-    oracle, least = Distances(model), np.inf
-    for k in range(300):
-        place = np.array([1.0, 0.5 * np.cos(0.03 * k), 0.0])
-        task.set_target(mink.SE3.from_translation(place))
-        velocity = controller.step(configuration, 0.01).velocity
-        configuration.integrate_inplace(velocity, 0.01)
-        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
-    assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
-
-
 FOUR_JOINTS = """
     <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
       <geom name="wall" type="box" size="0.1 2 1" pos="0.9 0 0" quat="0.98 0 0 0.2"/>
@@ -726,18 +661,77 @@ FOUR_JOINTS = """
               <geom name="hand" type="box" size="0.1 0.05 0.03" pos="0.1 0 0"/>
               <site name="tool" pos="0.2 0 0"/></body></body></body></body>
     </worldbody></mujoco>"""
+BLOCK = '<body name="block" mocap="true"><geom name="block" type="box" size="{}" pos="{}"/></body>'
+CART = """<body><joint type="slide" axis="1 0 0" range="-5 5"/>
+    <geom name="cart" size="0.05"/><site name="tool"/></body>"""
+TURN = twists("none", "line")
+Place = Callable[[mujoco.MjData, float], object]
+
+
+class Cell:
+    """A robot with a task that keeps 20 mm from everything, and the oracle beside it."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        projector: qt.TwistProjector,
+        target: mink.SE3,
+        *,
+        velocity: float = 1.0,
+        acceleration: Any = "default",
+        mode: Any = "scale",
+    ) -> None:
+        self.model, self.clearance = model, qt.Clearance(model, distance=0.02)
+        self.motion = qt.MotionLimit(model, velocity=velocity, acceleration=acceleration)
+        self.task = qt.TwistTask("tool", "site", projector)
+        self.task.set_target(target)
+        limits = [self.clearance, self.motion]
+        self.controller = qt.Controller(model, [self.task], limits=limits, on_infeasible=mode)
+        self.oracle = Distances(model)
+
+    def least(
+        self,
+        q: Array,
+        steps: int,
+        dt: float,
+        place: Place = lambda data, t: None,
+        feed: Callable[[float], object] = lambda t: None,
+    ) -> tuple[float, Array]:
+        """The least distance at the ends of the steps, by the oracle, and the last configuration.
+
+        ``place(data, t)`` puts obstacles where they are at time t, ``feed(t)`` sets the target.
+        """
+        configuration, least = mink.Configuration(self.model, q), np.inf
+        for k in range(steps):
+            place(configuration.data, k * dt)
+            configuration.update()
+            feed(k * dt)
+            configuration.integrate_inplace(self.controller.step(configuration, dt).velocity, dt)
+            place(self.oracle.data, (k + 1) * dt)
+            now = self.oracle.at(configuration.q).of(self.clearance.pairs).min()
+            least = min(least, float(now))
+        return least, configuration.q
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float | None) -> None:
+    """A tool drawn along and through a wall, at up to 3 rad/s: the oracle looks after each step."""
+    model = mujoco.MjModel.from_xml_string(PLANAR)
+    cell = Cell(model, PLANE, at(1, 0.5, 0), velocity=3.0, acceleration=acceleration, mode=mode)
+    least, _ = cell.least(
+        np.array([2.0, -1.0]), 300, 0.01,
+        feed=lambda t: cell.task.set_target(at(1.0, 0.5 * np.cos(3.0 * t), 0.0)),
+    )  # fmt: skip
+    assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
 
 
 @pytest.mark.parametrize("mode", ["scale", "relax"])
 def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> None:
     """One call of the kernel, and the readable step on the same rows."""
     model = mujoco.MjModel.from_xml_string(FOUR_JOINTS)
-    motion = qt.MotionLimit(model, velocity=2.0)
-    clearance = qt.Clearance(model, distance=0.01)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    start = np.array([1.2, 0.6, -0.9, -0.4])
+    motion, clearance = qt.MotionLimit(model, velocity=2.0), qt.Clearance(model, distance=0.01)
+    task, start = qt.TwistTask("tool", "site", PLANE), np.array([1.2, 0.6, -0.9, -0.4])
     controller = qt.Controller(
         model, [task], limits=[clearance, motion], on_infeasible=mode,  # type: ignore[arg-type]
         secondary=[qt.PostureReference(model, start, gain=0.01)],
@@ -748,8 +742,7 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
         configuration.data.mocap_pos[0] = [0.1, 1.3 - 0.0005 * k, 0.0]
         configuration.update()
         away = min(0.01 * k, 1.0)
-        place = np.array([0.3 + 0.9 * away, 0.5 + 0.6 * np.sin(0.01 * k), 0.0])
-        task.set_target(mink.SE3.from_translation(place))
+        task.set_target(at(0.3 + 0.9 * away, 0.5 + 0.6 * np.sin(0.01 * k), 0.0))
         velocity = motion.velocity
         step = controller.step(configuration, 0.005)
         if k % 4 == 0:
@@ -770,26 +763,15 @@ def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> 
 
 def test_the_distance_may_be_changed_between_two_steps() -> None:
     """A tool in front of a wall moves away from it, and says why."""
-    model = mujoco.MjModel.from_xml_string(PLANAR)
-    clearance = qt.Clearance(model, distance=0.02)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    limits = [clearance, qt.MotionLimit(model, velocity=3.0)]
-    controller = qt.Controller(model, [task], limits=limits)
-    configuration = mink.Configuration(model, np.array([2.0, -1.0]))
-    task.set_target(mink.SE3.from_translation(np.array([1.0, 0.0, 0.0])))
-
-    def after(steps: int) -> tuple[float, qt.Step]:
-        for _ in range(steps):
-            step = controller.step(configuration, 0.01)
-            configuration.integrate_inplace(step.velocity, 0.01)
-        return float(Distances(model).at(configuration.q).of(clearance.pairs).min()), step
-
-    assert after(200)[0] == pytest.approx(0.02, abs=1e-3)
+    cell = Cell(mujoco.MjModel.from_xml_string(PLANAR), PLANE, at(1.0, 0.0, 0.0), velocity=3.0)
+    clearance = cell.clearance
+    _, q = cell.least(np.array([2.0, -1.0]), 200, 0.01)
+    assert cell.oracle.at(q).of(clearance.pairs).min() == pytest.approx(0.02, abs=1e-3)
     clearance.distance = 0.05
-    assert "recovering: wall to hand is 0.0" in after(1)[1].message
-    assert after(100)[0] == pytest.approx(0.05, abs=1e-3)
+    step = cell.controller.step(mink.Configuration(cell.model, q), 0.01)
+    assert "recovering: wall to hand is 0.0" in step.message
+    _, q = cell.least(q, 100, 0.01)
+    assert cell.oracle.at(q).of(clearance.pairs).min() == pytest.approx(0.05, abs=1e-3)
     for wrong in (-0.1, np.nan, "5 mm"):
         with pytest.raises(qt.InvalidInput, match=r"Clearance\(distance="):
             clearance.distance = wrong  # type: ignore[assignment]
@@ -797,228 +779,118 @@ def test_the_distance_may_be_changed_between_two_steps() -> None:
         clearance.recovery_speed = 0.0
 
 
-def at_rest_before_what_comes(
-    model: mujoco.MjModel, velocity: float
-) -> tuple[qt.Controller, qt.Clearance]:
-    """A tool on a slide along x that is to stay at 0, 20 mm clear of everything."""
-    clearance = qt.Clearance(model, distance=0.02)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    task.set_target(mink.SE3.identity())
-    limits = [clearance, qt.MotionLimit(model, velocity=velocity, acceleration=None)]
-    return qt.Controller(model, [task], limits=limits), clearance
-
-
 @pytest.mark.parametrize("speed", [0.05, 0.3])
 def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
     """A block pushes a slide along at its own speed, slower and faster than a recovery."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody>
-      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
-      <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
-        <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
-    controller, _ = at_rest_before_what_comes(model, velocity=1.0)
-    configuration = mink.Configuration(model, np.zeros(1))
-    for k in range(400):
-        face = -0.2 + speed * 0.005 * k
-        configuration.data.mocap_pos[0] = [face - 0.1, 0.0, 0.0]
-        configuration.update()
-        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
-        left = configuration.q[0] - 0.05 - (face + speed * 0.005)
-        assert left >= 0.02 - 1e-6
-    assert configuration.q[0] == pytest.approx(max(0.0, face + speed * 0.005 + 0.07), abs=1e-6)
+    model = world(BLOCK.format("0.1 1 1", "-0.1 0 0") + CART)
+    cell = Cell(model, ALONG_X, at(0, 0, 0), acceleration=None)
 
+    def place(data: mujoco.MjData, t: float) -> None:
+        data.mocap_pos[0] = [-0.2 + speed * t, 0.0, 0.0]
 
-@pytest.mark.parametrize("acceleration", [None, 10.0])
-def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) -> None:
-    """Its distance is curved, so that steps are corrected: the block still moves in them."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
-      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 0.1 0.5"/></body>
-      <body><joint axis="0 0 1" range="-3 3"/><geom name="lever" type="box" size="0.25 0.02 0.02"
-        pos="0.25 0 0"/><site name="tool" pos="0.5 0 0"/></body></worldbody></mujoco>""")
-    clearance = qt.Clearance(model, distance=0.02)
-    motion = qt.MotionLimit(model, velocity=3.0, acceleration=acceleration)
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]), frame="world"
-    ))  # fmt: skip
-    task.set_target(mink.SE3.identity())
-    controller = qt.Controller(model, [task], limits=[clearance, motion])
-    configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
-    least = np.inf
-    for k in range(400):
-        at = np.array([0.4, -0.3 + 0.3 * 0.005 * k, 0.0])
-        configuration.data.mocap_pos[0] = at
-        configuration.update()
-        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
-        oracle.data.mocap_pos[0] = at + np.array([0.0, 0.3 * 0.005, 0.0])
-        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
-    assert configuration.q[0] > 0.5
+    least, q = cell.least(np.zeros(1), 400, 0.005, place)
     assert least >= 0.02 - 1e-6
-
-
-@pytest.mark.parametrize("mode", ["scale", "relax"])
-def test_a_bar_along_a_wall_turns_and_moves_away(mode: str) -> None:
-    """Each end comes nearer as the other goes away; the slide gives way, the bar does not stop."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
-      <geom name="wall" type="box" size="0.1 3 1" pos="-0.1 0 0"/>
-      <body><joint type="slide" axis="1 0 0" range="0 5"/><geom size="0.01" contype="0"
-        conaffinity="0"/>
-        <body><joint axis="0 0 1" range="-1 1"/><geom name="bar" type="capsule" size="0.05"
-          fromto="0 -1.5 0 0 1.5 0"/><site name="tool"/></body></body></worldbody></mujoco>""")
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]), frame="world"
-    ))  # fmt: skip
-    limits = [qt.Clearance(model, distance=0.02), qt.MotionLimit(model, velocity=1.0)]
-    controller = qt.Controller(model, [task], limits=limits, on_infeasible=mode)  # type: ignore[arg-type]
-    configuration = mink.Configuration(model, np.array([0.07 + 1.5e-6, 1e-6]))
-    task.set_target(mink.SE3.from_rotation(mink.SO3.from_z_radians(-0.3)))
-    for _ in range(400):
-        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
-        place, angle = configuration.q
-        assert place - 1.5 * abs(np.sin(angle)) - 0.05 >= 0.02 - 1e-6
-    assert angle == pytest.approx(-0.3, abs=1e-3)
+    assert q[0] == pytest.approx(max(0.0, -0.2 + speed * 2.0 + 0.07), abs=1e-6)
 
 
 @pytest.mark.parametrize("turns", [False, True])
 def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
     """A block that is pushed, and a paddle that turns, with a constant acceleration."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><worldbody>
-      <body name="block" mocap="true"><geom name="block" type="box" size="0.3 0.02 0.5"
-        pos="0.3 0 0"/></body>
-      <body><joint type="slide" axis="1 0 0" range="-5 5" limited="true"/>
-        <geom name="cart" size="0.05"/><site name="tool"/></body></worldbody></mujoco>""")
-    controller, clearance = at_rest_before_what_comes(model, velocity=3.0)
-    configuration, oracle = mink.Configuration(model, np.zeros(1)), Distances(model)
+    model = world(BLOCK.format("0.3 0.02 0.5", "0.3 0 0") + CART)
+    cell = Cell(model, ALONG_X, at(0, 0, 0), velocity=3.0, acceleration=None)
 
     def place(data: mujoco.MjData, t: float) -> None:
         angle = 0.5 * t**2 if turns else 0.0
         data.mocap_pos[0] = [-0.3, -0.3, 0.0] if turns else [-0.9 + 0.5 * t**2, 0.0, 0.0]
         data.mocap_quat[0] = [np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)]
 
-    least = np.inf
-    for k in range(300):
-        place(configuration.data, 0.005 * k)
-        configuration.update()
-        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
-        place(oracle.data, 0.005 * (k + 1))
-        least = min(least, oracle.at(configuration.q).of(clearance.pairs).min())
-    assert abs(configuration.q[0]) > 0.1
+    least, q = cell.least(np.zeros(1), 300, 0.005, place)
+    assert abs(q[0]) > 0.1
     assert 0.02 - 1e-6 <= least <= 0.02 + 2e-5
+
+
+@pytest.mark.parametrize("acceleration", [None, 10.0])
+def test_a_lever_gives_way_in_corrected_steps_too(acceleration: float | None) -> None:
+    """Its distance is curved, so that steps are corrected: the block still moves in them."""
+    model = world(
+        BLOCK.format("0.1 0.1 0.5", "0 0 0")
+        + """<body><joint axis="0 0 1" range="-3 3"/><geom name="lever" type="box"
+        size="0.25 0.02 0.02" pos="0.25 0 0"/><site name="tool" pos="0.5 0 0"/></body>"""
+    )
+    cell = Cell(model, TURN, at(0, 0, 0), velocity=3.0, acceleration=acceleration)
+
+    def place(data: mujoco.MjData, t: float) -> None:
+        data.mocap_pos[0] = [0.4, -0.3 + 0.3 * t, 0.0]
+
+    least, q = cell.least(np.zeros(1), 400, 0.005, place)
+    assert q[0] > 0.5
+    assert least >= 0.02 - 1e-6
+
+
+def test_a_robot_on_a_mocap_body_gives_way_to_what_stands() -> None:
+    """All that its carrier carries moves, on joints too: so does its distance from a wall."""
+    model = world(
+        '<geom name="wall" type="box" size="0.1 1 1" pos="1 0 0"/>'
+        f'<body name="cart" mocap="true">{CART}</body>'
+    )
+
+    def place(data: mujoco.MjData, t: float) -> None:
+        data.mocap_pos[0] = [0.2 * t, 0.0, 0.0]
+
+    least, _ = Cell(model, ALONG_X, at(1, 0, 0)).least(np.zeros(1), 400, 0.01, place)
+    assert 0.02 - 1e-6 <= least <= 0.021
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_a_bar_along_a_wall_turns_and_moves_away(mode: str) -> None:
+    """Each end comes nearer as the other goes away; the slide gives way, the bar does not stop."""
+    model = world("""<geom name="wall" type="box" size="0.1 3 1" pos="-0.1 0 0"/>
+      <body><joint type="slide" axis="1 0 0" range="0 5"/>
+        <geom size="0.01" contype="0" conaffinity="0"/>
+        <body><joint axis="0 0 1" range="-1 1"/><geom name="bar" type="capsule" size="0.05"
+          fromto="0 -1.5 0 0 1.5 0"/><site name="tool"/></body></body>""")
+    target = mink.SE3.from_rotation(mink.SO3.from_z_radians(-0.3))
+    cell = Cell(model, TURN, target, mode=mode)
+    least, q = cell.least(np.array([0.07 + 1.5e-6, 1e-6]), 400, 0.005)
+    assert least >= 0.02 - 1e-6
+    assert q[1] == pytest.approx(-0.3, abs=1e-3)
 
 
 def test_a_joint_near_the_end_of_its_range_lets_a_slower_one_take_over_in_time() -> None:
     """Two slides give way to a block; the first ends, the second accelerates a tenth as fast."""
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><compiler autolimits="true"/><worldbody>
-      <body name="block" mocap="true"><geom name="block" type="box" size="0.1 1 1"/></body>
-      <body><joint name="first" type="slide" axis="1 0 0" range="-1 0.3"/>
+    model = world(
+        BLOCK.format("0.1 1 1", "-0.1 0 0")
+        + """<body><joint name="first" type="slide" axis="1 0 0" range="-1 0.3"/>
         <geom size="0.01" contype="0" conaffinity="0"/>
         <body><joint name="second" type="slide" axis="1 0 0" range="-5 5"/>
-          <geom name="cart" size="0.05"/><site name="tool"/></body></body></worldbody></mujoco>""")
-    motion = qt.MotionLimit(model, velocity=1.0, acceleration={"first": 10.0, "second": 1.0})
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    task.set_target(mink.SE3.identity())
-    controller = qt.Controller(model, [task], limits=[qt.Clearance(model, distance=0.02), motion])
-    configuration, speed = mink.Configuration(model, np.zeros(2)), 0.4
-    for k in range(800):
-        face = -0.4 + speed * 0.005 * k
-        configuration.data.mocap_pos[0] = [face - 0.1, 0.0, 0.0]
-        configuration.update()
-        configuration.integrate_inplace(controller.step(configuration, 0.005).velocity, 0.005)
-        left = configuration.q.sum() - 0.05 - (face + speed * 0.005)
-        assert left >= 0.02 - 1e-6
-    assert configuration.q[0] > 0.29
-
-
-# ---------------------------------------------------------------------------------- refusals
-
-
-def test_names_that_are_not_there_are_refused() -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
-    with pytest.raises(qt.InvalidInput, match=r"'flor'.*floor"):
-        qt.Clearance(model, ignore=[("flor", "tool")])
-    for nonsense in ([("floor",)], ["floor"], [("floor", "tool", "hand")], [(1, 2)], [None]):
-        with pytest.raises(qt.InvalidInput, match="ignore"):
-            qt.Clearance(model, ignore=nonsense)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("distance", [-0.001, np.nan, np.inf, "near", None, [0.1]])
-def test_distances_that_are_none_are_refused(distance: object) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm()}</mujoco>")
-    with pytest.raises(qt.InvalidInput, match="distance"):
-        qt.Clearance(model, distance=distance)  # type: ignore[arg-type]
-
-
-def test_what_is_not_convex_is_refused_by_its_name() -> None:
-    model = mujoco.MjModel.from_xml_string("""
-    <mujoco><asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
-    <worldbody><geom name="hills" type="hfield" hfield="h"/>
-      <body pos="0 0 3"><joint/><geom size="0.1"/></body></worldbody></mujoco>""")
-    with pytest.raises(qt.InvalidInput, match="hills"):
-        qt.Clearance(model)
-
-
-@pytest.mark.parametrize(
-    "joint", ['<joint type="ball" name="wrist"/>', '<freejoint name="wrist"/>']
-)
-def test_free_bodies_are_refused_by_their_joints_name(joint: str) -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>'
-        f'<body pos="0 0 3">{joint}<geom size="0.1"/></body></worldbody></mujoco>'
+          <geom name="cart" size="0.05"/><site name="tool"/></body></body>"""
     )
-    with pytest.raises(qt.InvalidInput, match="wrist"):
-        qt.Clearance(model)
+    cell = Cell(model, ALONG_X, at(0, 0, 0), acceleration={"first": 10.0, "second": 1.0})
 
+    def place(data: mujoco.MjData, t: float) -> None:
+        data.mocap_pos[0] = [-0.4 + 0.4 * t, 0.0, 0.0]
 
-# ---------------------------------------------------------------------------------- in a task
-
-
-def test_a_path_in_a_scene_with_colliding_geoms_must_not_touch_them() -> None:
-    """Without a clearance of its own; the margin of another model is not taken along."""
-    path_task = qt.load_task("deburring")
-    kinds = [constraint.kind for constraint in path_task.constraints]
-    expected = len(qt.Clearance(path_task.model).pairs) > 0
-    assert ("clearance" in kinds) is expected
-
-
-def test_a_clearance_without_pairs_is_no_hindrance() -> None:
-    """No geom of the planar arm collides: plans and runs are those without it."""
-    path_task = qt.load_task("planar_line")
-    without = qt.Clearance(path_task.model)
-    assert without.names == ()
-    path_task = dataclasses.replace(path_task, constraints=(without,))
-    assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
-    plan = qt.plan(path_task)
-    assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
-    assert not qt.follow(path_task, method="qp_gradient").failure
+    least, q = cell.least(np.zeros(2), 600, 0.005, place)
+    assert least >= 0.02 - 1e-6
+    assert q[0] > 0.29
 
 
 def cart_before_a_thin_wall(wall: float) -> tuple[mujoco.MjModel, qt.TwistTask]:
     """A wall so far ahead of a cart, m, and a task that draws the cart 0.4 m forwards."""
-    model = mujoco.MjModel.from_xml_string(f"""
-    <mujoco><worldbody><geom name="wall" type="box" size="0.001 1 1" pos="{wall + 0.051} 0 0"/>
-      <body><joint type="slide" axis="1 0 0"/><geom name="cart" size="0.05"/>
-        <site name="tool"/></body></worldbody></mujoco>""")
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none()
-    ))  # fmt: skip
-    task.set_target(mink.SE3.from_translation(np.array([0.4, 0.0, 0.0])))
+    model = world(
+        f'<geom name="wall" type="box" size="0.001 1 1" pos="{wall + 0.051} 0 0"/>'
+        + CART.replace('range="-5 5"', "")
+    )
+    task = qt.TwistTask("tool", "site", ALONG_X)
+    task.set_target(at(0.4, 0.0, 0.0))
     return model, task
 
 
 def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
     """0.4 m in one step, and a thin wall 0.3 m ahead of the cart."""
     model, task = cart_before_a_thin_wall(0.3)
-    limits = [qt.Clearance(model, distance=0.02)]
-    controller = qt.Controller(model, [task], limits=limits)
-    configuration = mink.Configuration(model, np.zeros(1))
-    velocity = controller.step(configuration, 1.0).velocity
+    controller = qt.Controller(model, [task], limits=[qt.Clearance(model, distance=0.02)])
+    velocity = controller.step(mink.Configuration(model, np.zeros(1)), 1.0).velocity
     assert 0.27 <= velocity[0] <= 0.28 + 1e-6
 
 
@@ -1040,7 +912,7 @@ def test_joints_that_become_faster_have_rows_of_what_they_then_reach() -> None:
     assert len(clearance.compute_qp_inequalities(configuration, 0.1).h) == 1
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(seed=seeds, dt=st.sampled_from([0.001, 0.005, 0.02, 0.1]), limited=st.booleans())
 def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
     seed: int, dt: float, limited: bool
@@ -1051,9 +923,7 @@ def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
     clearance, oracle = qt.Clearance(model, distance=asked), Distances(model)
     q = rng.uniform(-2.5, 2.5, size=(200, 4))
     q = q[clearance.margins(q).min(axis=1) > 0.002][0]
-    task = qt.TwistTask("tool", "site", qt.TwistProjector(
-        linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()
-    ))  # fmt: skip
+    task = qt.TwistTask("tool", "site", PLANE)
     configuration = mink.Configuration(model, q)
     task.set_target_from_configuration(configuration)
 
@@ -1071,80 +941,43 @@ def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
             middle = 0.5 * (near + far)
             near, far = (near, middle) if margin(middle * move) < -0.001 else (middle, far)
         fastest = far * np.abs(move) / dt + 1e-9
-        motion = qt.MotionLimit(
-            model, velocity=fastest, acceleration=fastest / dt if limited else None
-        )
+        acceleration = fastest / dt if limited else None
+        motion = qt.MotionLimit(model, velocity=fastest, acceleration=acceleration)
         controller = qt.Controller(model, [task], limits=[clearance, motion])
         controller.step(configuration, dt)
         # A joint that brakes from there in one step is at rest where it leads.
-        assert clearance.in_step.lacks(far * move / dt, dt) == pytest.approx(0.001, abs=1e-5)
-        assert (
-            clearance.in_step.lacks(1.2 * far * move / dt, dt) >= -margin(1.2 * far * move) - 1e-6
-        )
-
-
-# ------------------------------------------------------------------------------- narrow escapes
-
-
-def _seven_axes(extra: str) -> mujoco.MjModel:
-    """An arm of capsules, beside what is given as MJCF."""
-    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
-    heights, ranges = (
-        (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08),
-        (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05),
-    )
-    links = "".join(
-        f'<body pos="0 0 {height}"><joint axis="{axis}" range="-{end} {end}"/>'
-        f'<geom type="capsule" size=".05" fromto="0 0 0 0 0 {top}" contype="1" conaffinity="2"/>'
-        for axis, height, end, top in zip(axes, heights, ranges, (*heights[1:], 0.07), strict=True)
-    )
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><worldbody>{extra}{links}'
-        f'<site name="tool" pos="0 0 .07"/>{"</body>" * 7}</worldbody></mujoco>'
-    )
-
-
-def _least_distance(clearance: qt.Clearance, q: Array, obstacle: Array | None = None) -> float:
-    """The least distance of the pairs by MuJoCo, m."""
-    model = clearance.model
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    if obstacle is not None:
-        data.mocap_pos[0], data.mocap_quat[0] = obstacle, [1.0, 0.0, 0.0, 0.0]
-    mujoco.mj_kinematics(model, data)
-    return min(
-        mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, np.zeros(6))
-        for a, b in clearance.pairs
-    )
+        found, further = (clearance.in_step.lacks(k * far * move / dt, dt) for k in (1.0, 1.2))
+        assert found == pytest.approx(0.001, abs=1e-5)
+        assert further >= -margin(1.2 * far * move) - 1e-6
 
 
 def test_an_obstacle_is_given_way_to_where_the_nearest_way_ends() -> None:
     """It comes at 0.25 m/s between two links; beside the solution no direction leads further."""
     q = np.array([0.05136, 1.16618, -0.36530, -0.41618, 0.18129, 1.50671, -0.14915])
     before = np.array([0.40149, 0.21467, 0.51514, 1.0, -0.25110, -0.51256, 0.0])
+    home = np.array([0.12521, 0.77230, -0.45323, -1.34625, 0.14226, 1.16387, -0.14915])
     place, move = np.array([[0.68982, -0.03747, 0.39884], [0.0078, 0.00734, 0.00607]])
     dt = 0.05
-    model = _seven_axes(
+    model = seven_axes(
+        '<geom type="capsule" size=".05" fromto="0 0 0 0 0 {top}" contype="1" conaffinity="2"/>',
         '<body name="box" mocap="true"><geom type="box" size=".04245 .06424 .07489"'
-        ' contype="2" conaffinity="1"/></body>'
+        ' contype="2" conaffinity="1"/></body>',
     )
     configuration, clearance = mink.Configuration(model, q), qt.Clearance(model, distance=0.005)
     task = qt.TwistTask.axis_free("tool", "site")
-    home = [0.12521, 0.77230, -0.45323, -1.34625, 0.14226, 1.16387, -0.14915]
-    task.set_target_from_configuration(mink.Configuration(model, np.array(home)))
+    task.set_target_from_configuration(mink.Configuration(model, home))
     controller = qt.Controller(
-        model,
-        [task],
-        limits=[qt.MotionLimit(model, velocity=1.0), clearance],
-        secondary=[qt.PostureReference(model, np.array(home), gain=0.05)],
-        on_infeasible="relax",
-    )
+        model, [task], limits=[qt.MotionLimit(model, velocity=1.0), clearance],
+        secondary=[qt.PostureReference(model, home, gain=0.05)], on_infeasible="relax",
+    )  # fmt: skip
     for k in range(-3, 1):  # steps by which its motion is known; then the one that is judged
         configuration.data.mocap_pos[0] = place + k * move
         step = controller.step(configuration, dt, velocity=before)
+    oracle = Distances(model)
+    oracle.data.mocap_pos[0] = place + move
 
     def left(velocity: Array) -> float:
-        return _least_distance(clearance, q + dt * velocity, place + move) - 0.005
+        return float(oracle.at(q + dt * velocity).of(clearance.pairs).min()) - 0.005
 
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=7)))
     assert max(map(left, corners)) > 1e-4  # there is a way
@@ -1152,16 +985,23 @@ def test_an_obstacle_is_given_way_to_where_the_nearest_way_ends() -> None:
     assert np.abs(step.velocity).max() <= 1.0
 
 
-def main(count: int) -> None:
-    """Print the worst errors of so many random pairs, half of them at right angles."""
-    compared, seed = Compared(), 0
-    while sum(map(len, compared.errors.values())) < count:
-        compared.add(seed, 12, right_angles=bool(seed % 4 == 3))
-        seed += 1
-    print("| kinds | apart | error m | inside | error m |\n| :-- | --: | --: | --: | --: |")
-    for kinds, (apart, error, inside, depth) in compared.worst().items():
-        print(f"| {kinds} | {apart} | {error:.1e} | {inside} | {depth:.1e} |")
+# ---------------------------------------------------------------------------------- in a task
 
 
-if __name__ == "__main__":
-    main(int(sys.argv[1]))
+def test_a_path_in_a_scene_with_colliding_geoms_must_not_touch_them() -> None:
+    """Without a clearance of its own; the margin of another model is not taken along."""
+    path_task = qt.load_task("deburring")
+    kinds = [constraint.kind for constraint in path_task.constraints]
+    assert ("clearance" in kinds) is (len(qt.Clearance(path_task.model).pairs) > 0)
+
+
+def test_a_clearance_without_pairs_is_no_hindrance() -> None:
+    """No geom of the planar arm collides: plans and runs are those without it."""
+    path_task = qt.load_task("planar_line")
+    without = qt.Clearance(path_task.model)
+    assert without.names == ()
+    path_task = dataclasses.replace(path_task, constraints=(without,))
+    assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
+    plan = qt.plan(path_task)
+    assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
+    assert not qt.follow(path_task, method="qp_gradient").failure

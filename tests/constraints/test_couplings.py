@@ -15,6 +15,7 @@ from oracles.arms import chain
 from oracles.banded_paths import every
 from oracles.half_space import HalfSpace
 from oracles.joint_paths import between, evenly, joint_path
+from oracles.twists import ALONG_X, NOTHING, POINT
 
 import qp_twist as qt
 from qp_twist.constraints import COUPLED_WITHIN, PositionLimit
@@ -23,7 +24,6 @@ from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import random_start
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import closed_form_arm
-from qp_twist.referee import JointMotion, constraints_left, path_errors
 from qp_twist.studies.judge import Judge
 from qp_twist.trajectories import JointRows, check_trajectory
 from qp_twist.viewing.live_arm import LiveArm
@@ -33,8 +33,6 @@ Array = np.ndarray
 ROOT = Path(__file__).parents[2]
 SEEDS = st.integers(0, 2**32 - 1)
 X, Y, Z = np.eye(3)
-NOTHING = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
-ALONG = qt.TwistProjector(linear=qt.Projector.line(X), angular=qt.Projector.none())
 FINGERS = """
   <body><joint name="finger_1" type="slide" axis="0 1 0" range="0 0.04"/>
     <geom size="0.01" contype="0" conaffinity="0"/></body>
@@ -68,7 +66,7 @@ def with_gripper(
 
 def planar(equality: str) -> qt.PathTask:
     """The planar arm, its tool's x along a line and y free, with some of its joints coupled."""
-    line = every(qt.load_task("planar_line"), 10, projector=ALONG)
+    line = every(qt.load_task("planar_line"), 10, projector=ALONG_X)
     return dataclasses.replace(line, model=scene("planar_3r", equality))
 
 
@@ -111,7 +109,7 @@ def mujocos_residuals(model: mujoco.MjModel, q: Array) -> Array:
 
 
 @given(SEEDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_the_polynomial_is_mujocos_and_the_derivative_is_its_own(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = coupled_chain(rng)
@@ -136,7 +134,7 @@ def test_the_polynomial_is_mujocos_and_the_derivative_is_its_own(seed: int) -> N
 
 
 @given(SEEDS)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_the_bound_of_the_change_holds_on_ways_that_turn_back(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = coupled_chain(rng)
@@ -148,36 +146,6 @@ def test_the_bound_of_the_change_holds_on_ways_that_turn_back(seed: int) -> None
     assert (np.abs(np.diff(margins, axis=0)).sum(axis=0) <= change + 1e-9).all()
     least = couplings.least(stops[:1], stops[-1:], travel[None])[0]
     assert (least <= margins.min(axis=0) + 1e-9).all()
-
-
-@given(SEEDS)
-@settings(max_examples=40, deadline=None)
-def test_what_is_proven_between_waypoints_holds_at_every_sample(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = coupled_chain(rng)
-    q = rng.uniform(-1, 1, model.nq) + np.cumsum(0.1 * rng.normal(size=(3, model.nq)), axis=0)
-    task = joint_path(model, q, None, projector=NOTHING).path_task
-    assert task.constraints
-    tolerances = {"m": 1e-4, "rad": 1e-3}
-    units = [unit for c in task.constraints for unit in c.units]
-    allowed = np.array([tolerances[unit] for unit in units])
-    passed = np.array([between(q[k : k + 2], 2000) for k in (0, 1)])
-    excess = np.stack(
-        [
-            np.concatenate([np.maximum(-c.margins(way), 0.0).max(axis=0) for c in task.constraints])
-            for way in passed
-        ]
-    )
-    left = constraints_left(task, q, (tolerances["m"], tolerances["rad"]))
-    assert (excess <= left.bound + 1e-12).all()
-    assert (left.found <= excess + 1e-4).all()
-    kept = (left.bound <= allowed).all()
-    assert not kept or (excess <= allowed).all()
-    motion = JointMotion(np.arange(3.0), q, 0.3 * rng.normal(size=q.shape))
-    errors = path_errors(task, motion, tolerances=(tolerances["m"], tolerances["rad"]))
-    at = motion.at(np.linspace(0.0, 2.0, 4000)).q
-    worst = [np.maximum(-c.margins(at), 0.0).max() for c in task.constraints]
-    assert (np.array(worst) <= errors.bands_bound.max(axis=0) + 1e-12).all()
 
 
 def test_a_joint_by_itself_stays_where_its_coupling_puts_it() -> None:
@@ -258,11 +226,11 @@ def test_a_step_keeps_joints_coupled_unless_its_limits_are_given(solver: str | N
 
 
 @given(SEEDS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_reference_and_kernel_take_the_same_step(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = coupled_chain(rng, 6)
-    task = qt.TwistTask("tool", "site", ALONG)
+    task = qt.TwistTask("tool", "site", ALONG_X)
     q = rng.uniform(-0.5, 0.5, model.nq)
     configuration = mink.Configuration(model, q)
     task.set_target_from_configuration(configuration)
@@ -295,7 +263,7 @@ def test_motion_limits_and_couplings_are_kept_together() -> None:
         <joint joint1="joint_3" joint2="joint_1" polycoef="0.1 0.5 0 0 0"/>""",
     )  # fmt: skip
     limit = qt.MotionLimit(model, velocity=[1.0, 0.8, 3.0, 2.0], acceleration=hardest)
-    task = qt.TwistTask("tool", "site", ALONG)
+    task = qt.TwistTask("tool", "site", ALONG_X)
     posture = qt.PostureReference(model, np.zeros(4), 0.3)
     controller = qt.Controller(
         model, [task], secondary=[posture], limits=[limit, qt.JointCouplings(model)]
@@ -324,7 +292,7 @@ def test_a_joint_that_is_held_gives_way_to_how_fast_it_may_return(
 ) -> None:
     """0.3 rad from where it is held: at the constraint's speed, or slower where it may not."""
     path = planar('<joint joint1="joint_2" polycoef="0.5 0 0 0 0"/>')
-    task = qt.TwistTask("tip", "site", ALONG)
+    task = qt.TwistTask("tip", "site", ALONG_X)
     task.set_target(path.waypoints[1])
     limits = [qt.MotionLimit(path.model, velocity=fastest), qt.JointCouplings(path.model)]
     controller = qt.Controller(path.model, [task], limits=limits, solver=solver)
@@ -342,7 +310,7 @@ def test_a_free_body_beside_coupled_joints_is_no_hindrance_to_a_run_and_refused_
     text = text.replace("</mujoco>", f"<equality>{equality}</equality></mujoco>")
     model = mujoco.MjModel.from_xml_string(text)
     task = dataclasses.replace(
-        every(qt.load_task("planar_line"), 10, projector=ALONG),
+        every(qt.load_task("planar_line"), 10, projector=ALONG_X),
         model=model,
         start=np.append([1.0, 0.7, 1.0], model.qpos0[3:]),
         velocity_limits=np.full(9, np.inf),
@@ -360,18 +328,6 @@ def test_models_without_couplings_have_the_limits_that_they_had() -> None:
     twist = qt.TwistTask("tool", "site", task.projector)
     [limit] = qt.Controller(task.model, tasks=[twist]).limits
     assert type(limit) is PositionLimit and task.constraints == ()
-
-
-def test_minks_own_function_keeps_it() -> None:
-    task = with_gripper()
-    posture = mink.PostureTask(task.model, cost=1.0)
-    posture.set_target(np.append(task.start[:6], [0.03, 0.0]))
-    configuration = mink.Configuration(task.model, task.start)
-    limits = [qt.JointCouplings(task.model)]
-    for _ in range(20):
-        velocity = mink.solve_ik(configuration, [posture], 0.1, solver="daqp", limits=limits)
-        configuration.integrate_inplace(velocity, 0.1)
-    assert configuration.q[6:] == pytest.approx(0.015, abs=1e-4)
 
 
 # ---------------------------------------------------------------- runs and their checks
@@ -456,7 +412,7 @@ def test_a_study_takes_a_task_whose_scene_couples_joints(tmp_path: Path) -> None
     task = qt.load_task(tmp_path / "line.toml")
     assert [c.kind for c in task.constraints] == ["coupling"]
     study = qt.study(
-        task, ["start"], 3, ["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
+        task, ["start"], 1, ["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
     )
     assert [summary.method for summary in study.summary()] == ["qp_gradient"]
     assert study.missing() == []
@@ -515,12 +471,12 @@ def test_a_path_on_a_moving_body_is_refused_likewise() -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_the_rows_of_a_path_bring_joints_together_and_leave_the_rest_free(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = coupled_chain(rng, 7)
     near = rng.uniform(-0.3, 0.3, model.nq)
-    task = joint_path(model, near[None] + np.zeros((2, 1)), None, projector=ALONG).path_task
+    task = joint_path(model, near[None] + np.zeros((2, 1)), None, projector=ALONG_X).path_task
     rows = PathRows(task)
     at = np.zeros(20, dtype=np.intp)
     q, arrived = rows.correct(near + 0.05 * rng.normal(size=(20, 7)), at)
@@ -600,7 +556,7 @@ def test_a_coupling_in_the_chain_is_kept_and_the_plan_as_good_as_brute_force() -
 def test_an_arm_whose_closed_form_knows_nothing_of_its_linkage_is_planned(left: int) -> None:
     """The third joint follows the second; with a free roll that leaves single configurations."""
     equality = '<joint joint1="joint_3" joint2="joint_2" polycoef="0.2 -0.5 0.1 0 0"/>'
-    free = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
+    free = POINT
     if left == 0:
         free = qt.load_task("deburring").projector
     model = scene("m16ib_deburring", equality)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 
 import mink
 import mujoco
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration, random_direction
 from oracles.joint_paths import evenly, joint_path, slider
+from oracles.twists import ALONG_X, KINDS, SPATIAL, X, Z, pose, projector, twists
 from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
@@ -26,8 +28,9 @@ from qp_twist.trajectories import JointRows, check_trajectory
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 DENSE = 1_500
+TIGHT = (1e-4, 1e-3)
+"""Tolerances of a check, m and rad."""
 FRAMES = ("world", "body", "target")
-FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
 
 
 # ---------------------------------------------------------------- the oracle
@@ -115,15 +118,8 @@ def dense(task: qt.PathTask, rows: JointMotion, k: int, count: int = DENSE) -> t
     return linear, angular, np.array(excess).T.reshape(-1, len(task.bands))
 
 
-def random_block(rng: np.random.Generator, kinds: str) -> qt.Projector:
-    match rng.choice(list(kinds)):
-        case "f":
-            return qt.Projector.full()
-        case "p":
-            return qt.Projector.plane(random_direction(rng))
-        case "l":
-            return qt.Projector.line(random_direction(rng))
-    return qt.Projector.none()
+def random_block(rng: np.random.Generator, kinds: Sequence[str]) -> qt.Projector:
+    return projector(str(rng.choice(kinds)), random_direction(rng))
 
 
 def random_bands(rng: np.random.Generator) -> tuple[qt.ToleranceBand, ...]:
@@ -145,9 +141,9 @@ def random_case(
     model = random_arm(rng, int(rng.integers(2, 7)), slides=bool(rng.integers(2)), limited=False)
     frame = rng.choice(FRAMES)
     # Linear rows that turn with the body have a nearest point of their own kind: not asked here.
-    linear = "f" if frame == "body" else "fpl"
+    linear = ["full"] if frame == "body" else KINDS[:3]
     T = qt.TwistProjector(
-        linear=random_block(rng, linear), angular=random_block(rng, "fpln"), frame=frame
+        linear=random_block(rng, linear), angular=random_block(rng, KINDS), frame=frame
     )
     q = random_configuration(model, rng) + 0.1 * np.cumsum(rng.normal(size=(3, model.nv)), axis=0)
     task = joint_path(model, q, evenly(3, 1.0), projector=T).path_task
@@ -175,7 +171,7 @@ def compare(task: qt.PathTask, motion: JointMotion, errors: PathErrors, count: i
 
 
 @given(SEEDS)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_the_second_derivatives_of_a_frame_are_within_their_bounds(seed: int) -> None:
     """Against differences of MuJoCo's poses along random quadratics in the joints."""
     rng = np.random.default_rng(seed)
@@ -202,7 +198,7 @@ def test_the_second_derivatives_of_a_frame_are_within_their_bounds(seed: int) ->
 @given(
     SEEDS, st.sampled_from([1e-4, 1e-2, 0.3]), st.sampled_from([None, (1e-4, 1e-3), (0.05, 0.1)])
 )
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_no_sample_is_above_what_is_proven(
     seed: int, size: float, tolerances: tuple[float, float] | None
 ) -> None:
@@ -225,41 +221,42 @@ def test_whole_turns_between_two_rows_are_not_passed_over(
         assert not kept or (linear.max() <= 1e-3 * (1 + 1e-6) and angular.max() <= 1e-2 * 1.001)
 
 
-@pytest.mark.parametrize("turns", range(1, 21))
+def links(*lengths: float) -> mujoco.MjModel:
+    """Hinges about z without ranges, ``one``, ``two`` …, links along x, the frame at the end."""
+    bodies = "".join(
+        f'<body pos="{before} 0 0"><joint name="{name}" axis="0 0 1"/><geom size="0.1"/>'
+        for name, before in zip(("one", "two"), (0.0, *lengths[:-1]), strict=False)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><compiler angle="radian"/><worldbody>{bodies}<site name="tool" '
+        f'pos="{lengths[-1]} 0 0"/>{"</body>" * len(lengths)}</worldbody></mujoco>'
+    )
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3, 5, 8, 13, 20])
 def test_a_check_sees_every_number_of_turns(turns: int) -> None:
     """The frame leaves the path by 4 m, and is on it at shares of one in ``turns``."""
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="hinge" axis="0 0 1"/>'
-        '<geom size="0.1"/><site name="tool" pos="2 0 0"/></body></worldbody></mujoco>'
-    )
     q = np.array([[0.0], [1e-3], [2e-3]])
-    task = joint_path(model, q, None).path_task
-    assert check_trajectory(JointRows(("hinge",), q), task).passes
+    task = joint_path(links(2.0), q, None).path_task
+    assert check_trajectory(JointRows(("one",), q), task).passes
     q[1:] += 2.0 * np.pi * turns
-    check = check_trajectory(JointRows(("hinge",), q), task)
+    check = check_trajectory(JointRows(("one",), q), task)
     assert not check.passes
     [between] = [f for f in check.findings if f.name == "position error between"]
     assert between.value == pytest.approx(4000.0, rel=0.02)
     assert between.where == "waypoints 1 to 2"
 
 
-@pytest.mark.parametrize("parts", range(2, 13))
+@pytest.mark.parametrize("parts", [2, 3, 5, 9, 12])
 def test_an_excursion_that_is_back_at_equal_shares_is_seen(parts: int) -> None:
     """Two hinges that turn against each other: the frame is on its way at every k/parts."""
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="one" axis="0 0 1"/>'
-        '<geom size="0.1"/><body pos="0.3 0 0"><joint name="two" axis="0 0 1"/><geom size="0.1"/>'
-        '<site name="tool" pos="0.2 0 0"/></body></body></worldbody></mujoco>'
-    )
     q = np.array([[0.1, 0.2], [0.1001, 0.2001], [0.1002, 0.2002]])
-    task = joint_path(model, q, None).path_task
+    task = joint_path(links(0.3, 0.2), q, None).path_task
     q[1:] += 2.0 * np.pi * parts * np.array([1.0, -1.0])
+    motion = JointMotion(np.arange(3.0), q)
     for samples in (parts - 1, 8):
-        errors = path_errors(
-            task, JointMotion(np.arange(3.0), q), tolerances=(1e-4, 1e-3), samples=samples
-        )
-        assert not errors.kept(1e-4, 1e-3)[0]
-        assert errors.kept(1e-4, 1e-3)[1]
+        errors = path_errors(task, motion, tolerances=TIGHT, samples=samples)
+        assert errors.kept(*TIGHT).tolist() == [False, True]
         # The tip turns about the elbow, the elbow about the base: 1 m apart at most.
         assert errors.position_between[0] == pytest.approx(0.6, rel=0.1)
 
@@ -288,7 +285,7 @@ def test_a_target_that_turns_is_part_of_the_bound(samples: int) -> None:
     q = np.array([[0.0, 0.0], [1.0, 0.0]])
     task = joint_path(slider(2), q, None).path_task
     turned = [
-        mink.SE3.from_rotation_and_translation(mink.SO3.from_z_radians(angle), w.translation())
+        pose(mink.SO3.from_z_radians(angle), w.translation())
         for angle, w in zip((-1.5, 1.5), task.waypoints, strict=True)
     ]
     bands = (
@@ -307,14 +304,14 @@ def test_a_target_that_turns_is_part_of_the_bound(samples: int) -> None:
 def test_a_way_that_the_rows_do_not_see_is_passed_evenly() -> None:
     """T holds x, the path goes along y: the band moves with the target, and so does the frame."""
     q = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
-    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    along = ALONG_X
     task = joint_path(slider(2), q, None, projector=along).path_task
     task = dataclasses.replace(task, bands=(qt.SlabBand([0, 1, 0], -0.05, 0.05),))
-    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=(1e-4, 1e-3))
-    assert errors.kept(1e-4, 1e-3).all() and errors.bands_between.max() < 1e-12
+    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=TIGHT)
+    assert errors.kept(*TIGHT).all() and errors.bands_between.max() < 1e-12
     late = q + np.array([[0.0, 0.0], [0.0, -0.2], [0.0, 0.0]])
-    errors = path_errors(task, JointMotion(np.arange(3.0), late), tolerances=(1e-4, 1e-3))
-    assert not errors.kept(1e-4, 1e-3).any()
+    errors = path_errors(task, JointMotion(np.arange(3.0), late), tolerances=TIGHT)
+    assert not errors.kept(*TIGHT).any()
     assert errors.bands_between == pytest.approx(0.15, rel=0.15)
 
 
@@ -358,13 +355,13 @@ def test_extremes_of_cubics_are_those_of_dense_samples(seed: int) -> None:
 def rail(motion: JointMotion, q: Array, fastest: float, **options: object) -> PathErrors:
     task = joint_path(slider(), q, evenly(len(q), 1.0)).path_task
     return path_errors(
-        task, motion, tolerances=(1e-4, 1e-3), fastest=np.full(len(q) - 1, fastest),
+        task, motion, tolerances=TIGHT, fastest=np.full(len(q) - 1, fastest),
         **options,  # type: ignore[arg-type]
     )  # fmt: skip
 
 
 @given(SEEDS, st.floats(1.0, 6.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_progress_is_proven_where_no_two_instants_are_too_fast(seed: int, fastest: float) -> None:
     """On a rail progress is the joint: cubics forth and back against all pairs of samples."""
     rng = np.random.default_rng(seed)
@@ -401,7 +398,7 @@ def test_progress_beyond_the_rate_is_excused_as_far_as_errors_can_be_it(
         times = np.array([0.0, late if forth is rows else 1.0 - late, 1.0])
         motion = JointMotion(times, forth)
         errors = path_errors(
-            task, motion, times[[0, 2]], tolerances=(1e-4, 1e-3), fastest=np.array([fastest])
+            task, motion, times[[0, 2]], tolerances=TIGHT, fastest=np.array([fastest])
         )
         assert errors.rate_kept[0] == kept
         assert kept or errors.rate[0] > fastest
@@ -409,23 +406,18 @@ def test_progress_beyond_the_rate_is_excused_as_far_as_errors_can_be_it(
 
 def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
     """Equal links, the elbow turning back twice as fast: the tip stays on a line, at any speed."""
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="one" axis="0 0 1"/>'
-        '<geom size="0.1"/><body pos="1 0 0"><joint name="two" axis="0 0 1"/><geom size="0.1"/>'
-        '<site name="tool" pos="1 0 0"/></body></body></worldbody></mujoco>'
-    )
     q = np.array([[np.pi, -2.0 * np.pi], [2.0 * np.pi, -4.0 * np.pi]])
-    task = joint_path(model, q, evenly(2, 1.0)).path_task
+    task = joint_path(links(1.0, 1.0), q, evenly(2, 1.0)).path_task
     fastest = np.array([1.7])  # π/2 is the most that one half turn makes
-    slow = path_errors(
-        task, JointMotion(np.arange(2.0), q), tolerances=(1e-4, 1e-3), fastest=fastest
-    )
+
+    def errors(q: Array) -> PathErrors:
+        motion = JointMotion(np.arange(2.0), q)
+        return path_errors(task, motion, tolerances=TIGHT, fastest=fastest)
+
+    slow = errors(q)
     assert slow.rate_kept.all()
     assert slow.rate[0] == pytest.approx(np.pi / 2.0, rel=0.02)
-    q[1] += 9.0 * np.array([2.0 * np.pi, -4.0 * np.pi])
-    fast = path_errors(
-        task, JointMotion(np.arange(2.0), q), tolerances=(1e-4, 1e-3), fastest=fastest
-    )
+    fast = errors(q + np.pi * np.array([[0.0, 0.0], [18.0, -36.0]]))
     assert fast.position_bound[0] < 1e-4  # never off the line
     assert not fast.rate_kept.any()
     assert fast.rate[0] > 10.0
@@ -435,18 +427,10 @@ def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
 @pytest.mark.parametrize("kind", ["full", "plane", "line"])
 @pytest.mark.parametrize("angle", [0.01, 1.0, 3.0])
 def test_turning_on_the_spot_is_progress_too(kind: str, angle: float) -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="hinge" axis="0 0 1"/>'
-        '<geom size="0.1"/><site name="tool"/></body></worldbody></mujoco>'
-    )
-    angular = {
-        "full": qt.Projector.full(),
-        "plane": qt.Projector.plane([1, 0, 0]),
-        "line": qt.Projector.line([0, 0, 1]),
-    }[kind]
-    T = qt.TwistProjector(linear=qt.Projector.full(), angular=angular, frame="body")
+    axis = {"full": Z, "plane": X, "line": Z}[kind]
+    T = twists("full", kind, "body", axes=(Z, axis))
     q = np.array([[0.2], [0.2 + angle]])
-    task = joint_path(model, q, evenly(2, 1.0), projector=T).path_task
+    task = joint_path(links(0.0), q, evenly(2, 1.0), projector=T).path_task
     for velocities, steepest in ((None, 1.0), (np.zeros((2, 1)), 1.5)):
         motion = JointMotion(np.arange(2.0), q, velocities)
         for fastest, kept in ((1.01 * steepest, True), (0.9 * steepest, False)):
@@ -458,21 +442,13 @@ def test_turning_on_the_spot_is_progress_too(kind: str, angle: float) -> None:
 # ---------------------------------------------------------------- plans and runs
 
 
-def spinner() -> mujoco.MjModel:
-    """A hinge without a range, the frame 2 m from its axis."""
-    return mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian"/><worldbody><body><joint name="hinge" axis="0 0 1"/>'
-        '<geom size="0.1"/><site name="tool" pos="2 0 0"/></body></worldbody></mujoco>'
-    )
-
-
 def plan_of(task: qt.PathTask, q: Array | None) -> Plan:
     return Plan(task, q, 0.0, 0.0, Certificate("path", Grid(1.0, np.ones(1))), "travel")
 
 
 def test_a_plan_says_what_it_keeps_between_its_waypoints() -> None:
     q = np.array([[0.0], [0.01], [0.02]])
-    task = joint_path(spinner(), q, evenly(3, 1.0)).path_task
+    task = joint_path(links(2.0), q, evenly(3, 1.0)).path_task
     task = dataclasses.replace(task, bands=(qt.RollBand([0, 0, 1], -0.1, 0.1),))
     plan = plan_of(task, q)
     height = 2.0 * (1.0 - np.cos(0.005))
@@ -493,7 +469,7 @@ def test_a_plan_says_what_it_keeps_between_its_waypoints() -> None:
 @pytest.mark.parametrize("turns", [1, 9, 18])
 def test_whole_turns_of_a_plan_or_a_run_are_seen(turns: int) -> None:
     q = np.array([[0.0], [0.01], [0.02]])
-    trajectory = joint_path(spinner(), q, evenly(3, 1.0))
+    trajectory = joint_path(links(2.0), q, evenly(3, 1.0))
     spun = q + 2.0 * np.pi * turns * np.array([[0.0], [1.0], [1.0]])
     plan = plan_of(trajectory.path_task, spun)
     assert not all(f.passes for f in plan.examined())
@@ -504,7 +480,7 @@ def test_whole_turns_of_a_plan_or_a_run_are_seen(turns: int) -> None:
 
 def test_a_joint_without_a_range_may_not_turn_by_more_than_half_a_turn_in_a_plan() -> None:
     q = np.array([[0.0], [0.01], [0.02]])
-    task = joint_path(spinner(), q, evenly(3, 100.0), velocity=3.0).path_task
+    task = joint_path(links(2.0), q, evenly(3, 100.0), velocity=3.0).path_task
     ranges = qt.JointRanges.of(task.model)
     assert motion_limits(task, ranges, None, fixed_start=False).steps.max() == np.pi
     limited = joint_path(slider(), q, evenly(3, 100.0), velocity=3.0).path_task
@@ -519,7 +495,7 @@ def test_ordinary_motions_are_little_work_and_endless_ones_end() -> None:
     """A motion at a bound of the work says that it is not proven; nothing is waited for."""
     q = np.cumsum(0.02 * np.random.default_rng(0).normal(size=(400, 6)), axis=0)
     model = random_arm(np.random.default_rng(3), 6, limited=False)
-    task = joint_path(model, q, None, projector=FULL).path_task
+    task = joint_path(model, q, None, projector=SPATIAL).path_task
     motion = JointMotion(np.arange(400.0), q)
     errors = path_errors(task, motion, tolerances=(5e-3, 1e-2), work=0)
     assert errors.kept(5e-3, 1e-2).all()
@@ -533,12 +509,12 @@ def test_ordinary_motions_are_little_work_and_endless_ones_end() -> None:
 def test_a_motion_that_stands_still_or_waypoints_that_are_the_same_have_bounds() -> None:
     q = np.zeros((3, 2))
     task = joint_path(slider(2), q, None).path_task
-    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=(1e-4, 1e-3))
+    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=TIGHT)
     assert errors.kept(0.0, 0.0).all()
     away = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
     times = np.array([0.0, 2.0, 4.0])  # an excursion between the last two
-    errors = path_errors(task, JointMotion(np.arange(5.0), away), times, tolerances=(1e-4, 1e-3))
-    assert list(errors.kept(1e-4, 1e-3)) == [True, False]
+    errors = path_errors(task, JointMotion(np.arange(5.0), away), times, tolerances=TIGHT)
+    assert list(errors.kept(*TIGHT)) == [True, False]
     assert errors.position_between[1] == 1.0
 
 
@@ -573,7 +549,7 @@ class Ball(qt.ToleranceBand):
 
 def test_a_band_of_ones_own_class_is_asked_as_those_of_the_package_are() -> None:
     q = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
-    along = qt.TwistProjector(linear=qt.Projector.line([1, 0, 0]), angular=qt.Projector.none())
+    along = ALONG_X
     task = joint_path(slider(2), q, None, projector=along).path_task
     task = dataclasses.replace(task, bands=(Ball(None, 1.0),))
     names = ("slide_1", "slide_2")

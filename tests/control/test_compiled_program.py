@@ -77,10 +77,9 @@ def optimum(problem: qpsolvers.Problem) -> np.ndarray:
 
 @pytest.mark.filterwarnings("ignore::qpsolvers.warnings.SparseConversionWarning")
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("part", range(4))
-def test_a_solved_program_is_at_its_optimum_and_nearly_all_are_solved(part: int) -> None:
+def test_a_solved_program_is_at_its_optimum_and_nearly_all_are_solved() -> None:
     solved = 0
-    for seed in range(150 * part, 150 * (part + 1)):
+    for seed in range(150):
         drawn = Drawn(seed)
         program = drawn.laid_down()
         if not program.solve(DT, 0.0):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import mink
 import mujoco
@@ -13,7 +15,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration
 from oracles.compositions import HalfSpaces
-from oracles.liars import install
+from oracles.problems import program
+from oracles.twists import ROLL_FREE, site
 from scipy.optimize import lsq_linear
 
 import qp_twist as qt
@@ -21,9 +24,6 @@ from qp_twist.qp import largest_scale
 
 SOLVERS = ["daqp", "proxqp", "osqp"]
 SEEDS = st.integers(0, 2**32 - 1)
-ROLL_FREE = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
-)
 
 
 class Arm:
@@ -35,7 +35,7 @@ class Arm:
         q = random_configuration(self.model, rng, margin=0.1)
         self.configuration = mink.Configuration(self.model, q)
         self.task = qt.TwistTask("tool", "site", ROLL_FREE)
-        pose = self.configuration.get_transform_frame_to_world("tool", "site")
+        pose = site(self.configuration)
         self.task.set_target(pose.plus(away * rng.normal(size=6)))
 
     def velocity_limit(self, speed: float) -> mink.VelocityLimit:
@@ -45,7 +45,7 @@ class Arm:
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @given(seed=SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed: int) -> None:
     arm = Arm(seed, away=0.5)
     limit = arm.velocity_limit(0.2)
@@ -63,41 +63,34 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed
 
 
 @given(SEEDS, st.integers(1, 8))
-@settings(max_examples=120)
+@settings(max_examples=50)
 def test_the_scale_is_the_largest_by_bounded_least_squares(seed: int, joints: int) -> None:
     # J ~ N(0, 1), bounds around zero, a goal that is reachable at 1/σ of itself.
     rng = np.random.default_rng(seed)
-    rows = int(rng.integers(1, joints, endpoint=True))
-    J = rng.normal(size=(rows, joints))
+    J = rng.normal(size=(int(rng.integers(1, joints, endpoint=True)), joints))
     lower, upper = -0.1 - rng.uniform(size=joints), 0.1 + rng.uniform(size=joints)
-    inside = np.where(
-        rng.uniform(size=joints) < 0.3,
-        np.where(rng.uniform(size=joints) < 0.5, lower, upper),
-        rng.uniform(lower, upper),
-    )
+    ends = np.where(rng.uniform(size=joints) < 0.5, lower, upper)
+    inside = np.where(rng.uniform(size=joints) < 0.3, ends, rng.uniform(lower, upper))
     sigma = 1.0 if rng.uniform() < 0.5 else rng.uniform(0.1, 0.9)
     goal = J @ inside / sigma
-    none = np.zeros((0, joints))
-    problem = qt.QuadraticProgram(
-        np.eye(joints), np.zeros(joints), J, goal, none, np.zeros(0), lower, upper
+    largest = largest_scale(
+        program(np.eye(joints), np.zeros(joints), A=J, b=goal, lower=lower, upper=upper)
     )
-    largest = largest_scale(problem)
+
+    def fits(goal: np.ndarray) -> bool:
+        result = lsq_linear(J, goal, (lower, upper), method="bvls", tol=1e-14, max_iter=1000)
+        return float(np.abs(J @ result.x - goal).max()) < 1e-7
+
     assert largest is not None
     assert largest.scale >= sigma - 1e-6
     assert J @ largest.x == pytest.approx(largest.scale * goal, abs=1e-8)
-    assert _fits(J, largest.scale * goal, lower, upper)
-    if largest.scale < 1.0:
-        # A little more does not fit, says an algorithm of another kind.
-        assert not _fits(J, (largest.scale + 1e-4) * goal, lower, upper)
-
-
-def _fits(J: np.ndarray, goal: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> bool:
-    result = lsq_linear(J, goal, (lower, upper), method="bvls", tol=1e-14, max_iter=1000)
-    return float(np.abs(J @ result.x - goal).max()) < 1e-7
+    assert fits(largest.scale * goal)
+    # A little more does not fit, says an algorithm of another kind.
+    assert largest.scale == 1.0 or not fits((largest.scale + 1e-4) * goal)
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_scaled_step_names_limits_that_are_reached_and_matter(seed: int) -> None:
     arm = Arm(seed, away=0.5)
     limits = [arm.velocity_limit(0.2)]
@@ -160,7 +153,7 @@ def test_what_no_limit_forbids_is_said_to_be_a_contradiction_or_a_singularity() 
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_relaxed_step_is_the_closest_inside_the_bounds(seed: int) -> None:
     arm = Arm(seed, away=0.5)
     controller = qt.Controller(
@@ -176,7 +169,7 @@ def test_a_relaxed_step_is_the_closest_inside_the_bounds(seed: int) -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_a_step_ends_inside_the_position_limits(seed: int) -> None:
     arm = Arm(seed, away=3.0)
     controller = qt.Controller(arm.model, [arm.task])
@@ -186,21 +179,6 @@ def test_a_step_ends_inside_the_position_limits(seed: int) -> None:
     lower, upper = arm.model.jnt_range.T
     assert (arm.configuration.q >= lower - 1e-9).all()
     assert (arm.configuration.q <= upper + 1e-9).all()
-
-
-def test_a_start_outside_returns_at_the_recovery_speed_and_under_the_velocity_limit() -> None:
-    arm = Arm(11)
-    q = arm.configuration.q.copy()
-    q[2] = arm.model.jnt_range[2, 1] + 0.02
-    outside = mink.Configuration(arm.model, q)
-    arm.task.set_target_from_configuration(outside)
-    free = qt.Controller(arm.model, [arm.task], limits=[qt.PositionLimit(arm.model)])
-    # Half a radian a second by default, not 20 rad/s: 0.02 rad within a step of 1 ms would be that.
-    assert free.step(outside, 0.001).velocity[2] == pytest.approx(-0.5, abs=1e-9)
-    slow = qt.Controller(
-        arm.model, [arm.task], limits=[qt.PositionLimit(arm.model), arm.velocity_limit(0.1)]
-    )
-    assert slow.step(outside, 0.001).velocity[2] == pytest.approx(-0.1, abs=1e-9)
 
 
 def test_a_joint_at_its_limit_may_stand_still_and_never_goes_over_by_rounding() -> None:
@@ -213,7 +191,7 @@ def test_a_joint_at_its_limit_may_stand_still_and_never_goes_over_by_rounding() 
         assert upper[1] == 0.0
         assert lower[1] < 0.0
     rng = np.random.default_rng(0)
-    for _ in range(2000):
+    for _ in range(300):
         q = random_configuration(arm.model, rng)
         dt = 10.0 ** rng.uniform(-4, 1)
         inside = mink.Configuration(arm.model, q)
@@ -255,19 +233,11 @@ def test_a_limit_with_general_rows_holds_and_is_named() -> None:
     free = qt.Controller(arm.model, [arm.task], limits=[]).step(arm.configuration, 0.1)
     wall = float(free.velocity[:2].sum()) - 0.05
 
-    class Wall(mink.Limit):
-        """The first two joints together stay slower than they would like."""
-
-        def compute_qp_inequalities(
-            self, configuration: mink.Configuration, dt: float
-        ) -> mink.Constraint:
-            row = np.zeros((1, configuration.model.nv))
-            row[0, :2] = 1.0
-            return mink.Constraint(G=row, h=np.array([wall * dt]))
-
-    step = qt.Controller(arm.model, [arm.task], limits=[Wall()]).step(arm.configuration, 0.1)
+    sums = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    limits = [HalfSpaces(sums, np.array([wall]))]
+    step = qt.Controller(arm.model, [arm.task], limits=limits).step(arm.configuration, 0.1)
     assert step.velocity[:2].sum() == pytest.approx(wall, abs=1e-8)
-    assert [limit.joint for limit in step.binding] == ["Wall row 0"]
+    assert [limit.joint for limit in step.binding] == ["HalfSpaces row 0"]
 
 
 def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
@@ -282,12 +252,12 @@ def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
     assert ours == pytest.approx(minks, abs=1e-6)
 
 
-def test_rows_of_rounding_dust_do_not_contradict_the_others() -> None:
+@pytest.mark.parametrize("space", ["joint", "twist"])
+def test_rows_of_rounding_dust_do_not_contradict_the_others(space: str) -> None:
     # A tilted planar arm asked for all three directions of position: the row across its plane is
     # dust, and so is its right-hand side.
     rng = np.random.default_rng(0)
-    solved = 0
-    for _ in range(30):
+    for _ in range(20):
         quat = " ".join(str(x) for x in rng.normal(size=4))
         model = mujoco.MjModel.from_xml_string(
             f"""<mujoco><worldbody><body quat="{quat}"><joint name="a" axis="0 0 1"/>
@@ -298,26 +268,12 @@ def test_rows_of_rounding_dust_do_not_contradict_the_others() -> None:
         configuration = mink.Configuration(model, np.array([0.4, 0.7, 0.9]))
         task = qt.TwistTask("tip", "site", ROLL_FREE)
         task.set_target_from_configuration(configuration)
-        assert task.target is not None
-        J = task.state(configuration).jacobian
-        desired = rng.normal(size=3)
+        J, desired = task.state(configuration).jacobian, rng.normal(size=3)
         task.set_target(task.target, J @ desired)
-        for space in ("joint", "twist"):
-            step = qt.Controller(model, [task], limits=[], secondary_space=space).step(
-                configuration, 0.01
-            )
-            assert step.status is qt.Status.SOLVED
-            assert J[:3] @ step.velocity == pytest.approx(J[:3] @ desired, abs=1e-7)
-            solved += 1
-    assert solved == 60
-
-
-def test_a_model_without_joints_is_refused() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><site name="tool"/></worldbody></mujoco>'
-    )
-    with pytest.raises(qt.InvalidInput, match="no joints"):
-        qt.Controller(model, [qt.TwistTask("tool", "site", ROLL_FREE)])
+        controller = qt.Controller(model, [task], limits=[], secondary_space=space)
+        step = controller.step(configuration, 0.01)
+        assert step.status is qt.Status.SOLVED
+        assert J[:3] @ step.velocity == pytest.approx(J[:3] @ desired, abs=1e-7)
 
 
 def test_twist_space_without_a_twist_task_is_joint_space() -> None:
@@ -328,156 +284,84 @@ def test_twist_space_without_a_twist_task_is_joint_space() -> None:
     assert np.isfinite(controller.step(arm.configuration, 0.1).velocity).all()
 
 
-def test_the_metric_weighs_the_joints() -> None:
-    arm = Arm(13)
-    metric = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-    weighted = qt.Controller(arm.model, [arm.task], metric=metric, limits=[])
-    velocity = weighted.step(arm.configuration, 0.1).velocity
-    rows, rate = arm.task.velocity_rows(arm.configuration, 0.1)
-    inverse = np.diag(1.0 / metric)
-    oracle = inverse @ rows.T @ np.linalg.solve(rows @ inverse @ rows.T, rate)
-    assert velocity == pytest.approx(oracle, abs=1e-8)
-
-
-def test_the_feedforward_follows_a_moving_target_without_lag() -> None:
-    arm = Arm(17, away=0.0)
-    twist = np.array([0.1, -0.05, 0.02, 0.0, 0.0, 0.0])
-    arm.task.set_target_from_configuration(arm.configuration)
-    assert arm.task.target is not None
-    arm.task.set_target(arm.task.target, twist)
-    step = qt.Controller(arm.model, [arm.task], limits=[]).step(arm.configuration, 0.01)
-    state = arm.task.state(arm.configuration)
-    assert (state.jacobian @ step.velocity)[:3] == pytest.approx(twist[:3], abs=1e-8)
-
-
-# A backend that lies.
-
-
-@pytest.mark.parametrize("lie", ["nan", "outside", "short", "none"])
-def test_a_lying_backend_is_not_believed(lie: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = Arm(4)
-    truth = qpsolvers.solve_problem
-
-    def solve(problem: qpsolvers.Problem, solver: str, **keywords: object) -> qpsolvers.Solution:
-        solution = truth(problem, solver=solver, **keywords)
-        if solver == "proxqp":
-            solution.found = True
-            n = len(problem.q)
-            solution.x = {
-                "nan": np.full(n, np.nan),
-                "outside": solution.x + 100.0,
-                "short": np.zeros(n - 1),
-                "none": None,
-            }[lie]
-        return solution
-
-    install(monkeypatch, solve)
-    controller = qt.Controller(arm.model, [arm.task], solver="proxqp")
-    with pytest.raises(qt.SolverInaccurate, match="proxqp returned"):
-        controller.step(arm.configuration, 0.1)
-
-
-def test_when_a_backend_lies_the_step_says_what_it_returned(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    truth = qpsolvers.solve_problem
-
-    def solve(problem: qpsolvers.Problem, solver: str, **keywords: object) -> qpsolvers.Solution:
-        solution = truth(problem, solver=solver, **keywords)
-        solution.found, solution.x = True, np.full(len(problem.q), np.nan)
-        return solution
-
-    arm = Arm(4)
-    controller = qt.Controller(arm.model, [arm.task], solver="daqp")
-    install(monkeypatch, solve)
-    with pytest.raises(qt.SolverInaccurate, match="daqp returned a result that is not finite"):
-        controller.step(arm.configuration, 0.1)
-
-
 # Input that is refused, with a sentence.
 
 
-def test_an_unknown_solver_is_named_with_those_that_are_there() -> None:
-    arm = Arm(1)
-    with pytest.raises(qt.UnknownSolver, match=r"'nosuch'.*Installed: .*daqp"):
-        qt.Controller(arm.model, [arm.task], solver="nosuch")
+class Crossed(qt.PositionLimit):
+    """Bounds that contradict each other."""
+
+    kind = "velocity"
+
+    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple:
+        return np.full(7, 1.0), np.full(7, -1.0)
 
 
-@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
-def test_a_step_needs_a_positive_dt(dt: float) -> None:
-    arm = Arm(1)
-    with pytest.raises(qt.InvalidInput, match="dt"):
-        qt.Controller(arm.model, [arm.task]).step(arm.configuration, dt)
-
-
-def test_a_configuration_that_is_not_finite_is_refused() -> None:
-    arm = Arm(1)
-    controller = qt.Controller(arm.model, [arm.task])
-    arm.configuration.data.qpos[3] = np.nan
-    with pytest.raises(qt.InvalidInput, match=r"configuration\.q: entry 3 is nan"):
-        controller.step(arm.configuration, 0.1)
-
-
-def test_a_configuration_of_another_model_is_refused() -> None:
-    arm, other = Arm(1), Arm(1, joints=5)
-    with pytest.raises(qt.InvalidInput, match="nq = 5"):
-        qt.Controller(arm.model, [arm.task]).step(other.configuration, 0.1)
-
-
-def test_an_unknown_frame_is_named_at_construction() -> None:
-    arm = Arm(1)
-    with pytest.raises(mink.InvalidFrame, match="nowhere"):
-        qt.Controller(arm.model, [qt.TwistTask("nowhere", "site", ROLL_FREE)])
-
-
-def test_a_task_without_a_target_is_refused() -> None:
-    arm = Arm(1)
-    controller = qt.Controller(arm.model, [qt.TwistTask("tool", "site", ROLL_FREE)])
-    with pytest.raises(mink.TargetNotSet, match="TwistTask"):
-        controller.step(arm.configuration, 0.1)
-
-
-def test_contradicting_limits_are_refused_by_the_joints_name() -> None:
-    class Crossed(qt.PositionLimit):
-        kind = "velocity"
-
-        def bounds(self, configuration: mink.Configuration, dt: float) -> tuple:
-            return np.full(7, 1.0), np.full(7, -1.0)
-
-    arm = Arm(1)
-    controller = qt.Controller(arm.model, [arm.task], limits=[Crossed(arm.model)])
-    with pytest.raises(qt.InvalidInput, match=r"'joint_1'.*lower velocity bound of 1 .*above"):
-        controller.step(arm.configuration, 0.1)
+NO_JOINTS = mujoco.MjModel.from_xml_string(
+    '<mujoco><worldbody><site name="tool"/></worldbody></mujoco>'
+)
 
 
 @pytest.mark.parametrize(
-    ("keywords", "sentence"),
+    ("keywords", "error", "sentence"),
     [
-        ({"secondary_space": "task"}, "joint, twist"),
-        ({"on_infeasible": "ignore"}, "scale, relax, raise"),
-        ({"secondary": [1]}, "SecondaryObjective"),
-        ({"secondary": 1}, "expected a list"),
-        ({"limits": [1]}, "Limit"),
-        ({"metric": [1.0, 2.0]}, r"shape \(7\)"),
-        ({"metric": [0.0] * 7}, "above 0"),
+        ({"model": NO_JOINTS}, qt.InvalidInput, "no joints"),
+        ({"solver": "nosuch"}, qt.UnknownSolver, r"'nosuch'.*Installed: .*daqp"),
+        ({"tasks": []}, qt.InvalidInput, "empty"),
+        ({"tasks": Arm(1).task}, qt.InvalidInput, "expected a list"),
+        ({"tasks": ["task"]}, qt.InvalidInput, "BaseTask"),
+        ({"tasks": [qt.TwistTask.point("nowhere", "site")]}, mink.InvalidFrame, "nowhere"),
+        ({"secondary_space": "task"}, qt.InvalidInput, "joint, twist"),
+        ({"on_infeasible": "ignore"}, qt.InvalidInput, "scale, relax, raise"),
+        ({"secondary": [1]}, qt.InvalidInput, "SecondaryObjective"),
+        ({"secondary": 1}, qt.InvalidInput, "expected a list"),
+        ({"limits": [1]}, qt.InvalidInput, "Limit"),
+        ({"metric": [1.0, 2.0]}, qt.InvalidInput, r"shape \(7\)"),
+        ({"metric": [0.0] * 7}, qt.InvalidInput, "above 0"),
+        ({"smooth": False}, TypeError, r"'smooth'; it is an attribute: .*smooth = False"),
     ],
 )
-def test_wrong_arguments_are_refused(keywords: dict, sentence: str) -> None:
+def test_wrong_arguments_are_refused(
+    keywords: dict[str, Any], error: type[Exception], sentence: str
+) -> None:
     arm = Arm(1)
-    with pytest.raises(qt.InvalidInput, match=sentence):
-        qt.Controller(arm.model, [arm.task], **keywords)
-    with pytest.raises(TypeError, match=r"'smooth'; it is an attribute: .*smooth = False"):
-        qt.Controller(arm.model, [arm.task], smooth=False)  # type: ignore[call-arg]
+    with pytest.raises(error, match=sentence):
+        qt.Controller(**({"model": arm.model, "tasks": [arm.task]} | keywords))
 
 
-def test_tasks_must_be_a_list_with_something_in_it() -> None:
+@pytest.mark.parametrize(
+    ("change", "error", "sentence"),
+    [
+        (lambda arm: {"dt": 0.0}, qt.InvalidInput, "dt"),
+        (lambda arm: {"dt": -1.0}, qt.InvalidInput, "dt"),
+        (lambda arm: {"dt": np.nan}, qt.InvalidInput, "dt"),
+        (lambda arm: {"dt": np.inf}, qt.InvalidInput, "dt"),
+        (
+            lambda arm: arm.configuration.data.qpos.__setitem__(3, np.nan),
+            qt.InvalidInput, r"configuration\.q: entry 3 is nan",
+        ),
+        (
+            lambda arm: {"configuration": Arm(1, joints=5).configuration},
+            qt.InvalidInput, "nq = 5",
+        ),
+        (
+            lambda arm: {"tasks": [qt.TwistTask("tool", "site", ROLL_FREE)]},
+            mink.TargetNotSet, "TwistTask",
+        ),
+        (
+            lambda arm: {"limits": [Crossed(arm.model)]},
+            qt.InvalidInput, r"'joint_1'.*lower velocity bound of 1 .*above",
+        ),
+    ],
+)  # fmt: skip
+def test_a_step_that_cannot_be_asked_for_is_refused(
+    change: Callable[[Arm], dict[str, Any] | None], error: type[Exception], sentence: str
+) -> None:
     arm = Arm(1)
-    with pytest.raises(qt.InvalidInput, match="empty"):
-        qt.Controller(arm.model, [])
-    with pytest.raises(qt.InvalidInput, match="expected a list"):
-        qt.Controller(arm.model, arm.task)
-    with pytest.raises(qt.InvalidInput, match="BaseTask"):
-        qt.Controller(arm.model, ["task"])
+    given = {"tasks": [arm.task], "limits": None, "dt": 0.1, "configuration": arm.configuration}
+    given |= change(arm) or {}
+    controller = qt.Controller(arm.model, given["tasks"], limits=given["limits"])
+    with pytest.raises(error, match=sentence):
+        controller.step(given["configuration"], given["dt"])
 
 
 def test_a_limited_ball_joint_is_refused_by_name() -> None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from oracles import twists
 from oracles.arms import random_arm, random_configuration
+from oracles.twists import at, site
 from scipy.linalg import null_space
 
 import qp_twist as qt
@@ -20,8 +22,8 @@ from qp_twist import closed_form
 EXACT = 1e-8
 TWIST_SPACE = 1e-6
 DT = 0.1
-FRAMES = st.sampled_from(["world", "body", "target"])
-KINDS = st.sampled_from(["full", "plane", "line", "none"])
+FRAMES = st.sampled_from(twists.FRAMES)
+KINDS = st.sampled_from(twists.KINDS)
 SEEDS = st.integers(0, 2**32 - 1)
 
 
@@ -32,11 +34,10 @@ class Situation:
         rng = np.random.default_rng(seed)
         self.model = random_arm(rng, joints)
         self.configuration = mink.Configuration(self.model, random_configuration(self.model, rng))
-        projector = qt.TwistProjector(
-            linear=_projector(linear, rng), angular=_projector(angular, rng), frame=frame
-        )
-        self.task = qt.TwistTask("tool", "site", projector)
-        pose = self.configuration.get_transform_frame_to_world("tool", "site")
+        axes = rng.normal(size=(2, 3))
+        task_projector = twists.twists(linear, angular, frame, (axes[0], axes[1]))
+        self.task = qt.TwistTask("tool", "site", task_projector)
+        pose = site(self.configuration)
         self.task.set_target(pose.plus(0.2 * rng.normal(size=6)))
         self.state = self.task.state(self.configuration)
         self.J = self.state.jacobian
@@ -72,12 +73,6 @@ class Situation:
         return step.velocity * DT
 
 
-def _projector(kind: str, rng: np.random.Generator) -> qt.Projector:
-    if kind in ("full", "none"):
-        return getattr(qt.Projector, kind)()
-    return getattr(qt.Projector, kind)(rng.normal(size=3))
-
-
 def _smallest(rows: np.ndarray) -> float:
     return float(np.linalg.svd(rows, compute_uv=False)[-1])
 
@@ -87,7 +82,7 @@ def _least_norm(rows: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 @given(SEEDS)
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int) -> None:
     s = Situation(seed, 6, "full", "full", "world")
     assume(s.regular_arm())
@@ -97,7 +92,7 @@ def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_without_a_secondary_it_is_the_minimum_norm(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -109,7 +104,7 @@ def test_without_a_secondary_it_is_the_minimum_norm(
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_with_a_joint_space_secondary_it_is_gradient_projection(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -123,7 +118,7 @@ def test_with_a_joint_space_secondary_it_is_gradient_projection(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decomposition(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -137,7 +132,7 @@ def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decompositio
 
 
 @given(SEEDS, st.integers(7, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=120)
+@settings(max_examples=40)
 def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -157,7 +152,7 @@ def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient_projection(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -178,26 +173,24 @@ def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient
 
 
 @given(SEEDS, st.sampled_from(["full", "plane", "line"]))
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angular: str) -> None:
     """Two frames of one link, the same task on its orientation: only their origins differ."""
     rng = np.random.default_rng(seed)
     model = random_arm(rng, 6)
-    projector = qt.TwistProjector(linear=qt.Projector.none(), angular=_projector(angular, rng))
+    of = twists.twists("none", angular, axes=(np.ones(3), rng.normal(size=3)))
     configuration = mink.Configuration(model, random_configuration(model, rng))
     posture = qt.PostureReference(model, random_configuration(model, rng), 0.3)
     turn = mink.SO3.exp(0.1 * rng.normal(size=3))
     found: dict[str, list[np.ndarray]] = {"joint": [], "twist": [], "oracle": []}
     for name, kind in (("tool", "site"), ("link_6", "body")):
-        task = qt.TwistTask(name, kind, projector)
-        pose = configuration.get_transform_frame_to_world(name, kind)
-        task.set_target(
-            mink.SE3.from_rotation_and_translation(turn @ pose.rotation(), pose.translation())
-        )
+        task = qt.TwistTask(name, kind, of)
+        here = site(configuration, name, kind)
+        task.set_target(twists.pose(turn @ here.rotation(), here.translation()))
         state = task.state(configuration)
         assume(_smallest(state.jacobian) > 3e-2)
-        free = (np.eye(6) - projector.matrix) @ state.jacobian @ posture.displacement(configuration)
-        asked = projector.matrix @ state.error + free
+        free = (np.eye(6) - of.matrix) @ state.jacobian @ posture.displacement(configuration)
+        asked = of.matrix @ state.error + free
         found["oracle"].append(np.linalg.solve(state.jacobian, asked))
         for space in ("joint", "twist"):
             controller = qt.Controller(
@@ -210,7 +203,7 @@ def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angu
 
 
 @given(SEEDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
     seed: int, frame: str
 ) -> None:
@@ -248,7 +241,7 @@ def test_the_weight_of_the_free_twist_counts_only_where_it_cannot_all_be_had(
 
 @pytest.mark.parametrize("solver", ["proxqp", "osqp"])
 @given(seed=SEEDS, joints=st.integers(6, 8), frame=FRAMES)
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_other_backends_agree(solver: str, seed: int, joints: int, frame: str) -> None:
     s = Situation(seed, joints, "full", "plane", frame)
     assume(s.regular_arm())
@@ -271,8 +264,8 @@ def test_the_planar_arm_with_three_of_six_rows_needs_no_special_case() -> None:
     path_task = qt.load_task("planar_line")
     configuration = mink.Configuration(path_task.model, path_task.start)
     task = qt.TwistTask("tip", "site", path_task.projector)
-    pose = configuration.get_transform_frame_to_world("tip", "site")
-    task.set_target(mink.SE3.from_translation(np.array([0.01, 0.02, 0.0])) @ pose)
+    pose = site(configuration, "tip")
+    task.set_target(at(0.01, 0.02, 0.0) @ pose)
     J, T = task.state(configuration).jacobian, path_task.projector.matrix
     error = task.state(configuration).error
     h = np.array([0.01, -0.02, 0.03])
@@ -292,7 +285,7 @@ BLOCKS = {
 
 
 @given(SEEDS, st.integers(6, 9), KINDS, KINDS)
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
     seed: int, joints: int, linear: str, angular: str
 ) -> None:
@@ -337,7 +330,7 @@ def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
 
 
 @given(SEEDS)
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_with_fewer_joints_than_rows_the_closed_forms_are_least_squares(seed: int) -> None:
     s = Situation(seed, 4, "full", "full", "world")
     assume(_smallest(s.J) > 1e-2)

@@ -54,14 +54,10 @@ def test_where_there_is_no_choice_it_says_so(
     assert f"on {machine} there is no choice of kernels" in capsys.readouterr().out
 
 
-def test_a_module_is_numerical_unless_it_is_listed(request: pytest.FixtureRequest) -> None:
-    """This one is not listed, so it is; what is listed has to be there, or nothing runs."""
-    assert request.node.get_closest_marker("numerical") is not None
-
-
 def test_what_is_numerical_lies_where_it_is_looked_for(request: pytest.FixtureRequest) -> None:
+    """This module is not listed, so it is; what is listed has to be there, or nothing runs."""
+    assert request.node.get_closest_marker("numerical") is not None
     found = {item.path for item in request.session.items if item.get_closest_marker("numerical")}
     given = numerical.paths()
     assert len(given) > len(numerical.FOLDERS)
-    for path in found:
-        assert path in given or path.parent in given
+    assert all(path in given or path.parent in given for path in found)

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration
 from oracles.exact_levels import KINDS, exact_cascade, kept, solved
 from oracles.hierarchies import Hierarchy, cascade, harder, random_hierarchy, residual
+from oracles.twists import PLANE, POINT, ROLL_FREE, pose, site, twists
 from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
@@ -43,7 +44,7 @@ def relaxed(h: Hierarchy, levels: list[Any] | None = None) -> qt.Solution:
 # --------------------------------------------------------------------- the oracle, and against it
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(12))
 def test_the_oracle_agrees_with_bounded_least_squares(seed: int) -> None:
     """One level without inequality rows is what scipy solves by another method."""
     h = random_hierarchy(seed, inequalities=False)
@@ -58,9 +59,9 @@ def test_the_oracle_agrees_with_bounded_least_squares(seed: int) -> None:
     assert found.residuals[0] == pytest.approx(np.sqrt(2.0 * expected.cost), abs=1e-9)
 
 
-@pytest.mark.parametrize("block", range(10))
+@pytest.mark.parametrize("block", range(5))
 def test_every_level_equals_the_textbook_cascade(block: int) -> None:
-    for seed in range(8 * block, 8 * block + 8):
+    for seed in range(10 * block, 10 * block + 10):
         h = random_hierarchy(seed)
         solution = relaxed(h)
         assert (solution.x >= h.lower).all()
@@ -72,6 +73,7 @@ def test_every_level_equals_the_textbook_cascade(block: int) -> None:
         np.testing.assert_allclose(reached, oracle.residuals, atol=SAME, err_msg=str(seed))
         np.testing.assert_allclose(solution.x, oracle.x, atol=1e-6, err_msg=str(seed))
         assert solution.scale == 1.0
+        assert solution.proven and max(solution.gaps) < 1e-8
         for level, left in zip(h.levels, solution.residuals, strict=True):
             np.testing.assert_allclose(left, level[0] @ solution.x - level[1], atol=1e-12)
 
@@ -122,14 +124,6 @@ def test_ill_conditioned_levels_are_the_optimum_or_say_that_they_may_not_be(kind
     assert len(unproven) <= most * len(kept()[kind]), unproven
 
 
-@given(SEEDS)
-@settings(max_examples=60)
-def test_regular_levels_are_proven(seed: int) -> None:
-    solution = relaxed(random_hierarchy(seed))
-    assert solution.proven
-    assert max(solution.gaps) < 1e-8
-
-
 @pytest.mark.parametrize("apart", [1e-9, 3e-10, 1e-10, 3e-11, 1e-11])
 def test_rows_that_leave_a_rank_to_rounding_are_not_proven(apart: float) -> None:
     """Two rows say the same of x, but for the last digits; the level below sees the difference."""
@@ -158,7 +152,7 @@ def test_a_level_that_ends_early_is_not_proven(monkeypatch: pytest.MonkeyPatch) 
         return RawSolution(np.zeros(problem.n), True, nothing)
 
     unproven = 0
-    for seed in range(40):
+    for seed in range(25):
         h = random_hierarchy(seed, inequalities=False)
         right = relaxed(h)
         with monkeypatch.context() as patch:
@@ -172,14 +166,14 @@ def test_a_level_that_ends_early_is_not_proven(monkeypatch: pytest.MonkeyPatch) 
                 unproven += 1
             if abs(off) > 1e-6:
                 break  # what is below is solved for another level above
-    assert unproven > 10
+    assert unproven > 5
 
 
 # ------------------------------------------------------------------------ what is zero, or small
 
 
 @given(SEEDS, st.floats(-4.0, 4.0))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
     seed: int, digits: float
 ) -> None:
@@ -202,9 +196,9 @@ def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
     assert np.linalg.norm(moved.residuals[0]) <= 1.01 * tolerance
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-5, 1e-6, 1e-7])
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-7])
 @given(seed=SEEDS)
-@settings(max_examples=15)
+@settings(max_examples=10)
 def test_a_small_demand_is_scaled_as_a_large_one(size: float, seed: int) -> None:
     """The largest scale does not depend on the unit, down to what counts as met."""
     J, goal, lower, upper, _ = saturated(seed)
@@ -222,7 +216,7 @@ def test_a_small_demand_is_scaled_as_a_large_one(size: float, seed: int) -> None
 
 
 @given(SEEDS)
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> None:
     h = random_hierarchy(seed, inequalities=False)
     h.lower = np.minimum(h.lower, 0.0)  # standing still is inside, so that there is a scale
@@ -242,7 +236,7 @@ def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> Non
 
 
 @given(SEEDS)
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_without_bounds_it_is_the_recursive_null_space_formula(seed: int) -> None:
     r"""q_k = q_{k−1} + (A_k P)† (b_k − A_k q_{k−1}),  P ← P − (A_k P)†(A_k P).
 
@@ -263,7 +257,7 @@ def test_without_bounds_it_is_the_recursive_null_space_formula(seed: int) -> Non
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_a_lower_level_never_changes_what_a_higher_one_achieved(seed: int) -> None:
     h = random_hierarchy(seed)
     alone = relaxed(h, h.levels[:1])
@@ -313,13 +307,13 @@ def saturated(seed: int) -> tuple[Array, Array, Array, Array, float]:
     return J, J @ inside / sigma, lower, upper, sigma
 
 
-@pytest.mark.parametrize("block", range(10))
-def test_the_scale_is_the_linear_programs(block: int) -> None:
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_scale_is_the_linear_programs_whatever_the_unit_of_the_rows(unit: float) -> None:
     """Posed and solved differently: y = x − lower ≥ 0 with slacks, by an interior-point method."""
-    for seed in range(30 * block, 30 * block + 30):
+    for seed in range(80) if unit == 1.0 else range(20):
         J, goal, lower, upper, sigma = saturated(seed)
         n = len(lower)
-        solution = qt.solve_levels([(J, goal)], lower, upper)
+        solution = qt.solve_levels([(unit * J, unit * goal)], lower, upper)
         rows = np.block([
             [J, -goal[:, None], np.zeros((len(goal), n))],
             [np.eye(n), np.zeros((n, 1)), np.eye(n)],
@@ -331,8 +325,7 @@ def test_the_scale_is_the_linear_programs(block: int) -> None:
         )  # fmt: skip
         assert solution.scale >= sigma - 1e-6, seed
         assert solution.scale == pytest.approx(-best.fun, abs=1e-6), seed
-        assert (solution.x >= lower - 1e-9).all()
-        assert (solution.x <= upper + 1e-9).all()
+        assert (lower - 1e-9 <= solution.x).all() and (solution.x <= upper + 1e-9).all()
         assert np.abs(J @ solution.x - solution.scale * goal).max() <= 1e-8, seed
         if solution.scale < 1.0 - 1e-6:
             assert solution.binding
@@ -352,10 +345,6 @@ def test_raise_says_how_much_fits() -> None:
 
 # ------------------------------------------------------------------------- levels of a controller
 
-ROLL_FREE = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
-)
-
 
 class Arm:
     """A random arm of eight joints with tasks about it."""
@@ -365,7 +354,7 @@ class Arm:
         self.model = random_arm(rng, 8)
         q = random_configuration(self.model, rng, margin=0.1)
         self.configuration = mink.Configuration(self.model, q)
-        pose = self.configuration.get_transform_frame_to_world("tool", "site")
+        pose = site(self.configuration)
         self.twist = qt.TwistTask("tool", "site", ROLL_FREE)
         self.twist.set_target(pose.plus(away * rng.normal(size=6)))
         self.frame = mink.FrameTask("link_4", "body", position_cost=1.0, orientation_cost=0.3)
@@ -376,6 +365,10 @@ class Arm:
         self.posture = mink.PostureTask(self.model, cost=0.5)
         self.posture.set_target(random_configuration(self.model, rng, margin=0.2))
         self.damping = mink.DampingTask(self.model, cost=0.1)
+
+    def speeds(self, fastest: float) -> mink.VelocityLimit:
+        names = [self.model.joint(i).name for i in range(8)]
+        return mink.VelocityLimit(self.model, dict.fromkeys(names, fastest))
 
     def rows(self, task: mink.Task, dt: float) -> tuple[Array, Array]:
         """A task's rows, from its own Jacobian and error (mink: J Δq = −gain · error)."""
@@ -396,15 +389,12 @@ HIERARCHIES = {
 
 
 @pytest.mark.parametrize("name", HIERARCHIES)
-@given(seed=st.integers(0, 10**6))
-@settings(max_examples=10)
+@given(seed=SEEDS)
+@settings(max_examples=6)
 def test_a_controllers_levels_are_solve_levels_on_the_same_rows(name: str, seed: int) -> None:
     arm, dt = Arm(seed), 0.05
     levels = HIERARCHIES[name](arm)
-    limits = [
-        qt.PositionLimit(arm.model),
-        mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)}),
-    ]
+    limits = [qt.PositionLimit(arm.model), arm.speeds(1.0)]
     secondary = qt.JointCentering(arm.model, gain=0.2)
     controller = qt.Controller(
         arm.model, levels=levels, limits=limits, secondary=[secondary],
@@ -447,11 +437,11 @@ def test_the_status_says_which_level_gave_way() -> None:
     assert np.abs(step.residuals[1]).max() > 1e-4
 
 
-@given(st.integers(0, 10**6))
-@settings(max_examples=15)
+@given(SEEDS)
+@settings(max_examples=10)
 def test_a_lower_task_does_not_touch_a_higher_one_on_an_arm(seed: int) -> None:
     arm = Arm(seed, away=0.2)
-    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 0.5 for i in range(8)})
+    limit = arm.speeds(0.5)
 
     def first(levels: Any, mode: Any) -> qt.Step:
         made = qt.Controller(arm.model, levels=levels, limits=[limit], on_infeasible=mode)
@@ -475,16 +465,16 @@ class Offset(mink.PostureTask):
 
 @pytest.mark.parametrize("mode", ["scale", "relax", "raise"])
 @given(seed=SEEDS)
-@settings(max_examples=12)
+@settings(max_examples=8)
 def test_a_level_that_is_met_is_met_whatever_rounding_leaves_of_it(mode: Any, seed: int) -> None:
     """Posture of two joints, met up to the tolerance, over a target that is out of reach."""
     rng, dt = np.random.default_rng(seed), 0.01
     arm = Arm(seed)
     posture = Offset(arm.model, cost=np.concatenate([np.ones(2), np.zeros(6)]))
     posture.set_target(arm.configuration.q)
-    pose = arm.configuration.get_transform_frame_to_world("tool", "site")
+    pose = site(arm.configuration)
     arm.twist.set_target(pose.plus(np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])))
-    limit = mink.VelocityLimit(arm.model, {arm.model.joint(i).name: 1.0 for i in range(8)})
+    limit = arm.speeds(1.0)
     controller = qt.Controller(
         arm.model, levels=[[posture], [arm.twist]], limits=[limit], on_infeasible=mode
     )
@@ -497,49 +487,6 @@ def test_a_level_that_is_met_is_met_whatever_rounding_leaves_of_it(mode: Any, se
         step = controller.step(arm.configuration, dt)
         assert (step.status, step.scale) == (met.status, 1.0), size
         np.testing.assert_allclose(step.velocity, met.velocity, atol=1e-6)
-
-
-TWO_ARMS = """
-<mujoco><compiler angle="radian"/><worldbody>
-  <body pos="0 0.4 0"><joint name="a1" axis="0 0 1"/><geom size="0.02"/>
-    <body pos="0.4 0 0"><joint name="a2" axis="0 0 1"/><geom size="0.02"/>
-      <body pos="0.4 0 0"><joint name="a3" axis="0 0 1"/><geom size="0.02"/>
-        <site name="left" pos="0.2 0 0"/></body></body></body>
-  <body pos="0 -0.4 0"><joint name="b1" axis="0 0 1"/><geom size="0.02"/>
-    <body pos="0.4 0 0"><joint name="b2" axis="0 0 1"/><geom size="0.02"/>
-      <body pos="0.4 0 0"><joint name="b3" axis="0 0 1"/><geom size="0.02"/>
-        <site name="right" pos="0.2 0 0"/></body></body></body>
-</worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-@pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
-def test_one_arm_holds_still_while_the_other_cannot_follow(
-    solver: str | None, on_infeasible: Any
-) -> None:
-    """What is left of the held arm's error is rounding; the task is not scaled by it."""
-    model = mujoco.MjModel.from_xml_string(TWO_ARMS)
-    plane = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
-    hold, track = (qt.TwistTask(name, "site", plane) for name in ("left", "right"))
-    configuration = mink.Configuration(model, np.array([0.3, 0.7, -0.4, 0.2, 0.9, -0.3]))
-    start = [configuration.get_transform_frame_to_world(n, "site") for n in ("left", "right")]
-    hold.set_target(start[0])
-    limit = mink.VelocityLimit(model, {model.joint(i).name: 0.5 for i in range(6)})
-    controller = qt.Controller(
-        model, levels=[[hold], [track]], limits=[limit], solver=solver, on_infeasible=on_infeasible
-    )
-    seen = set()
-    for k in range(100):
-        away = np.array([0.6 * np.sin(0.05 * k), 0.5 * np.cos(0.03 * k), 0.0])
-        track.set_target(mink.SE3.from_translation(start[1].translation() + away))
-        step = controller.step(configuration, 0.01)
-        assert step.scale == 1.0
-        assert np.abs(step.residuals[0]).max() <= 1e-8
-        assert step.proven
-        seen.add(step.status)
-        configuration.integrate_inplace(step.velocity, 0.01)
-    assert seen <= {qt.Status.SOLVED, qt.Status.PRIORITIZED}
-    assert qt.Status.PRIORITIZED in seen
 
 
 TWO_LINKS = """
@@ -558,9 +505,9 @@ def test_a_collision_limit_can_stand_at_any_level() -> None:
     configuration = mink.Configuration(model, np.array([0.0, 0.1]))
     task = qt.TwistTask(
         "tip", "site",
-        qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none()),
+        PLANE,
     )  # fmt: skip
-    target = configuration.get_transform_frame_to_world("tip", "site").translation()
+    target = site(configuration, "tip").translation()
     task.set_target(
         mink.SE3.from_translation(target + np.array([-0.05, 0.3, 0.0]))  # behind the post
     )
@@ -636,7 +583,7 @@ def test_with_levels_a_twist_task_belongs_to_one() -> None:
 
 
 @pytest.mark.parametrize("solver", [None, "daqp"])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_a_level_that_is_braked_stands_in_status_and_residuals(
     seed: int, solver: str | None
 ) -> None:
@@ -644,36 +591,26 @@ def test_a_level_that_is_braked_stands_in_status_and_residuals(
     rng = np.random.default_rng([11, seed])
     model, dt = random_arm(rng, 8), float(rng.choice([0.002, 0.01]))
     configuration = mink.Configuration(model, random_configuration(model, rng))
-    site = model.site("tool").id
-    full, none = qt.Projector.full(), qt.Projector.none()
-    parts = [
-        qt.TwistProjector(linear=full, angular=none),
-        qt.TwistProjector(linear=none, angular=full),
-    ]
-    tasks = [qt.TwistTask("tool", "site", part) for part in parts]
-    start = configuration.get_transform_frame_to_world("tool", "site")
+    tasks = [qt.TwistTask("tool", "site", part) for part in (POINT, twists("none", "full"))]
+    start = site(configuration)
     # Near targets of either task, of both, or of the upper one alone.
     twist = np.concatenate([rng.normal(size=3), rng.normal(size=3)]) * 10.0 ** rng.uniform(-4, -1.5)
     if seed % 3 == 1:
         twist[:3] = 0.0
-    target = mink.SE3.from_rotation_and_translation(
-        mink.SO3.exp(twist[3:]) @ start.rotation(), start.translation() + twist[:3]
-    )
+    target = pose(mink.SO3.exp(twist[3:]) @ start.rotation(), start.translation() + twist[:3])
     for task in tasks:
         task.set_target(target)
+    limit = qt.MotionLimit(model, velocity=20.0, acceleration=rng.uniform(5.0, 50.0))
     controller = qt.Controller(
-        model,
-        levels=[[tasks[0]], [tasks[1]]],
-        limits=[qt.MotionLimit(model, velocity=20.0, acceleration=rng.uniform(5.0, 50.0))],
-        solver=solver,
+        model, levels=[[task] for task in tasks], limits=[limit], solver=solver
     )
     seen = set()
     for _ in range(25):
-        J, turn = np.zeros((6, model.nv)), np.zeros(3)
-        mujoco.mj_jacSite(model, configuration.data, J[:3], J[3:], site)
-        pose = configuration.get_transform_frame_to_world("tool", "site")
-        turn = (target.rotation() @ pose.rotation().inverse()).log()
-        b = [(target.translation() - pose.translation()) / dt, turn / dt]
+        J = np.zeros((6, model.nv))
+        mujoco.mj_jacSite(model, configuration.data, J[:3], J[3:], model.site("tool").id)
+        here = site(configuration)
+        turn = (target.rotation() @ here.rotation().inverse()).log()
+        b = [(target.translation() - here.translation()) / dt, turn / dt]
         step = controller.step(configuration, dt)
         missed = [J[:3] @ step.velocity - step.scale * b[0], J[3:] @ step.velocity - b[1]]
         tolerance = 1e-6 * (1.0 + np.abs(b).max())

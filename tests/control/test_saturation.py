@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from oracles.twists import site
 from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
@@ -104,7 +105,7 @@ def check_what_is_promised(
 
 @FORMS
 @given(seed=SEEDS, joints=st.integers(1, 9), rows=st.integers(1, 9))
-@settings(max_examples=100)
+@settings(max_examples=40)
 def test_without_an_active_bound_it_is_the_minimum_norm(
     optimal: bool, seed: int, joints: int, rows: int
 ) -> None:
@@ -135,32 +136,42 @@ def test_a_projector_selects_the_rows(optimal: bool) -> None:
         assert found.saturated.tolist() == expected.saturated.tolist()
 
 
-@pytest.mark.parametrize("seed", range(150))
-def test_on_random_problems(seed: int) -> None:
-    p = SCALING["random_problem"](seed)
-    problem = (p.J, p.goal, p.lower, p.upper)
-    largest = largest_scale(*problem)
-    assert largest >= p.sigma - 1e-9  # by construction of the problem
-    basic = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper)
-    check_what_is_promised(basic, *problem)
-    published, scale = as_published(*problem)
-    assert basic.scale == pytest.approx(scale, abs=1e-9)
-    assert basic.displacement == pytest.approx(published, abs=1e-9)
-    assert basic.scale <= largest + 1e-9
-    if basic.proven:
-        assert basic.scale == pytest.approx(largest, abs=1e-9)
-    optimal = saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=True)
-    check_what_is_promised(optimal, *problem)
-    assert optimal.proven
-    assert optimal.scale == pytest.approx(largest, abs=1e-9)
-    assert distance_from_optimality(optimal.displacement, p.J, p.lower, p.upper) < 1e-9
-    if basic.scale == 1.0:
-        lengths = [np.linalg.norm(result.displacement) for result in (optimal, basic)]
-        assert lengths[0] <= lengths[1] + 1e-12
+def test_on_random_problems() -> None:
+    """The basic form is the published one; the optimal one is the linear program's, and shortest.
+
+    On some of them holding for good costs the basic form some of the scale.
+    """
+    short = 0
+    for seed in range(60):
+        p = SCALING["random_problem"](seed)
+        problem = (p.J, p.goal, p.lower, p.upper)
+        largest = largest_scale(*problem)
+        assert largest >= p.sigma - 1e-9  # by construction of the problem
+        basic, optimal = (
+            saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=flag)
+            for flag in (False, True)
+        )
+        for result in (basic, optimal):
+            check_what_is_promised(result, *problem)
+        published, scale = as_published(*problem)
+        assert basic.scale == pytest.approx(scale, abs=1e-9)
+        assert basic.displacement == pytest.approx(published, abs=1e-9)
+        assert basic.scale <= largest + 1e-9
+        assert not basic.proven or basic.scale == pytest.approx(largest, abs=1e-9)
+        assert optimal.proven
+        assert optimal.scale == pytest.approx(largest, abs=1e-9)
+        assert distance_from_optimality(optimal.displacement, p.J, p.lower, p.upper) < 1e-9
+        if basic.scale == 1.0:
+            lengths = [np.linalg.norm(result.displacement) for result in (optimal, basic)]
+            assert lengths[0] <= lengths[1] + 1e-12
+        if basic.scale < optimal.scale - 1e-3:
+            assert not basic.proven
+            short += 1
+    assert short > 0
 
 
 @given(SEEDS)
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_where_many_bounds_meet_at_once(seed: int) -> None:
     """Whole numbers everywhere: ties, dependent rows, joints at a limit, fixed and unlimited."""
     rng = np.random.default_rng(seed)
@@ -180,21 +191,6 @@ def test_where_many_bounds_meet_at_once(seed: int) -> None:
     assert optimal.proven
     assert optimal.scale == pytest.approx(largest_scale(A, b, lower, upper), abs=1e-9)
     assert distance_from_optimality(optimal.displacement, A, lower, upper) < 1e-9
-
-
-def test_the_basic_form_keeps_what_it_holds_and_the_optimal_one_releases() -> None:
-    # The first of the random problems on which holding for good costs some of the scale.
-    for seed in range(200):
-        p = SCALING["random_problem"](seed)
-        basic, optimal = (
-            saturation_in_null_space(p.J, None, p.goal, p.lower, p.upper, optimal=flag)
-            for flag in (False, True)
-        )
-        if basic.scale < optimal.scale - 1e-3:
-            assert not basic.proven
-            assert optimal.proven
-            return
-    raise AssertionError("the basic form was never short of the optimal one")
 
 
 @FORMS
@@ -296,7 +292,7 @@ def test_a_joint_outside_its_range_goes_no_further_out() -> None:
         task, "sns", task.settings("sns"), task.projector, "daqp", WaypointLimits(task)
     )
     configuration = mink.Configuration(task.model, task.start)
-    pose = configuration.get_transform_frame_to_world("tip", "site")
+    pose = site(configuration, "tip")
     outward = 0
     for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
         offset = 0.01 * np.array([np.cos(angle), np.sin(angle), 0.0])

@@ -16,6 +16,7 @@ from oracles.arms import (
     random_direction,
     random_rotation,
 )
+from oracles.twists import FRAMES, KINDS, PLANE, POINT, SPATIAL, close, pose, regular, twists
 
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
@@ -26,17 +27,12 @@ from qp_twist.kinematics import (
     PostureReference,
     SecondaryObjective,
     TwistTask,
-    frame_jacobian,
     frame_pose,
     total_displacement,
 )
 
 Array = npt.NDArray[np.float64]
 
-FRAMES = ("world", "body", "target")
-KINDS = ("full", "plane", "line", "none")
-Z = np.array([0.0, 0.0, 1.0])
-POSITIONING = TwistProjector(linear=Projector.plane(Z), angular=Projector.none())
 
 # A floating base, a ball joint, a hinge whose range is switched off, a hinge and a slide with one.
 FLOATING = """
@@ -53,28 +49,9 @@ FLOATING = """
 </worldbody></mujoco>"""
 
 
-def build(kind: str, axis: Array) -> Projector:
-    """Return the projector of a kind about an axis, which full and none ignore."""
-    if kind in ("full", "none"):
-        return Projector.full() if kind == "full" else Projector.none()
-    return Projector.plane(axis) if kind == "plane" else Projector.line(axis)
-
-
 def random_pose(rng: np.random.Generator) -> mink.SE3:
     """Return a random pose near the origin."""
-    return mink.SE3.from_rotation_and_translation(
-        mink.SO3.from_matrix(random_rotation(rng)), rng.normal(size=3)
-    )
-
-
-def regular(rng: np.random.Generator, *, limited: bool = True) -> mink.Configuration:
-    """Return a random six-joint arm away from its singularities."""
-    while True:
-        model = random_arm(rng, 6, limited=limited)
-        configuration = mink.Configuration(model, random_configuration(model, rng))
-        J = frame_jacobian(configuration, "tool", "site")
-        if np.linalg.svd(J, compute_uv=False)[-1] > 0.1:
-            return configuration
+    return pose(random_rotation(rng), rng.normal(size=3))
 
 
 def floating(rng: np.random.Generator) -> mink.Configuration:
@@ -93,11 +70,7 @@ def task_at(configuration: mink.Configuration, rng: np.random.Generator) -> Twis
     task = TwistTask("tool", "site", projector, gain=0.7)
     R, p = frame_pose(configuration, "tool", "site")
     target = mink.SO3.exp(0.2 * random_direction(rng)).as_matrix() @ R
-    task.set_target(
-        mink.SE3.from_rotation_and_translation(
-            mink.SO3.from_matrix(target), p + 0.05 * random_direction(rng)
-        )
-    )
+    task.set_target(pose(mink.SO3.from_matrix(target), p + 0.05 * random_direction(rng)))
     return task
 
 
@@ -120,11 +93,6 @@ def papers_z(model: mujoco.MjModel, q: Array) -> float:
     W = np.diag(1.0 / (high - low))
     offset = 0.5 * (high + low) - q
     return 0.5 * offset @ W.T @ W @ offset
-
-
-def close(actual: Array, expected: Array, atol: float = 1e-12) -> None:
-    """Assert equality but for rounding."""
-    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=atol)
 
 
 # ---------------------------------------------------------------------------------- joint ranges
@@ -272,7 +240,7 @@ def test_a_reference_that_is_no_configuration_is_refused(q_ref: object, sentence
 
 
 @pytest.mark.parametrize("frame", FRAMES)
-@pytest.mark.parametrize("joints", [3, 4, 5, 6, 7])
+@pytest.mark.parametrize("joints", [4, 7])
 def test_the_gradient_of_manipulability_is_that_of_its_measure(joints: int, frame: str) -> None:
     rng = np.random.default_rng(7)
     checked = 0
@@ -281,11 +249,7 @@ def test_the_gradient_of_manipulability_is_that_of_its_measure(joints: int, fram
         # The site is offset and turned in its body; bodies and geoms carry the frame themselves.
         last = f"link_{joints}"
         name, kind = [("tool", "site"), (last, "body"), (f"geom_{joints}", "geom")][checked % 3]
-        projector = TwistProjector(
-            linear=build(linear, random_direction(rng)),
-            angular=build(angular, random_direction(rng)),
-            frame=frame,
-        )
+        projector = twists(linear, angular, frame, (random_direction(rng), random_direction(rng)))
         if not 0 < projector.rank <= joints:
             continue
         task = TwistTask(name, kind, projector)
@@ -311,11 +275,7 @@ def test_the_gradient_of_manipulability_holds_with_floating_base_and_ball_joint(
     rng = np.random.default_rng(8)
     configuration = floating(rng)
     for linear, angular in (("full", "plane"), ("line", "full"), ("plane", "line")):
-        projector = TwistProjector(
-            linear=build(linear, random_direction(rng)),
-            angular=build(angular, random_direction(rng)),
-            frame=frame,
-        )
+        projector = twists(linear, angular, frame, (random_direction(rng), random_direction(rng)))
         task = TwistTask("tool", "site", projector)
         task.set_target(random_pose(rng))
         objective = Manipulability(configuration.model, task)
@@ -338,7 +298,7 @@ def test_the_measure_is_the_logarithm_of_the_determinant() -> None:
 def planar_positioning(q: list[float]) -> tuple[mink.Configuration, TwistTask]:
     """Return a planar 2R and the task of placing its tip."""
     configuration = mink.Configuration(planar_arm([2.0, 1.5]), np.array(q))
-    task = TwistTask("tip", "site", POSITIONING)
+    task = TwistTask("tip", "site", PLANE)
     task.set_target(mink.SE3.identity())
     return configuration, task
 
@@ -373,9 +333,7 @@ def test_at_a_singularity_the_measure_is_minus_infinity_and_the_direction_finite
 def test_the_direction_is_bounded_on_the_way_into_a_singularity() -> None:
     rng = np.random.default_rng(10)
     model = random_arm(rng, 6)
-    task = TwistTask(
-        "tool", "site", TwistProjector(linear=Projector.full(), angular=Projector.full())
-    )
+    task = TwistTask("tool", "site", SPATIAL)
     task.set_target(mink.SE3.identity())
     objective = Manipulability(model, task, longest=0.3)
     configuration = mink.Configuration(model, random_configuration(model, rng))
@@ -391,7 +349,7 @@ def test_the_direction_is_bounded_on_the_way_into_a_singularity() -> None:
 
 @pytest.mark.parametrize(("linear", "angular"), [("none", "none"), ("full", "line")])
 def test_a_measure_without_rows_or_with_too_many_is_refused(linear: str, angular: str) -> None:
-    projector = TwistProjector(linear=build(linear, Z), angular=build(angular, Z))
+    projector = twists(linear, angular)
     task = TwistTask("tip", "site", projector)
     with pytest.raises(InvalidInput, match=f"has {projector.rank} rows and the robot 3 degrees"):
         Manipulability(planar_arm([1.0, 1.0, 1.0]), task)
@@ -400,45 +358,14 @@ def test_a_measure_without_rows_or_with_too_many_is_refused(linear: str, angular
 @pytest.mark.parametrize("longest", [0.0, -0.5, np.nan, "far"])
 def test_a_longest_direction_that_is_no_length_is_refused(longest: object) -> None:
     # A negative one would turn the objective round, NaN would reach the joints.
-    task = TwistTask("tip", "site", POSITIONING)
+    task = TwistTask("tip", "site", PLANE)
     with pytest.raises(InvalidInput, match="longest"):
         Manipulability(planar_arm([1.0, 1.0]), task, longest=longest)
 
 
 def test_manipulability_of_a_frame_that_the_model_lacks_is_refused() -> None:
     with pytest.raises(mink.InvalidFrame, match="gripper"):
-        Manipulability(planar_arm([1.0, 1.0]), TwistTask("gripper", "site", POSITIONING))
-
-
-# ------------------------------------------------------------------------------- free twist cost
-
-
-@pytest.mark.parametrize("frame", FRAMES)
-@pytest.mark.parametrize(("linear", "angular"), list(itertools.product(KINDS, KINDS)))
-def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, frame: str) -> None:
-    rng = np.random.default_rng(11)
-    configuration = regular(rng)
-    R, _ = frame_pose(configuration, "tool", "site")
-    target = random_pose(rng)
-    e_v, e_w = random_direction(rng), random_direction(rng)
-    task = TwistTask(
-        "tool",
-        "site",
-        TwistProjector(linear=build(linear, e_v), angular=build(angular, e_w), frame=frame),
-    )
-    task.set_target(target)
-    # 1 − T, written out in the world.
-    to_world = {"world": np.eye(3), "body": R, "target": target.rotation().as_matrix()}[frame]
-    free = np.zeros((6, 6))
-    for block, kind, axis in ((slice(3), linear, e_v), (slice(3, 6), angular, e_w)):
-        L = np.outer(to_world @ axis, to_world @ axis)
-        free[block, block] = {
-            "full": np.zeros((3, 3)), "plane": L, "line": np.eye(3) - L, "none": np.eye(3)
-        }[kind]  # fmt: skip
-    J = frame_jacobian(configuration, "tool", "site")
-    rows = task.state(configuration).projector.complement.basis.T @ J
-    assert rows.shape == (round(np.trace(free)), 6)
-    close(rows.T @ rows, J.T @ free @ J)
+        Manipulability(planar_arm([1.0, 1.0]), TwistTask("gripper", "site", PLANE))
 
 
 # ------------------------------------------------------------------------- as plain mink tasks
@@ -447,9 +374,7 @@ def test_the_free_rows_are_those_of_the_complement(linear: str, angular: str, fr
 def objectives(rng: np.random.Generator, **options: float) -> list[SecondaryObjective]:
     """Return one objective of each class, on one arm."""
     model = random_arm(rng, 6)
-    task = TwistTask("tool", "site", TwistProjector(
-        linear=Projector.full(), angular=Projector.none()
-    ))  # fmt: skip
+    task = TwistTask("tool", "site", POINT)  # fmt: skip
     task.set_target(mink.SE3.identity())
     return [
         JointCentering(model, **options),
@@ -493,7 +418,7 @@ def test_gains_and_costs_that_are_negative_or_no_numbers_are_refused(
     name: str, value: object
 ) -> None:
     model = planar_arm([1.0, 1.0])
-    task = TwistTask("tip", "site", POSITIONING)
+    task = TwistTask("tip", "site", PLANE)
     for refused in (
         lambda: JointCentering(model, **{name: value}),
         lambda: PostureReference(model, np.zeros(2), **{name: value}),

@@ -9,14 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import planar_arm
+from oracles.twists import PLANE, SPATIAL, at, site
+from oracles.walks import walk
 
 import qp_twist as qt
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
-PLANE = qt.TwistProjector(linear=qt.Projector.plane([0, 0, 1]), angular=qt.Projector.none())
 EPSILON = 5e-3
 TWO_LINKS = planar_arm([0.5, 0.4])
+ARM = qt.load_task("deburring")
 
 
 # ---------------------------------------------------------------------------- arms near stretched
@@ -32,7 +34,7 @@ def stretched(
     model = TWO_LINKS
     configuration = mink.Configuration(model, np.array([0.3, q2]))
     task = qt.TwistTask("tip", "site", PLANE)
-    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    tip = site(configuration, "tip").translation()
     radial = np.array([np.cos(0.3), np.sin(0.3), 0.0])
     tangential = np.array([-np.sin(0.3), np.cos(0.3), 0.0])
     task.set_target(mink.SE3.from_translation(tip + pull[0] * radial + pull[1] * tangential))
@@ -44,7 +46,7 @@ def stretched(
     return step, A, b
 
 
-@pytest.mark.parametrize("q2", [0.0, *(10.0**-k for k in range(1, 13)), -1e-5])
+@pytest.mark.parametrize("q2", [0.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 1e-12, -1e-5])
 @pytest.mark.parametrize("space", ["joint", "twist"])
 def test_a_stretched_arm_stays_calm(q2: float, space: str) -> None:
     step, A, b = stretched(q2, secondary_space=space)
@@ -122,7 +124,7 @@ def _crossings() -> list[float]:
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_a_scaled_step_at_a_singularity_is_off_in_the_lost_direction_only(seed: int) -> None:
     """A stretched arm with tight speed limits: the other direction holds at the scale, exactly."""
     rng = np.random.default_rng(seed)
@@ -132,7 +134,7 @@ def test_a_scaled_step_at_a_singularity_is_off_in_the_lost_direction_only(seed: 
     q[0] = rng.uniform(-1.0, 1.0)
     configuration = mink.Configuration(model, q)
     task = qt.TwistTask("tip", "site", PLANE)
-    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
+    tip = site(configuration, "tip").translation()
     away = np.append(0.3 * rng.normal(size=2), 0.0)
     task.set_target(mink.SE3.from_translation(tip + away))
     speeds = {model.joint(i).name: float(rng.uniform(0.01, 0.2)) for i in range(count)}
@@ -176,39 +178,31 @@ def test_without_the_guard_the_arm_snaps() -> None:
 
 
 def test_a_secondary_leads_out_of_the_singularity() -> None:
-    """In the direction that is given up the secondary decides, and bends the elbow."""
-    model = TWO_LINKS
-    configuration = mink.Configuration(model, np.array([0.3, 0.0]))
+    """The target is inwards, which J cannot see: the secondary decides, and bends the elbow."""
+    configuration = mink.Configuration(TWO_LINKS, np.array([0.3, 0.0]))
     task = qt.TwistTask("tip", "site", PLANE)
-    tip = configuration.get_transform_frame_to_world("tip", "site").translation()
-    task.set_target(mink.SE3.from_translation(0.8 * tip))  # inwards, which J cannot see
-    posture = qt.PostureReference(model, np.array([0.0, 0.6]), gain=0.2)
-    controller = qt.Controller(model, tasks=[task], secondary=[posture])
-    first = controller.step(configuration, 0.1)
-    assert first.status is qt.Status.DEGRADED
-    for _ in range(60):
-        step = controller.step(configuration, 0.1)
-        configuration.integrate_inplace(step.velocity, 0.1)
-    reached = configuration.get_transform_frame_to_world("tip", "site").translation()
-    np.testing.assert_allclose(reached, 0.8 * tip, atol=1e-3)
+    tip = site(configuration, "tip").translation()
+    task.set_target(at(*(0.8 * tip)))
+    posture = qt.PostureReference(TWO_LINKS, np.array([0.0, 0.6]), gain=0.2)
+    controller = qt.Controller(TWO_LINKS, tasks=[task], secondary=[posture])
+    assert controller.step(configuration, 0.1).status is qt.Status.DEGRADED
+    walk(controller, configuration, 120, 0.1)
+    np.testing.assert_allclose(site(configuration, "tip").translation(), 0.8 * tip, atol=1e-6)
 
 
 # ---------------------------------------------------------------------------------- wrist straight
 
-DEBURRING = qt.load_task("deburring")
 
-
-@pytest.mark.parametrize("q5", [0.0, *(10.0**-k for k in range(1, 10))])
+@pytest.mark.parametrize("q5", [0.0, 1e-1, 1e-2, 1e-3, 1e-6, 1e-9])
 def test_a_straight_wrist_loses_one_direction_of_the_full_pose(q5: float) -> None:
     """All six of the M-16iB: axes 4 and 6 in line. Roll-free, with five rows, it loses nothing."""
-    model = DEBURRING.model
-    q = DEBURRING.start.copy()
+    model = ARM.model
+    q = ARM.start.copy()
     q[4] = q5
     configuration = mink.Configuration(model, q)
-    pose = configuration.get_transform_frame_to_world("tool", "site")
+    pose = site(configuration)
     target = pose.plus(np.array([0.0, 0.0, 0.0, 0.01, 0.02, 0.0]))
-    full = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-    for name, projector in (("full", full), ("roll-free", DEBURRING.projector)):
+    for name, projector in (("full", SPATIAL), ("roll-free", ARM.projector)):
         task = qt.TwistTask("tool", "site", projector)
         task.set_target(target)
         step = qt.Controller(model, tasks=[task], limits=[]).step(configuration, 0.1)
@@ -226,12 +220,10 @@ def test_a_straight_wrist_loses_one_direction_of_the_full_pose(q5: float) -> Non
 
 # -------------------------------------------------- directions that are no more than rounding
 
-ARM = qt.load_task("deburring")
-
 
 @pytest.mark.parametrize("metric", [None, qt.JointRanges.of(ARM.model).metric])
 @given(seed=SEEDS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_a_lower_level_that_the_upper_one_fixes_wholly_takes_the_same_step(
     metric: Array | None, seed: int
 ) -> None:
@@ -259,7 +251,7 @@ def test_a_lower_level_that_the_upper_one_fixes_wholly_takes_the_same_step(
 @pytest.mark.parametrize("solver", [None, "daqp"])
 @pytest.mark.parametrize("singularity", [0.0, 1e-4, None])
 @given(seed=SEEDS)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_joints_that_do_not_act_on_a_relaxed_task_stay(
     solver: str | None, singularity: float | None, seed: int
 ) -> None:

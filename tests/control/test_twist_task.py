@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from typing import Any
 
 import mink
 import mujoco
@@ -18,20 +19,27 @@ from oracles.arms import (
     random_direction,
     random_rotation,
 )
+from oracles.twists import (
+    FRAMES,
+    KINDS,
+    ROLL_FREE,
+    SPATIAL,
+    Z,
+    across,
+    close,
+    pose,
+    projector,
+    regular,
+    turn,
+    twists,
+)
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from qp_twist.errors import InvalidInput, InvalidTarget
-from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import GazeTask, TwistTask, frame_jacobian, frame_pose
 
 Array = npt.NDArray[np.float64]
-
-FRAMES = ("world", "body", "target")
-KINDS = ("full", "plane", "line", "none")
-Z = np.array([0.0, 0.0, 1.0])
-SPATIAL = TwistProjector(linear=Projector.full(), angular=Projector.full())
-ROLL_FREE = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame="body")
 
 # qpsolvers' defaults for ProxQP and OSQP are far too loose for equality rows.
 SOLVERS = {
@@ -45,52 +53,24 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::qpsolvers.warnings.SparseConversionWarning"),
     pytest.mark.filterwarnings("ignore:The default value of raise_error:PendingDeprecationWarning"),
 ]
+ALL_KINDS = pytest.mark.parametrize(("linear", "angular"), list(itertools.product(KINDS, KINDS)))
 
 
-def turn(axis: Array, angle: float) -> Array:
-    """Return the matrix of a rotation, from scipy."""
-    return Rotation.from_rotvec(angle * axis).as_matrix()
-
-
-def across(e: Array, rng: np.random.Generator) -> Array:
-    """Return a random unit vector perpendicular to e."""
-    u = np.cross(e, random_direction(rng))
-    return u / np.linalg.norm(u)
-
-
-def pose(rotation: Array, position: Array) -> mink.SE3:
-    """Return mink's pose of a rotation matrix and an origin."""
-    return mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position)
-
-
-def build(kind: str, axis: Array) -> Projector:
-    """Return the projector of a kind about an axis, which full and none ignore."""
-    if kind in ("full", "none"):
-        return Projector.full() if kind == "full" else Projector.none()
-    return Projector.plane(axis) if kind == "plane" else Projector.line(axis)
-
-
-def regular(rng: np.random.Generator, *, limited: bool = False) -> mink.Configuration:
-    """Return a random six-joint arm away from its singularities."""
-    while True:
-        model = random_arm(rng, 6, limited=limited)
-        configuration = mink.Configuration(model, random_configuration(model, rng, margin=0.1))
-        J = frame_jacobian(configuration, "tool", "site")
-        if np.linalg.svd(J, compute_uv=False)[-1] > 0.1:
-            return configuration
+def tool(projector: Any = SPATIAL, **options: Any) -> TwistTask:
+    return TwistTask("tool", "site", projector, **options)
 
 
 def misaligned(
     configuration: mink.Configuration, rng: np.random.Generator, degrees: float
 ) -> mink.SE3:
-    """Return a target whose z axis is tilted, rolled at random about it, and 10 cm away."""
+    """A target whose z axis is tilted, rolled at random about it, and 10 cm away."""
     R, p = frame_pose(configuration, "tool", "site")
-    tilt = turn(across(R[:, 2], rng), np.deg2rad(degrees))
-    return pose(tilt @ R @ turn(Z, rng.uniform(-3.0, 3.0)), p + 0.1 * random_direction(rng))
+    tilt = turn(np.deg2rad(degrees) * across(R[:, 2], rng))
+    return pose(tilt @ R @ turn(rng.uniform(-3.0, 3.0) * Z), p + 0.1 * random_direction(rng))
 
 
 def derivative(task: TwistTask, configuration: mink.Configuration, step: float = 1e-6) -> Array:
-    """Return the central finite difference of the error along every degree of freedom."""
+    """The central finite difference of the error along every degree of freedom."""
     moved = mink.Configuration(configuration.model)
     columns = []
     for direction in np.eye(configuration.nv):
@@ -102,102 +82,62 @@ def derivative(task: TwistTask, configuration: mink.Configuration, step: float =
     return np.column_stack(columns)
 
 
-def close(actual: Array, expected: Array, atol: float = 1e-12) -> None:
-    """Assert equality but for rounding."""
-    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=atol)
-
-
 # ---------------------------------------------------------------------------------- the Jacobian
 
 
 @pytest.mark.parametrize(
     ("name", "frame_type"), [("tool", "site"), ("link_4", "body"), ("geom_6", "geom")]
 )
-def test_the_frame_jacobian_is_minks_turned_into_the_world(name: str, frame_type: str) -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(10):
+def test_the_frame_jacobian_is_minks_in_the_world_and_the_velocity_of_the_frame(
+    name: str, frame_type: str
+) -> None:
+    rng, step = np.random.default_rng(0), 1e-6
+    for _ in range(5):
         model = random_arm(rng, 6, slides=True)
         configuration = mink.Configuration(model, random_configuration(model, rng))
         R, p = frame_pose(configuration, name, frame_type)
         transform = configuration.get_transform_frame_to_world(name, frame_type)
         close(R, transform.rotation().as_matrix())
         close(p, transform.translation())
-        own = configuration.get_frame_jacobian(name, frame_type)
-        close(frame_jacobian(configuration, name, frame_type), block_diag(R, R) @ own)
-
-
-@pytest.mark.parametrize(
-    ("name", "frame_type"), [("tool", "site"), ("link_4", "body"), ("geom_6", "geom")]
-)
-def test_the_frame_jacobian_is_the_velocity_of_the_frame(name: str, frame_type: str) -> None:
-    rng = np.random.default_rng(1)
-    step = 1e-6
-    for _ in range(5):
-        model = random_arm(rng, 6, slides=True)
-        configuration = mink.Configuration(model, random_configuration(model, rng))
         J = frame_jacobian(configuration, name, frame_type)
+        close(J, block_diag(R, R) @ configuration.get_frame_jacobian(name, frame_type))
         for i, direction in enumerate(np.eye(6)):
             ahead = mink.Configuration(model, configuration.integrate(direction, step))
             behind = mink.Configuration(model, configuration.integrate(direction, -step))
             (R_a, p_a), (R_b, p_b) = (frame_pose(c, name, frame_type) for c in (ahead, behind))
-            v = (p_a - p_b) / (2 * step)
-            omega = Rotation.from_matrix(R_a @ R_b.T).as_rotvec() / (2 * step)
-            close(J[:, i], np.concatenate([v, omega]), atol=1e-8)
+            omega = Rotation.from_matrix(R_a @ R_b.T).as_rotvec()
+            close(J[:, i], np.concatenate([p_a - p_b, omega]) / (2 * step), atol=1e-8)
 
 
-@pytest.mark.parametrize(("linear", "angular"), list(itertools.product(KINDS, KINDS)))
+@ALL_KINDS
 @pytest.mark.parametrize("frame", FRAMES)
-def test_a_task_is_a_mink_task_with_as_many_rows_as_its_projector_has_rank(
+def test_a_task_has_as_many_rows_as_its_projector_has_rank_and_they_are_the_derivative_of_its_error(
     linear: str, angular: str, frame: str
 ) -> None:
+    """Where the orientation is met: there all errors are linear in small motions."""
     rank = {"full": 3, "plane": 2, "line": 1, "none": 0}
-    rng = np.random.default_rng(2)
+    rng, rows = np.random.default_rng(3), rank[linear] + rank[angular]
     configuration = regular(rng)
-    projector = TwistProjector(
-        linear=build(linear, random_direction(rng)),
-        angular=build(angular, random_direction(rng)),
-        frame=frame,
-    )
-    task = TwistTask("tool", "site", projector)
-    task.set_target(misaligned(configuration, rng, 30.0))
-    r_v, r_w = rank[linear], rank[angular]
+    R, p = frame_pose(configuration, "tool", "site")
+    # A turn about e is free for a plane and is the error itself for a line: both stay linear. For
+    # full the orientation must agree.
+    e = random_direction(rng)
+    free = {"full": 0.0, "plane": 2.0, "line": 1.0, "none": 2.5}[angular]
+    R_d = turn(free * e) @ R
+    # Linear axes that turn with the body change the linear rows while the error is not zero.
+    moving = frame == "body" and linear in ("plane", "line")
+    p_d = p if moving else p + 0.3 * random_direction(rng)
+    to_frame = {"world": np.eye(3), "body": R.T, "target": R_d.T}[frame]
+    task = tool(twists(linear, angular, frame, (random_direction(rng), to_frame @ e)))
+    task.set_target(pose(R_d, p_d))
     assert isinstance(task, mink.Task)
-    assert task.compute_error(configuration).shape == (r_v + r_w,)
-    np.testing.assert_array_equal(task.cost, np.ones(r_v + r_w))
-    rows = task.compute_jacobian(configuration)
-    assert rows.shape == (r_v + r_w, 6)
+    np.testing.assert_array_equal(task.cost, np.ones(rows))
+    assert task.compute_error(configuration).shape == (rows,)
+    jacobian = task.compute_jacobian(configuration)
+    assert jacobian.shape == (rows, 6)
     # No row is wasted: on a regular arm they are independent.
-    assert np.linalg.matrix_rank(rows, tol=1e-6) == r_v + r_w
-
-
-@pytest.mark.parametrize(("linear", "angular"), list(itertools.product(KINDS, KINDS)))
-@pytest.mark.parametrize("frame", FRAMES)
-def test_the_jacobian_is_the_derivative_of_the_error_where_the_orientation_is_met(
-    linear: str, angular: str, frame: str
-) -> None:
-    if linear == angular == "none":
-        return
-    rng = np.random.default_rng(3)
-    for _ in range(3):
-        configuration = regular(rng)
-        R, p = frame_pose(configuration, "tool", "site")
-        # A turn about e is free for a plane and is the error itself for a line: both stay
-        # linear. For full the orientation must agree.
-        e = random_direction(rng)
-        free = {"full": 0.0, "plane": 2.0, "line": 1.0, "none": 2.5}[angular]
-        R_d = turn(e, free) @ R
-        # Linear axes that turn with the body change the linear rows while the error is not zero.
-        moving = frame == "body" and linear in ("plane", "line")
-        p_d = p if moving else p + 0.3 * random_direction(rng)
-        to_frame = {"world": np.eye(3), "body": R.T, "target": R_d.T}[frame]
-        projector = TwistProjector(
-            linear=build(linear, random_direction(rng)),
-            angular=build(angular, to_frame @ e),
-            frame=frame,
-        )
-        task = TwistTask("tool", "site", projector)
-        task.set_target(pose(R_d, p_d))
-        close(task.compute_jacobian(configuration), derivative(task, configuration), atol=1e-7)
+    assert rows == 0 or np.linalg.matrix_rank(jacobian, tol=1e-6) == rows
+    close(jacobian, derivative(task, configuration), atol=1e-7)
 
 
 @pytest.mark.parametrize("linear", ["full", "plane", "line"])
@@ -208,45 +148,42 @@ def test_linear_rows_are_the_derivative_at_any_misalignment_unless_they_turn_wit
     rng = np.random.default_rng(4)
     for _ in range(3):
         configuration = regular(rng)
-        projector = TwistProjector(
-            linear=build(linear, random_direction(rng)), angular=Projector.full(), frame=frame
-        )
-        task = TwistTask("tool", "site", projector)
+        task = tool(twists(linear, "full", frame, (random_direction(rng), Z)))
         task.set_target(pose(random_rotation(rng), rng.normal(size=3)))
-        rows = slice(projector.linear.rank)
-        close(
-            task.compute_jacobian(configuration)[rows],
-            derivative(task, configuration)[rows],
-            atol=1e-7,
-        )
+        rows = slice(task.projector.linear.rank)
+        jacobian = task.compute_jacobian(configuration)
+        close(jacobian[rows], derivative(task, configuration)[rows], atol=1e-7)
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+def test_the_rows_of_a_plane_see_the_axis_where_it_is_now(frame: str) -> None:
+    rng = np.random.default_rng(11)
+    configuration = regular(rng)
+    R, p = frame_pose(configuration, "tool", "site")
+    R_d, axis = random_rotation(rng), random_direction(rng)
+    task = tool(twists("none", "plane", frame, (Z, axis)))
+    task.set_target(pose(R_d, p))
+    e = {"world": axis, "body": R @ axis, "target": R_d @ axis}[frame]
+    J = frame_jacobian(configuration, "tool", "site")[3:]
+    rows = task.compute_jacobian(configuration)
+    close(rows.T @ rows, J.T @ (np.eye(3) - np.outer(e, e)) @ J)
 
 
 @pytest.mark.parametrize("frame", ["world", "body"])
-@pytest.mark.parametrize("distance", [1e-2, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("distance", [1e-2, 1e-5])
 def test_a_full_task_is_minks_frame_task_to_first_order(frame: str, distance: float) -> None:
     rng = np.random.default_rng(5)
     for _ in range(5):
         configuration = regular(rng)
         R, p = frame_pose(configuration, "tool", "site")
         target = pose(
-            turn(random_direction(rng), distance) @ R, p + distance * random_direction(rng)
+            turn(distance * random_direction(rng)) @ R, p + distance * random_direction(rng)
         )
-        projector = TwistProjector(linear=Projector.full(), angular=Projector.full(), frame=frame)
-        ours = TwistTask("tool", "site", projector)
-        theirs = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0)
         solutions = []
-        for task in (ours, theirs):
+        theirs = mink.FrameTask("tool", "site", position_cost=1.0, orientation_cost=1.0)
+        for task in (tool(twists("full", "full", frame)), theirs):
             task.set_target(target)
-            solutions.append(
-                mink.solve_ik(
-                    configuration,
-                    [mink.DampingTask(configuration.model, cost=1.0)],
-                    dt=1.0,
-                    solver="daqp",
-                    limits=[],
-                    constraints=[task],
-                )
-            )
+            solutions.append(solve(configuration, task, 1.0))
         # The step is of the order of the distance, what differs of the order of its square.
         assert np.linalg.norm(solutions[1]) > 0.1 * distance
         close(solutions[0], solutions[1], atol=20.0 * distance**2)
@@ -255,8 +192,17 @@ def test_a_full_task_is_minks_frame_task_to_first_order(frame: str, distance: fl
 # --------------------------------------------------------------------------- in mink's solve_ik
 
 
+def solve(
+    configuration: mink.Configuration, task: mink.Task, dt: float, solver: str = "daqp"
+) -> Array:
+    """The velocity that mink finds with the task as its constraint."""
+    damping = [mink.DampingTask(configuration.model, cost=1.0)]
+    options: dict[str, Any] = {"limits": [], "constraints": [task], **SOLVERS[solver]}
+    return mink.solve_ik(configuration, damping, dt, solver, **options)
+
+
 def roles(task: TwistTask, model: mujoco.MjModel) -> dict[str, tuple[list[mink.Task], list]]:
-    """Return the places of mink.solve_ik where a task may stand: (tasks, constraints)."""
+    """The places of mink.solve_ik where a task may stand: (tasks, constraints)."""
     posture = mink.PostureTask(model, cost=1.0)
     posture.set_target(np.zeros(model.nq))
     return {
@@ -268,17 +214,16 @@ def roles(task: TwistTask, model: mujoco.MjModel) -> dict[str, tuple[list[mink.T
 
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("role", ["constraint beside damping", "constraint beside posture", "task"])
-@pytest.mark.parametrize("degrees", [0.001, 0.01, 1.0, 45.0, 135.0, 179.0, 179.999, 180.0])
+@pytest.mark.parametrize("degrees", [0.001, 45.0, 179.999, 180.0])
 def test_a_task_works_in_minks_solve_ik_at_any_misalignment(
     solver: str, role: str, degrees: float
 ) -> None:
-    rng = np.random.default_rng(6)
-    for projector in (ROLL_FREE, SPATIAL):
+    rng, dt = np.random.default_rng(6), 0.1
+    for of in (ROLL_FREE, SPATIAL):
         configuration = regular(rng)
-        task = TwistTask("tool", "site", projector, gain=0.8)
+        task = tool(of, gain=0.8)
         task.set_target(misaligned(configuration, rng, degrees))
         tasks, constraints = roles(task, configuration.model)[role]
-        dt = 0.1
         velocity = mink.solve_ik(
             configuration, tasks, dt, solver, limits=[], constraints=constraints, **SOLVERS[solver]
         )
@@ -289,44 +234,32 @@ def test_a_task_works_in_minks_solve_ik_at_any_misalignment(
         assert np.linalg.norm(error) >= 0.0999  # there was something to do
 
 
-@pytest.mark.parametrize("degrees", [0.01, 1.0, 90.0, 179.0])
+@pytest.mark.parametrize("degrees", [0.01, 90.0, 179.0])
 def test_minks_own_axis_task_cannot_stand_where_ours_does(degrees: float) -> None:
     # AxisAlignTask has three rows of rank two. Once misaligned they contradict each other, so as
     # constraints no joint motion satisfies them. If mink mends it this test says so.
     rng = np.random.default_rng(7)
-    for _ in range(3):
-        configuration = regular(rng)
-        R, _ = frame_pose(configuration, "tool", "site")
-        direction = turn(across(R[:, 2], rng), np.deg2rad(degrees)) @ R[:, 2]
-        theirs = mink.AxisAlignTask("tool", "site", axis=Z, cost=1.0)
-        theirs.set_target(direction)
-        rows = theirs.compute_jacobian(configuration)
-        error = theirs.compute_error(configuration)
-        assert rows.shape[0] == 3
-        assert np.linalg.matrix_rank(rows, tol=1e-9) == 2
-        best = np.linalg.lstsq(rows, -error, rcond=1e-9)[0]
-        assert np.linalg.norm(rows @ best + error) > 1e-9
-        damping = [mink.DampingTask(configuration.model, cost=1.0)]
-        with pytest.raises(mink.NoSolutionFound):
-            mink.solve_ik(configuration, damping, 1.0, "daqp", limits=[], constraints=[theirs])
+    configuration = regular(rng)
+    R, _ = frame_pose(configuration, "tool", "site")
+    direction = turn(np.deg2rad(degrees) * across(R[:, 2], rng)) @ R[:, 2]
+    theirs = mink.AxisAlignTask("tool", "site", axis=Z, cost=1.0)
+    theirs.set_target(direction)
+    rows, error = theirs.compute_jacobian(configuration), theirs.compute_error(configuration)
+    assert rows.shape[0] == 3
+    assert np.linalg.matrix_rank(rows, tol=1e-9) == 2
+    best = np.linalg.lstsq(rows, -error, rcond=1e-9)[0]
+    assert np.linalg.norm(rows @ best + error) > 1e-9
+    with pytest.raises(mink.NoSolutionFound):
+        solve(configuration, theirs, 1.0)
 
-        ours = TwistTask(
-            "tool",
-            "site",
-            TwistProjector(linear=Projector.none(), angular=Projector.plane(Z), frame="body"),
-        )
-        tilt = Rotation.align_vectors(direction, R[:, 2])[0].as_matrix()
-        ours.set_target(pose(tilt @ R, np.zeros(3)))
-        dq = mink.solve_ik(configuration, damping, 1.0, "daqp", limits=[], constraints=[ours])
-        # The joints turn the tool by the angle that was missing.
-        omega = frame_jacobian(configuration, "tool", "site")[3:] @ dq
-        close(np.cross(omega, R[:, 2]), np.deg2rad(degrees) * _unit(direction, R[:, 2]), atol=1e-8)
-
-
-def _unit(direction: Array, axis: Array) -> Array:
-    """Return the unit vector along which the tip of ``axis`` moves towards ``direction``."""
-    towards = direction - axis * (axis @ direction)
-    return towards / np.linalg.norm(towards)
+    ours = tool(twists("none", "plane", "body"))
+    tilt = Rotation.align_vectors(direction, R[:, 2])[0].as_matrix()
+    ours.set_target(pose(tilt @ R, np.zeros(3)))
+    # The joints turn the tool by the angle that was missing.
+    omega = frame_jacobian(configuration, "tool", "site")[3:] @ solve(configuration, ours, 1.0)
+    towards = direction - R[:, 2] * (R[:, 2] @ direction)
+    towards /= np.linalg.norm(towards)
+    close(np.cross(omega, R[:, 2]), np.deg2rad(degrees) * towards, atol=1e-8)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -337,15 +270,11 @@ def test_iterating_solve_ik_reaches_the_target_and_leaves_the_roll(solver: str) 
         configuration.model, configuration.q + 0.4 * rng.choice([-1.0, 1.0], size=6)
     )
     R_goal, p_goal = frame_pose(goal, "tool", "site")
-    R_d = R_goal @ turn(Z, 1.5)
-    task = TwistTask("tool", "site", ROLL_FREE, max_linear_step=0.1, max_angular_step=0.3)
+    R_d = R_goal @ turn(1.5 * Z)
+    task = tool(ROLL_FREE, max_linear_step=0.1, max_angular_step=0.3)
     task.set_target(pose(R_d, p_goal))
-    damping = [mink.DampingTask(configuration.model, cost=1.0)]
     for _ in range(60):
-        velocity = mink.solve_ik(
-            configuration, damping, 0.1, solver, limits=[], constraints=[task], **SOLVERS[solver]
-        )
-        configuration.integrate_inplace(velocity, 0.1)
+        configuration.integrate_inplace(solve(configuration, task, 0.1, solver), 0.1)
     R, p = frame_pose(configuration, "tool", "site")
     close(p, p_goal, atol=1e-7)
     close(R[:, 2], R_d[:, 2], atol=1e-7)
@@ -358,61 +287,38 @@ def test_what_mink_stacks_is_cost_times_rows_and_cost_times_gain_times_error(
 ) -> None:
     rng = np.random.default_rng(9)
     configuration = regular(rng)
-    task = TwistTask(
-        "tool", "site", ROLL_FREE, gain=0.4, cost=[2.0, 2.0, 2.0, 5.0, 5.0], max_angular_step=0.2
-    )
+    costs = [2.0, 2.0, 2.0, 5.0, 5.0]
+    task = tool(ROLL_FREE, gain=0.4, cost=costs, max_angular_step=0.2)
     task.lm_damping = lm_damping
     task.set_target(misaligned(configuration, rng, 40.0))
-    W = np.diag([2.0, 2.0, 2.0, 5.0, 5.0])
+    W = np.diag(costs)
     J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
     rows, error, mu = task.compute_qp_residual(configuration)
     close(rows, W @ J)
     close(error, -0.4 * W @ e)
     assert mu == pytest.approx(lm_damping * 0.16 * e @ W @ W @ e)
-
     H, c = task.compute_qp_objective(configuration)
     close(H, J.T @ W @ W @ J + mu * np.eye(6))
     close(c, 0.4 * J.T @ W @ W @ e)
 
 
 def test_the_error_of_a_task_is_minus_the_twist_to_the_target() -> None:
-    rng = np.random.default_rng(10)
-    configuration = regular(rng)
+    configuration = regular(np.random.default_rng(10))
     R, p = frame_pose(configuration, "tool", "site")
     step = np.array([0.1, -0.2, 0.3, 0.4, 0.1, -0.2])
-    task = TwistTask("tool", "site", SPATIAL)
-    task.set_target(pose(Rotation.from_rotvec(step[3:]).as_matrix() @ R, p + step[:3]))
+    task = tool()
+    task.set_target(pose(turn(step[3:]) @ R, p + step[:3]))
     close(task.compute_error(configuration), -step, atol=1e-10)
     state = task.state(configuration)
     close(state.error, step, atol=1e-10)
     close(state.jacobian, frame_jacobian(configuration, "tool", "site"))
 
 
-@pytest.mark.parametrize("frame", FRAMES)
-def test_the_rows_of_a_plane_see_the_axis_where_it_is_now(frame: str) -> None:
-    rng = np.random.default_rng(11)
-    configuration = regular(rng)
-    R, p = frame_pose(configuration, "tool", "site")
-    R_d = random_rotation(rng)
-    axis = random_direction(rng)
-    task = TwistTask(
-        "tool",
-        "site",
-        TwistProjector(linear=Projector.none(), angular=Projector.plane(axis), frame=frame),
-    )
-    task.set_target(pose(R_d, p))
-    e = {"world": axis, "body": R @ axis, "target": R_d @ axis}[frame]
-    J = frame_jacobian(configuration, "tool", "site")[3:]
-    rows = task.compute_jacobian(configuration)
-    close(rows.T @ rows, J.T @ (np.eye(3) - np.outer(e, e)) @ J)
-
-
 def test_the_velocity_rows_are_the_constraint_of_a_step_of_that_length() -> None:
-    rng = np.random.default_rng(12)
+    rng, dt = np.random.default_rng(12), 0.02
     configuration = regular(rng)
-    task = TwistTask("tool", "site", ROLL_FREE, gain=0.3, max_linear_step=0.05)
+    task = tool(ROLL_FREE, gain=0.3, max_linear_step=0.05)
     task.set_target(misaligned(configuration, rng, 40.0), twist=rng.normal(size=6))
-    dt = 0.02
     task.set_dt(dt)
     A, b = task.velocity_rows(configuration, dt)
     close(A, task.compute_jacobian(configuration))
@@ -422,42 +328,34 @@ def test_the_velocity_rows_are_the_constraint_of_a_step_of_that_length() -> None
 # --------------------------------------------------------------------------------- feed-forward
 
 
-def solve(configuration: mink.Configuration, task: TwistTask, dt: float) -> Array:
-    """Return the velocity that mink finds with the task as its constraint."""
-    damping = [mink.DampingTask(configuration.model, cost=1.0)]
-    return mink.solve_ik(configuration, damping, dt, "daqp", limits=[], constraints=[task])
-
-
 def test_feed_forward_needs_the_time_step_and_a_resting_target_does_not() -> None:
     rng = np.random.default_rng(13)
     configuration = regular(rng)
-    task = TwistTask("tool", "site", SPATIAL)
     target = misaligned(configuration, rng, 10.0)
+    task, at_rest = tool(), tool()
     task.set_target(target, twist=[0.0, 0.0, 0.0, 0.0, 0.0, 0.1])
     for use in (task.compute_error, task.compute_qp_residual, task.compute_qp_objective):
         with pytest.raises(mink.IntegrationTimestepNotSet, match=r"TwistTask\('tool', 'site'\)"):
             use(configuration)
     task.set_dt(0.01)
     task.compute_error(configuration)
-
-    at_rest = TwistTask("tool", "site", SPATIAL)
     at_rest.set_target(target, twist=np.zeros(6))
     at_rest.compute_error(configuration)
 
 
-@pytest.mark.parametrize("gain", [0.05, 0.5, 1.0])
+@pytest.mark.parametrize("gain", [0.05, 1.0])
 @pytest.mark.parametrize("dt", [1e-3, 0.1])
 def test_feed_forward_moves_with_the_target_whatever_the_gain(gain: float, dt: float) -> None:
     rng = np.random.default_rng(14)
     configuration = regular(rng)
     twist = rng.normal(size=6)
     J = frame_jacobian(configuration, "tool", "site")
-    for projector in (SPATIAL, ROLL_FREE):
-        task = TwistTask("tool", "site", projector, gain=gain)
+    for of in (SPATIAL, ROLL_FREE):
+        task = tool(of, gain=gain)
         task.set_target_from_configuration(configuration)
         task.set_target(task.target, twist=twist)
         task.set_dt(dt)
-        T = projector.resolved(body=frame_pose(configuration, "tool", "site")[0]).matrix
+        T = of.resolved(body=frame_pose(configuration, "tool", "site")[0]).matrix
         close(T @ J @ solve(configuration, task, dt), T @ twist, atol=1e-7)
 
 
@@ -468,49 +366,30 @@ def test_a_moving_target_is_followed_without_lag() -> None:
     R, p = frame_pose(start, "tool", "site")
     twist = np.concatenate([0.2 * random_direction(rng), 0.3 * random_direction(rng)])
     gain, steps, dt = 0.2, 40, 0.01
+
+    def target(time: float) -> mink.SE3:
+        return pose(turn(time * twist[3:]) @ R, p + time * twist[:3])
+
     lag = {}
     for feedforward in (twist, None):
         configuration = mink.Configuration(start.model, start.q)
-        task = TwistTask("tool", "site", SPATIAL, gain=gain)
+        task = tool(gain=gain)
         task.set_dt(dt)
-
-        def target(time: float) -> mink.SE3:
-            turned = Rotation.from_rotvec(time * twist[3:]).as_matrix() @ R
-            return pose(turned, p + time * twist[:3])
-
         for i in range(steps):
             task.set_target(target(i * dt), twist=feedforward)
             configuration.integrate_inplace(solve(configuration, task, dt), dt)
         R_end, p_end = frame_pose(configuration, "tool", "site")
-        left = target(steps * dt)
-        lag[feedforward is None] = np.linalg.norm(p_end - left.translation()) + np.linalg.norm(
-            Rotation.from_matrix(left.rotation().as_matrix() @ R_end.T).as_rotvec()
-        )
+        end = target(steps * dt)
+        turned = Rotation.from_matrix(end.rotation().as_matrix() @ R_end.T).magnitude()
+        lag[feedforward is None] = np.linalg.norm(p_end - end.translation()) + turned
     assert lag[True] == pytest.approx(0.5 * dt / gain, rel=0.1)
     assert lag[False] < 0.01 * lag[True]
-
-
-def test_the_feed_forward_is_linear_in_the_twist() -> None:
-    rng = np.random.default_rng(16)
-    configuration = regular(rng)
-    target = misaligned(configuration, rng, 20.0)
-    one, two = rng.normal(size=(2, 6))
-    task = TwistTask("tool", "site", ROLL_FREE, gain=0.3)
-    task.set_dt(0.05)
-
-    def velocity(twist: Array) -> Array:
-        task.set_target(target, twist=twist)
-        return solve(configuration, task, 0.05)
-
-    at_rest = velocity(np.zeros(6))
-    both = velocity(one - 2.0 * two) - at_rest
-    close(both, velocity(one) - at_rest - 2.0 * (velocity(two) - at_rest), atol=1e-7)
 
 
 def test_feed_forward_at_gain_zero_is_refused_since_mink_would_drop_it() -> None:
     rng = np.random.default_rng(17)
     configuration = regular(rng)
-    task = TwistTask("tool", "site", SPATIAL, gain=0.0)
+    task = tool(gain=0.0)
     task.set_dt(0.01)
     task.set_target(misaligned(configuration, rng, 10.0))
     task.compute_error(configuration)  # a task that only holds still is fine
@@ -522,14 +401,14 @@ def test_feed_forward_at_gain_zero_is_refused_since_mink_would_drop_it() -> None
 @pytest.mark.parametrize("dt", [0.0, -0.01, np.nan, np.inf])
 def test_a_time_step_that_is_none_is_refused(dt: float) -> None:
     with pytest.raises(InvalidInput, match=r"^dt: "):
-        TwistTask("tool", "site", SPATIAL).set_dt(dt)
+        tool().set_dt(dt)
 
 
 # -------------------------------------------------------------------------------------- targets
 
 
 def quaternion(*wxyz: float) -> mink.SE3:
-    """Return a pose at the origin from four numbers, whatever their length."""
+    """A pose at the origin from four numbers, whatever their length."""
     return mink.SE3(wxyz_xyz=np.array([*wxyz, 0.0, 0.0, 0.0]))
 
 
@@ -549,7 +428,7 @@ def quaternion(*wxyz: float) -> mink.SE3:
 def test_a_target_that_is_no_pose_is_refused_and_the_old_one_kept(
     target: object, sentence: str
 ) -> None:
-    task = TwistTask("tool", "site", SPATIAL)
+    task = tool()
     old = pose(np.eye(3), np.ones(3))
     task.set_target(old)
     for family in (InvalidTarget, mink.InvalidTarget, ValueError):
@@ -571,16 +450,14 @@ def test_a_target_that_is_no_pose_is_refused_and_the_old_one_kept(
     ],
 )
 def test_a_target_twist_that_is_no_twist_is_refused(twist: object, sentence: str) -> None:
-    task = TwistTask("tool", "site", SPATIAL)
+    task = tool()
     with pytest.raises(InvalidTarget, match=rf"TwistTask\('tool', 'site'\) twist: .*{sentence}"):
         task.set_target(mink.SE3.identity(), twist=twist)
     assert task.target is None
 
 
 def test_a_target_is_copied_and_a_new_one_rests_again() -> None:
-    wxyz_xyz = np.array([1.0, 0, 0, 0, 1, 2, 3])
-    twist = np.ones(6)
-    task = TwistTask("tool", "site", SPATIAL)
+    wxyz_xyz, twist, task = np.array([1.0, 0, 0, 0, 1, 2, 3]), np.ones(6), tool()
     task.set_target(mink.SE3(wxyz_xyz=wxyz_xyz), twist=twist)
     wxyz_xyz[4] = twist[0] = 77.0
     assert task.target.translation()[0] == 1.0
@@ -589,17 +466,11 @@ def test_a_target_is_copied_and_a_new_one_rests_again() -> None:
     np.testing.assert_array_equal(task.feedforward, np.zeros(6))
 
 
-def test_a_task_without_target_says_so() -> None:
-    configuration = regular(np.random.default_rng(18))
-    task = TwistTask("tool", "site", SPATIAL)
+def test_a_task_without_target_says_so_and_at_the_present_pose_has_nothing_to_do() -> None:
+    configuration, task = regular(np.random.default_rng(18)), tool()
     for use in (task.compute_error, task.compute_jacobian, task.compute_qp_residual):
         with pytest.raises(mink.TargetNotSet, match=re.escape("TwistTask('tool', 'site')")):
             use(configuration)
-
-
-def test_the_present_pose_as_target_leaves_nothing_to_do() -> None:
-    configuration = regular(np.random.default_rng(19))
-    task = TwistTask("tool", "site", SPATIAL)
     task.set_target_from_configuration(configuration)
     close(task.compute_error(configuration), np.zeros(6))
 
@@ -607,17 +478,23 @@ def test_the_present_pose_as_target_leaves_nothing_to_do() -> None:
 # --------------------------------------------------------------------------- frames and refusals
 
 
-def test_an_unknown_frame_is_refused_by_name_with_the_names_there_are() -> None:
-    configuration = mink.Configuration(planar_arm([1.0, 1.0]))
-    task = TwistTask("gripper", "site", SPATIAL)
+@pytest.mark.parametrize(
+    ("name", "kind", "sentence"),
+    [
+        ("gripper", "site", r"site 'gripper' .*\['tip'\]"),
+        ("tip", "body", r"body 'tip' .*link_2"),  # a name of another type of frame
+        (-1, "body", "id -1 is out of range"),
+        (3, "body", "id 3 is out of range"),
+    ],
+)
+def test_an_unknown_frame_is_refused_by_name_with_the_names_there_are(
+    name: Any, kind: str, sentence: str
+) -> None:
+    task = TwistTask(name, kind, SPATIAL)
     task.set_target(mink.SE3.identity())
-    with pytest.raises(mink.InvalidFrame, match=r"site 'gripper' .*\['tip'\]"):
-        task.compute_error(configuration)
-    # A name of another type of frame is not found either.
-    task = TwistTask("tip", "body", SPATIAL)
-    task.set_target(mink.SE3.identity())
-    with pytest.raises(mink.InvalidFrame, match=r"body 'tip' .*link_2"):
-        task.compute_jacobian(configuration)
+    for use in (task.compute_error, task.compute_jacobian):
+        with pytest.raises(mink.InvalidFrame, match=sentence):
+            use(mink.Configuration(planar_arm([1.0, 1.0])))
 
 
 def test_a_frame_may_be_given_by_its_id() -> None:
@@ -626,11 +503,6 @@ def test_a_frame_may_be_given_by_its_id() -> None:
     for task in (by_name, by_id):
         task.set_target(mink.SE3.identity())
     close(by_id.compute_error(configuration), by_name.compute_error(configuration))
-    for outside in (-1, 3):
-        task = TwistTask(outside, "body", SPATIAL)
-        task.set_target(mink.SE3.identity())
-        with pytest.raises(mink.InvalidFrame, match=f"id {outside} is out of range"):
-            task.compute_error(configuration)
 
 
 @pytest.mark.parametrize("frame_type", ["joint", "Site", "", None])
@@ -641,32 +513,36 @@ def test_an_unsupported_type_of_frame_is_refused(frame_type: object) -> None:
         frame_jacobian(mink.Configuration(planar_arm([1.0])), "tip", frame_type)
 
 
-@pytest.mark.parametrize("projector", [Projector.full(), np.eye(6), None])
-def test_a_task_wants_a_twist_projector(projector: object) -> None:
-    with pytest.raises(InvalidInput, match=r"TwistTask\('tool', 'site'\): projector must be a Tw"):
-        TwistTask("tool", "site", projector)
+NO_PROJECTOR = r"TwistTask\('tool', 'site'\): projector must be a Tw"
 
 
 @pytest.mark.parametrize(
-    ("options", "sentence"),
+    ("options", "error", "sentence"),
     [
-        ({"gain": np.nan}, "^gain: "),
-        ({"gain": "high"}, "^gain: "),
-        ({"max_linear_step": 0.0}, "^max_linear_step: expected a number above 0"),
-        ({"max_angular_step": -0.1}, "^max_angular_step: expected a number above 0"),
-        ({"max_angular_step": np.nan}, "^max_angular_step: "),
+        ({"projector": projector("full")}, InvalidInput, NO_PROJECTOR),
+        ({"projector": np.eye(6)}, InvalidInput, NO_PROJECTOR),
+        ({"projector": None}, InvalidInput, NO_PROJECTOR),
+        ({"gain": np.nan}, InvalidInput, "^gain: "),
+        ({"gain": "high"}, InvalidInput, "^gain: "),
+        ({"gain": -0.1}, mink.InvalidGain, r"in the range \[0, 1\]"),
+        ({"gain": 1.1}, mink.InvalidGain, r"in the range \[0, 1\]"),
+        ({"max_linear_step": 0.0}, InvalidInput, "^max_linear_step: expected a number above 0"),
+        ({"max_angular_step": -0.1}, InvalidInput, "^max_angular_step: expected a number above 0"),
+        ({"max_angular_step": np.nan}, InvalidInput, "^max_angular_step: "),
     ],
 )
-def test_numbers_without_meaning_are_refused(options: dict[str, float], sentence: str) -> None:
-    with pytest.raises(InvalidInput, match=sentence):
-        TwistTask("tool", "site", SPATIAL, **options)
+def test_arguments_without_meaning_are_refused(
+    options: dict[str, Any], error: type[Exception], sentence: str
+) -> None:
+    with pytest.raises(error, match=sentence):
+        tool(**options)
 
 
 @pytest.mark.parametrize("cost", [2.0, [2.0], np.full(5, 2.0)])
 def test_one_cost_for_all_rows(cost: object) -> None:
     assigned = TwistTask.axis_free("tool", "site")
     assigned.cost = cost
-    for task in (TwistTask("tool", "site", ROLL_FREE, cost=cost), assigned):
+    for task in (tool(ROLL_FREE, cost=cost), assigned):
         np.testing.assert_array_equal(task.cost, np.full(5, 2.0))
     assert GazeTask("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
 
@@ -681,12 +557,12 @@ def test_one_cost_for_all_rows(cost: object) -> None:
     ],
 )
 def test_costs_that_the_task_has_not_are_a_sentence(cost: object, sentence: str) -> None:
-    task = TwistTask("tool", "site", ROLL_FREE)
+    task = tool(ROLL_FREE)
     with pytest.raises(InvalidInput, match=sentence):
         task.cost = cost
     np.testing.assert_array_equal(task.cost, np.ones(5))  # as it was
     with pytest.raises(InvalidInput, match=sentence):
-        TwistTask("tool", "site", ROLL_FREE, cost=cost)
+        tool(ROLL_FREE, cost=cost)
 
 
 @pytest.mark.parametrize(
@@ -703,8 +579,8 @@ def test_costs_that_the_task_has_not_are_a_sentence(cost: object, sentence: str)
 )
 def test_a_carrier_that_is_none_is_refused_at_once(carrier: object, sentence: str) -> None:
     with pytest.raises(InvalidInput, match=sentence):
-        TwistTask("tool", "site", ROLL_FREE, relative_to=carrier)
-    task = TwistTask("tool", "site", ROLL_FREE, relative_to=("part", "body"))
+        tool(ROLL_FREE, relative_to=carrier)
+    task = tool(ROLL_FREE, relative_to=("part", "body"))
     with pytest.raises(InvalidInput, match=sentence):
         task.relative_to = carrier
     assert task.relative_to == ("part", "body")
@@ -715,31 +591,24 @@ def test_minks_arguments_of_a_relative_task_are_told_ours() -> None:
         TwistTask("tool", "site", "part", "body")
 
 
-@pytest.mark.parametrize("gain", [-0.1, 1.1])
-def test_the_gain_is_bounded_as_minks(gain: float) -> None:
-    with pytest.raises(mink.InvalidGain):
-        TwistTask("tool", "site", SPATIAL, gain=gain)
-
-
 # ----------------------------------------------------------------------------- the longest step
 
 
-def test_a_far_target_is_approached_by_the_longest_step_in_its_own_direction() -> None:
+@pytest.mark.parametrize(("longest", "widest"), [(0.1, 0.2), (0.1, math.inf), (math.inf, 0.2)])
+def test_a_far_target_is_approached_by_the_longest_step_in_its_own_direction(
+    longest: float, widest: float
+) -> None:
     rng = np.random.default_rng(20)
     configuration = regular(rng)
     R, p = frame_pose(configuration, "tool", "site")
     way, axis = random_direction(rng), random_direction(rng)
-    far = pose(turn(axis, 2.0) @ R, p + 3.0 * way)
-    for longest, widest in ((0.1, 0.2), (0.1, math.inf), (math.inf, 0.2)):
-        task = TwistTask(
-            "tool", "site", SPATIAL, gain=0.5, max_linear_step=longest, max_angular_step=widest
-        )
-        task.set_target(far)
-        asked = frame_jacobian(configuration, "tool", "site") @ solve(configuration, task, 1.0)
-        close(asked[:3], 0.5 * min(longest, 3.0) * way, atol=1e-7)
-        close(asked[3:], 0.5 * min(widest, 2.0) * axis, atol=1e-7)
-        # The state still tells the whole error.
-        close(task.state(configuration).error, np.concatenate([3.0 * way, 2.0 * axis]), atol=1e-9)
+    task = tool(gain=0.5, max_linear_step=longest, max_angular_step=widest)
+    task.set_target(pose(turn(2.0 * axis) @ R, p + 3.0 * way))
+    asked = frame_jacobian(configuration, "tool", "site") @ solve(configuration, task, 1.0)
+    close(asked[:3], 0.5 * min(longest, 3.0) * way, atol=1e-7)
+    close(asked[3:], 0.5 * min(widest, 2.0) * axis, atol=1e-7)
+    # The state still tells the whole error.
+    close(task.state(configuration).error, np.concatenate([3.0 * way, 2.0 * axis]), atol=1e-9)
 
 
 def test_a_near_target_is_not_held_back_and_feed_forward_never_is() -> None:
@@ -749,7 +618,7 @@ def test_a_near_target_is_not_held_back_and_feed_forward_never_is() -> None:
     twist = 4.0 * random_direction(rng)
     errors = []
     for limits in ({}, {"max_linear_step": 0.11, "max_angular_step": 6.0}):
-        task = TwistTask("tool", "site", SPATIAL, **limits)
+        task = tool(**limits)
         task.set_target(target, twist=np.concatenate([twist, twist]))
         task.set_dt(1.0)
         errors.append(task.compute_error(configuration))

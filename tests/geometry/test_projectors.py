@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from oracles.arms import planar_arm, random_configuration, random_direction, random_rotation
+from oracles.twists import FRAMES, PLANE, ROLL_FREE, SPATIAL, Z, close, twists
+from scipy.linalg import block_diag
 
 from qp_twist.errors import InvalidInput, QpTwistError
 from qp_twist.geometry import Projector, ProjectorKind, TwistProjector, task_redundancy
@@ -19,9 +21,8 @@ from qp_twist.kinematics import frame_jacobian
 
 Array = npt.NDArray[np.float64]
 
-Z = np.array([0.0, 0.0, 1.0])
-FRAMES = ("world", "body", "target")
-PLANAR = TwistProjector(linear=Projector.plane(Z), angular=Projector.line(Z))
+PLANAR = twists("plane", "line")
+"""The operational space of a planar arm."""
 
 
 # A direction from one drawn seed, not from three drawn floats, makes hypothesis many times faster.
@@ -56,50 +57,27 @@ twist_projectors = st.builds(
 )
 
 
-def close(actual: Array, expected: Array, atol: float = 1e-14) -> None:
-    """Assert equality but for rounding."""
-    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=atol)
-
-
 # ----------------------------------------------------------------------------------- projectors
 
 
 @given(projectors_with_matrices())
-def test_a_projector_is_the_papers_matrix_for_an_axis_of_any_length(
+def test_a_projector_is_the_papers_matrix_and_satisfies_the_axioms(
     drawn: tuple[Projector, Array],
 ) -> None:
+    """Of an axis of any length: idempotent, symmetric, and split by its complement."""
     projector, expected = drawn
-    close(projector.matrix, expected)
-
-
-@given(projectors)
-def test_a_projector_is_idempotent_and_symmetric(projector: Projector) -> None:
-    M = projector.matrix
+    M, other, U = projector.matrix, projector.complement, projector.basis
+    close(M, expected)
     close(M @ M, M)
     close(M.T, M)
-
-
-@given(projectors)
-def test_a_projector_and_its_complement_split_space(projector: Projector) -> None:
-    M, other = projector.matrix, projector.complement.matrix
-    close(M + other, np.eye(3))
-    close(M @ other, np.zeros((3, 3)))
-    close(projector.complement.complement.matrix, M)
-    assert projector.complement.complement.kind is projector.kind
-
-
-@given(projectors)
-def test_the_rank_of_a_projector_is_that_of_its_matrix(projector: Projector) -> None:
-    assert projector.rank == np.linalg.matrix_rank(projector.matrix, tol=1e-9)
-    assert projector.rank + projector.complement.rank == 3
-
-
-@given(projectors)
-def test_the_basis_of_a_projector_is_orthonormal_and_spans_its_range(projector: Projector) -> None:
-    U = projector.basis
+    close(M + other.matrix, np.eye(3))
+    close(M @ other.matrix, np.zeros((3, 3)))
+    close(other.complement.matrix, M)
+    assert other.complement.kind is projector.kind
+    assert projector.rank == np.linalg.matrix_rank(M, tol=1e-9) == 3 - other.rank
     assert U.shape == (3, projector.rank)
     close(U.T @ U, np.eye(projector.rank))
-    close(U @ U.T, projector.matrix)
+    close(U @ U.T, M)
 
 
 @given(projectors, rotations)
@@ -117,12 +95,6 @@ def test_the_basis_turns_with_the_axis_so_that_task_rows_stay_continuous(
     projector = build(e)
     close(projector.rotated(R).basis, R @ projector.basis)
     close(projector.rotated(R).axis, R @ e)
-
-
-@given(directions)
-def test_a_plane_keeps_what_is_across_its_normal_and_a_line_what_is_along_it(e: Array) -> None:
-    close(Projector.plane(e).matrix @ e, np.zeros(3))
-    close(Projector.line(e).matrix @ e, e)
 
 
 def test_the_four_kinds_have_the_papers_ranks() -> None:
@@ -183,35 +155,19 @@ def test_a_refusal_is_a_value_error_and_a_mink_error() -> None:
 
 
 @given(projectors_with_matrices(), projectors_with_matrices(), st.sampled_from(FRAMES))
-def test_a_twist_projector_is_block_diagonal_with_the_linear_block_first(
+def test_a_twist_projector_is_block_diagonal_and_satisfies_the_axioms(
     linear: tuple[Projector, Array], angular: tuple[Projector, Array], frame: str
 ) -> None:
-    T = TwistProjector(linear=linear[0], angular=angular[0], frame=frame).matrix
-    close(T[:3, :3], linear[1])
-    close(T[3:, 3:], angular[1])
-    close(T[:3, 3:], np.zeros((3, 3)))
-    close(T[3:, :3], np.zeros((3, 3)))
-
-
-@given(twist_projectors)
-def test_a_twist_projector_satisfies_the_axioms(projector: TwistProjector) -> None:
-    T, other = projector.matrix, projector.complement.matrix
-    close(T @ T, T)
-    close(T.T, T)
-    close(T + other, np.eye(6))
-    close(T @ other, np.zeros((6, 6)))
-    close(projector.complement.complement.matrix, T)
-
-
-@given(twist_projectors)
-def test_the_basis_of_a_twist_projector_is_orthonormal_and_minimal(
-    projector: TwistProjector,
-) -> None:
-    U = projector.basis
-    assert projector.rank == np.linalg.matrix_rank(projector.matrix, tol=1e-9)
-    assert U.shape == (6, projector.rank)
+    """The linear block first; a minimal orthonormal basis of its range."""
+    projector = TwistProjector(linear=linear[0], angular=angular[0], frame=frame)
+    T, other, U = projector.matrix, projector.complement, projector.basis
+    close(T, block_diag(linear[1], angular[1]))
+    close(T + other.matrix, np.eye(6))
+    close(T @ other.matrix, np.zeros((6, 6)))
+    close(other.complement.matrix, T)
+    assert U.shape == (6, projector.rank) and projector.rank == np.linalg.matrix_rank(T, tol=1e-9)
     close(U.T @ U, np.eye(projector.rank))
-    close(U @ U.T, projector.matrix)
+    close(U @ U.T, T)
 
 
 @given(twist_projectors, rotations, rotations)
@@ -276,17 +232,17 @@ def test_the_blocks_must_be_named() -> None:
 
 
 def test_both_examples_of_the_paper_have_one_redundant_direction() -> None:
-    positioning = TwistProjector(linear=Projector.plane(Z), angular=Projector.none())
+    positioning = PLANE
     assert task_redundancy(operational=PLANAR, task=positioning) == 1
 
-    spatial = TwistProjector(linear=Projector.full(), angular=Projector.full())
-    deburring = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame="body")
+    spatial = SPATIAL
+    deburring = ROLL_FREE
     assert task_redundancy(operational=spatial, task=deburring) == 1
 
 
 @given(twist_projectors)
 def test_a_spatial_arm_has_what_the_task_does_not_need(task: TwistProjector) -> None:
-    spatial = TwistProjector(linear=Projector.full(), angular=Projector.full())
+    spatial = SPATIAL
     expected = 6 - np.linalg.matrix_rank(task.matrix, tol=1e-9)
     assert task_redundancy(operational=spatial, task=task) == expected
 
@@ -308,7 +264,7 @@ def test_a_task_outside_the_operational_space_is_refused() -> None:
 
 
 def test_a_task_of_more_rank_than_the_operational_space_is_refused() -> None:
-    task = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame="body")
+    task = ROLL_FREE
     with pytest.raises(InvalidInput, match=r"of rank 5, .* of rank 3"):
         task_redundancy(operational=PLANAR, task=task)
 
@@ -375,7 +331,7 @@ def test_example_2_2_the_planar_4r_has_a_self_motion_of_dimension_one() -> None:
 
 def test_example_2_3_positioning_with_the_planar_3r_leaves_one_direction() -> None:
     model = planar_arm([2.0, 1.5, 1.0])
-    positioning = TwistProjector(linear=Projector.plane(Z), angular=Projector.none())
+    positioning = PLANE
     assert task_redundancy(operational=PLANAR, task=positioning) == 1
     rng = np.random.default_rng(3)
     for _ in range(20):

@@ -96,6 +96,26 @@ def planar_arm(lengths: Sequence[float]) -> mujoco.MjModel:
     return _compile(f'{opening}<site name="tip" pos="{lengths[-1]!r} 0 0"/>{closing}')
 
 
+def seven_axes(
+    geom: str = '<geom size="0.05" mass="2"/>', beside: str = "", tip: str = "tool"
+) -> mujoco.MjModel:
+    """Shoulder at 0.36 m, upper arm 0.42, forearm 0.40, wrist to tool 0.15.
+
+    ``geom`` of each link, {top} for its length, m; ``beside``: what else stands in the world.
+    """
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
+    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08)
+    ends = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
+    opening = "".join(
+        f'<body name="link_{i + 1}" pos="0 0 {height}"><joint name="a{i + 1}" axis="{axis}" '
+        f'range="-{end} {end}"/>{geom.format(top=top)}'
+        for i, (axis, height, end, top) in enumerate(
+            zip(axes, heights, ends, (*heights[1:], 0.07), strict=True)
+        )
+    )
+    return _compile(f'{beside}{opening}<site name="{tip}" pos="0 0 0.07"/>{"</body>" * 7}')
+
+
 def _compile(bodies: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><compiler angle="radian"/><worldbody>{bodies}</worldbody></mujoco>'

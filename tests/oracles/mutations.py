@@ -13,22 +13,7 @@ NUMBERS = (
 """Texts that are put in place of a number."""
 _NUMBER = re.compile(rb"[-+]?[0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?")
 _WORD = re.compile(rb"[A-Za-z_]{2,}")
-_BYTES = (
-    b"\0",
-    b"\xff",
-    b"\xef\xbb\xbf",
-    b"\r",
-    b'"',
-    b"<",
-    b">",
-    b"[",
-    b"{",
-    b"(",
-    b"/",
-    b"-",
-    b"&",
-    b"$",
-)
+_BYTES = (b"\0", b"\xff", b"\xef\xbb\xbf", b"\r", *(bytes([b]) for b in b'"<>[{(/-&$'))
 
 
 def mutated(content: bytes, number: int) -> bytes:
