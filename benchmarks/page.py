@@ -24,7 +24,7 @@ from qp_twist.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "docs" / "generated"
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "examples")]  # oracles; placements
+sys.path += [str(ROOT / "tests"), str(ROOT / "examples")]  # oracles; placements, simulated robot
 
 Task, Found = TypeVar("Task"), TypeVar("Found")
 Part = Callable[..., str | tuple[str, int]]
