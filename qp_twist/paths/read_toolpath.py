@@ -37,7 +37,7 @@ def read_toolpath(
     Args:
         file: The file.
         options: How to read it; or its fields as keywords, e.g. ``length_unit="mm"``
-            (:class:`ReadingOptions`).
+            (:class:`~qp_twist.paths.ReadingOptions`).
         given: These fields.
 
     Returns:
