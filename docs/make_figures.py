@@ -25,15 +25,16 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import mujoco
 import numpy as np
 from PIL import Image
 
 import qp_twist as qt
 from qp_twist.comparison import metrics
-from qp_twist.drawing.scene_picture import draw_scene
+from qp_twist.drawing import NoPicture
+from qp_twist.drawing.palette import RC, RED
+from qp_twist.drawing.picture import draw_scene
 from qp_twist.drawing.sight import overview
-from qp_twist.pictures.style import LIMIT, RC, line_style
+from qp_twist.pages.method_style import line_style
 
 DOCS = Path(__file__).parent
 sys.path.append(str(DOCS.parent / "examples"))  # the simulated robot
@@ -127,18 +128,17 @@ def draw_passing(comparison: qt.Comparison, path: Path) -> None:
     """The arm that passes the clamp, and as a ghost the one that does not."""
     task, runs = comparison.path_task, comparison.trajectories
     arms = [runs[name].q[PASSING] for name in ("qp_gradient", "gradient_projection")]
-    with tempfile.TemporaryDirectory() as temporary:
-        drawn = Path(temporary) / "scene.png"
-        scene = Path(temporary) / "scene.mjb"
-        mujoco.mj_saveModel(task.model, str(scene), None)
-        said = draw_scene(scene, arms, task.positions, drawn, camera=overview(task.model))
-        if said is None:
-            with Image.open(drawn) as picture:
-                width, height = picture.size
-                part = (0.22 * width, 0.06 * height, 0.92 * width, height)
-                shown = picture.convert("RGB").crop(tuple(map(int, part)))
-            shown.quantize(128).save(path, optimize=True)
-    print(said or f"wrote {path}")
+    try:
+        png = draw_scene(task.model, arms, [(task.positions, RED)], camera=overview(task.model))
+    except NoPicture as error:
+        print(error)
+        return
+    with Image.open(io.BytesIO(png)) as picture:
+        width, height = picture.size
+        part = (0.22 * width, 0.06 * height, 0.92 * width, height)
+        shown = picture.convert("RGB").crop(tuple(map(int, part)))
+    shown.quantize(128).save(path, optimize=True)
+    print(f"wrote {path}")
 
 
 # ---------------------------------------------------------------- tables
@@ -288,7 +288,7 @@ def draw_gains(path: Path) -> None:
             if any(outside):
                 ax.axvline(
                     gains[outside.index(True)],
-                    color=LIMIT,
+                    color=RED,
                     label=f"from here on {method} leaves the limits",
                 )
         none = qt.follow(task, "twa", gain=0.0).z.mean()
@@ -320,7 +320,7 @@ def draw_gains(path: Path) -> None:
                 panel.plot(np.arange(1, len(run.q) + 1), np.degrees(run.q[:, joint]), **style,
                            label=words)  # fmt: skip
             for limit in (ranges.lower[joint], ranges.upper[joint]):
-                panel.axhline(np.degrees(limit), color=LIMIT, linewidth=1.2)
+                panel.axhline(np.degrees(limit), color=RED, linewidth=1.2)
             panel.set_title(f"{ranges.names[joint]}, degrees")
             panel.set_xlabel("waypoint")
         bottom.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=3)

@@ -22,7 +22,8 @@ from cartesian_paths import STEP_DEG, Problem, read_problem
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.drawing.scene_picture import PATH_RGBA, _View
+from qp_twist.drawing.palette import RED, rgb
+from qp_twist.drawing.picture_process import View
 
 DOCS = Path(__file__).parent
 VIEWS = {"panda__2cubes": (150.0, -18.0, 1.7), "fetch__hello": (-60.0, -20.0, 2.4)}
@@ -61,7 +62,8 @@ def draw(problem: Problem, q: Array, file: Path) -> None:
         model.geom_rgba[geom] = _BOX if boxed else _ROBOT
     light = model.vis.headlight
     light.ambient[:], light.diffuse[:], light.specular[:] = 0.45, 0.6, 0.1
-    view = _View(model, _SHOWN * WIDTH, _SHOWN * HEIGHT, "", [(path, PATH_RGBA)])
+    red = [*(channel / 255.0 for channel in rgb(RED)), 1.0]
+    view = View(model, _SHOWN * WIDTH, _SHOWN * HEIGHT, "", [(path, red)])
     azimuth, elevation, distance = VIEWS[problem.task.name]
     view.camera.azimuth, view.camera.elevation, view.camera.distance = azimuth, elevation, distance
     view.camera.lookat[:] = 0.5 * (path.mean(axis=0) + np.array([0.0, 0.0, 0.4]))
@@ -86,15 +88,10 @@ def draw(problem: Problem, q: Array, file: Path) -> None:
 
 def _palette(frames: list[Image.Image]) -> Image.Image:
     """Few colours for all frames; the path's is among them, which has few pixels."""
-    sheet = Image.new("RGB", (WIDTH, (len(frames) + 1) * HEIGHT), _path_rgb())
+    sheet = Image.new("RGB", (WIDTH, (len(frames) + 1) * HEIGHT), rgb(RED))
     for k, frame in enumerate(frames):
         sheet.paste(frame, (0, k * HEIGHT))
     return sheet.quantize(_COLOURS)
-
-
-def _path_rgb() -> tuple[int, int, int]:
-    red, green, blue = (round(255.0 * channel) for channel in PATH_RGBA[:3])
-    return red, green, blue
 
 
 if __name__ == "__main__":

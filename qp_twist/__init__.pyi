@@ -11,11 +11,11 @@ from . import errors as errors
 from . import following as following
 from . import geometry as geometry
 from . import kinematics as kinematics
+from . import pages as pages
 from . import paths as paths
 from . import planning as planning
 from . import qp as qp
 from . import referee as referee
-from . import reporting as reporting
 from . import robots as robots
 from . import studies as studies
 from . import trajectories as trajectories
@@ -62,6 +62,7 @@ from .kinematics import SlabBand as SlabBand
 from .kinematics import ToleranceBand as ToleranceBand
 from .kinematics import TwistTask as TwistTask
 from .kinematics import target_twist as target_twist
+from .pages import report as report
 from .paths import METHODS as METHODS
 from .paths import PathTask as PathTask
 from .paths import load_task as load_task
@@ -71,7 +72,6 @@ from .qp import InfeasibleStep as InfeasibleStep
 from .qp import NoSolutionFound as NoSolutionFound
 from .qp import QuadraticProgram as QuadraticProgram
 from .qp import SolverInaccurate as SolverInaccurate
-from .reporting import report as report
 from .robots import load_robot as load_robot
 from .studies import Study as Study
 from .studies import study as study

@@ -8,6 +8,7 @@ from hypothesis import settings
 from skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401  (hooks)
 
 import qp_twist as qt
+from qp_twist.drawing import NoPicture
 
 # The same examples on every machine: a red run can be repeated, a green one means the same. On
 # another kernel of OpenBLAS (.ci/kernels.py) fewer of them.
@@ -52,9 +53,20 @@ def planar() -> qt.Comparison:
     return qt.compare("planar_line")
 
 
+def no_picture(*_: object, **__: object) -> bytes:
+    """Instead of a picture, which takes longer to draw than all the rest of a page."""
+    raise NoPicture("No picture of the scene.")
+
+
+@pytest.fixture
+def without_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages have no picture for print."""
+    monkeypatch.setattr("qp_twist.drawing.picture.draw_scene", no_picture)
+
+
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports are written with empty pages and no pictures: drawing takes longer than the rest."""
     monkeypatch.setattr(qt.Comparison, "figures", lambda _: {})
-    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
-    monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")
+    monkeypatch.setattr("qp_twist.drawing.picture.draw_scene", no_picture)
+    monkeypatch.setattr("qp_twist.pages.comparison_page.comparison_page", lambda *_, **__: "")

@@ -52,7 +52,7 @@ def report(
             of its own (.toml); if omitted, recognised by name and geometry.
         as_modelled: For a program: its angles are those of the model's joints.
     """
-    from qp_twist.reporting import report as report_motion  # with matplotlib
+    from qp_twist.pages import report as report_motion  # with what draws
 
     number("--position-tolerance", position_tolerance, above=0.0)
     number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)

@@ -33,8 +33,8 @@ def roadmap(
         out: PNG file to write; if omitted, out/TASK/roadmap.png.
         json_: Print the file and the numbers of the methods over it as JSON.
     """
-    from qp_twist.comparison.joint_figure import save_figure  # with matplotlib
-    from qp_twist.comparison.roadmap_figure import check_applies, roadmap_figure
+    from qp_twist.drawing.figures import save_figure  # with matplotlib
+    from qp_twist.pages.roadmap import check_applies, roadmap_figure
 
     path_task = load(task)
     names = method_names(path_task, methods)

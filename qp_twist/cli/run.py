@@ -25,7 +25,7 @@ from qp_twist.cli.app import (
 )
 from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
-from qp_twist.comparison import compare, metrics
+from qp_twist.comparison import metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.paths import (
@@ -33,9 +33,7 @@ from qp_twist.paths import (
     PathTask,
     check_method,
     in_joint_moves,
-    refuse_joint_moves,
 )
-from qp_twist.pictures.style import pair_of
 from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
 _STRETCHES = 8
@@ -73,7 +71,7 @@ def run(
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
         gain: Of the secondary objective, instead of the task file's or the method's own.
         weight: Of a centering secondary, likewise.
-        report: Folder for a report that compares the method with its closed form or QP.
+        report: Folder for the motion's report, the page of qp-twist report.
         robot: For a program: the robot's name in the table of known robots, or a file with a table
             of its own (.toml); if omitted, as the task file states it, or recognised by name and
             geometry.
@@ -86,7 +84,6 @@ def run(
     check_file(out)
     if report is not None:
         check_folder(report, "--report")
-        refuse_joint_moves(path_task, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     joints = program_joints(out, path_task, robot, as_modelled)
@@ -123,16 +120,11 @@ def run(
     if check.passes:
         say(check.verdict)
     if report is not None:
-        pair = [n for n in path_task.method_names() if pair_of(n) == pair_of(method)]
-        pair = pair if method in pair else [*pair, method]
-        path_task = with_secondary(path_task, pair, gain, weight)
-        with method_progress(pair, len(path_task.waypoints) - 1) as progress:
-            comparison = compare(
-                path_task, pair, solver=solver, progress=progress.done, planning=progress.planning
-            )
-        with working("drawing the figures, writing the report"):
-            comparison.report(report)
-        say(f"wrote {report / 'report.html'}")
+        from qp_twist.pages import write_report  # with what draws
+
+        with working("drawing the report"):
+            made = write_report(trajectory.path_task, check, report, file=out.name)
+        say(*filter(None, (f"wrote {made.path}", made.remark)))
     quiet.reset(shown)
     if json_:
         facts: dict[str, object] = {

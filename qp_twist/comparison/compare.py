@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 
-from qp_twist.comparison.findings import findings
-from qp_twist.comparison.metrics import compiled_share, metrics
-from qp_twist.comparison.table import plain_table
-from qp_twist.drawing import scene_picture
-from qp_twist.drawing.sight import overview
+from qp_twist.comparison.findings import MethodRun, by_topic, findings
+from qp_twist.comparison.metrics import compiled_share, faults, metrics
+from qp_twist.comparison.table import metrics_table, plain_table
+from qp_twist.drawing import NoPicture, picture_of
 from qp_twist.errors import InvalidInput
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory, follow, with_options, with_start
@@ -99,13 +96,15 @@ class Comparison:
         a planar arm with one redundant degree of freedom (the paper's Fig. 4).
         """
         # Import Matplotlib on demand: it takes half a second.
-        from qp_twist.comparison import joint_figure, path_figure, roadmap_figure
-        from qp_twist.pictures.shown_figure import Figures
+        from qp_twist.drawing.figures import Figures
+        from qp_twist.pages.comparison_charts import joint_figures, path_figure
+        from qp_twist.pages.roadmap import applies_to, roadmap_figure
 
-        figures = Figures(joint_figure.joint_figures(self.path_task, self.trajectories))
-        figures["along_the_path"] = path_figure.path_figure(self.path_task, self.trajectories)
-        if roadmap_figure.applies_to(self.path_task):
-            figures["roadmap"] = roadmap_figure.roadmap_figure(self.path_task, self.trajectories)
+        numbers = self.to_dict()["methods"]
+        figures = Figures(joint_figures(self.path_task, self.trajectories, numbers))
+        figures["along_the_path"] = path_figure(self.path_task, self.trajectories)
+        if applies_to(self.path_task):
+            figures["roadmap"] = roadmap_figure(self.path_task, self.trajectories)
         return figures
 
     def save(self, folder: str | Path) -> list[str]:
@@ -129,10 +128,10 @@ class Comparison:
         Returns:
             The written files, one path per line, and a sentence for what could not be written.
         """
-        from qp_twist.comparison.joint_figure import save_figure
-        from qp_twist.comparison.report import report_page
+        from qp_twist.drawing.figures import save_figure
+        from qp_twist.pages.comparison_page import comparison_page
 
-        folder = Path(folder)
+        folder, content = Path(folder), self.to_dict()
         lines = self.save(folder)
         figures = self.figures()
         # Remove figures of an earlier comparison in this folder.
@@ -140,22 +139,24 @@ class Comparison:
             (folder / f"{name}.png").unlink(missing_ok=True)
         for name, figure in figures.items():
             lines.append(str(save_figure(figure, folder / f"{name}.png")))
-        picture = folder / "scene.png"
-        with tempfile.TemporaryDirectory() as temporary:
-            # Use the model, not its file: the workpiece may have been moved.
-            scene = Path(temporary) / f"{self.path_task.scene.stem}.mjb"
-            shown = self.path_task.shown
-            mujoco.mj_saveModel(shown.model, str(scene), None)
-            sentence = scene_picture.draw_scene(
-                scene, [shown.start], shown.positions, picture, camera=overview(shown.model)
-            )
-        lines.append(sentence or str(picture))
-        page = report_page(
+        try:
+            text = f"The robot at the start of {self.path_task.name}, and the path."
+            picture = picture_of(self.path_task.shown, text, width=1280, height=960)
+            lines.append(str(picture.save(folder / "scene.png")))
+        except NoPicture as why:
+            picture = None
+            (folder / "scene.png").unlink(missing_ok=True)
+            lines.append(str(why))
+        runs = [MethodRun.of(trajectory) for trajectory in self.trajectories.values()]
+        page = comparison_page(
             self.path_task,
-            self.to_dict(),
             self.trajectories,
+            content,
+            faults={name: faults(numbers) for name, numbers in content["methods"].items()},
+            findings=by_topic(runs, self.not_run, self.z_bound),
+            table=metrics_table(content),
             roadmap=figures.get("roadmap"),
-            picture=None if sentence else picture,
+            picture=picture,
             command=command,
         )
         return [str(write_atomically(folder / "report.html", page)), *lines]

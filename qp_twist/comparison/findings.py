@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Any
 
-from qp_twist.comparison.joint_speeds import OVER, PeakSpeed, peak_speed
 from qp_twist.comparison.metrics import (
     BAND_LEFT,
     EXCESSES,
@@ -18,6 +17,7 @@ from qp_twist.comparison.metrics import (
     metrics,
 )
 from qp_twist.following import Trajectory
+from qp_twist.following.joint_speeds import OVER, PeakSpeed, peak_speed
 from qp_twist.paths import METHODS
 
 AS_GOOD = 0.05

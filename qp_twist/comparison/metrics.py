@@ -90,6 +90,23 @@ def too_near(numbers: Mapping[str, Any]) -> bool:
     return left or numbers["min_clearance_m"] < 0.0
 
 
+def faults(numbers: Mapping[str, Any]) -> str:
+    """What a method did not keep, from its metrics, in a few words; empty if it kept all."""
+    first = numbers["first_violation"]
+    found = [f"left the limits of {', '.join(first)}"] if first else []
+    off = numbers["position_error_max_m"] > TASK_MET_M
+    if off or numbers["axis_error_max_rad"] > TASK_MET_RAD:
+        found.append("left the path")
+    found += [
+        f"left a {key.removesuffix('_excess_max').replace('_', ' ')}"
+        for key in EXCESSES
+        if numbers.get(key, 0.0) > BAND_LEFT
+    ]
+    if "min_clearance_m" in numbers and too_near(numbers):
+        found.append("came too near to something")
+    return ", ".join(found)
+
+
 def compiled_share(trajectory: Trajectory) -> float:
     """Share of the waypoints after the start computed by compiled code, 0 to 1."""
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))

@@ -1,28 +1,82 @@
-"""The table: each closed form next to its QP counterpart."""
+"""The table of metrics: each closed form next to its QP counterpart."""
 
 from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
 from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 from rich.text import Text
 
-from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, too_near
+from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, TASK_MET_M, TASK_MET_RAD, too_near
+from qp_twist.pages.tables import TIME, Cell, Table
 from qp_twist.paths import METHODS
-from qp_twist.pictures.style import pair_of
 
 WIDTH = 128
 """Width of the widest table, that with bands, in characters."""
+_COLUMNS = (
+    "leaves limits", "min\nmargin", "mean\nz", "position\nerror mm", "axis\nerror °", "travel\n°",
+    "max\nstep °", "σ min", TIME,
+)  # fmt: skip
+_COLOURS = {"good": "green", "bad": "red", "": ""}
 
 
-def rich_table(comparison: dict[str, Any]) -> Table:
+def metrics_table(comparison: dict[str, Any]) -> Table:
+    """The table, from the content of ``comparison.json``: a row for each method.
+
+    Where clearance has a column, remarks say what other constraints are left.
+    """
+    methods: dict[str, dict[str, Any]] = comparison["methods"]
+    clear = any("min_clearance_m" in numbers for numbers in methods.values())
+    excesses = [
+        key
+        for key in EXCESSES
+        if any(key in numbers for numbers in methods.values())
+        and not (clear and key == "constraint_excess_max")
+    ]
+    headings = [key.removesuffix("_max").replace("_", "\n") for key in excesses]
+    rows = {}
+    for name, numbers in methods.items():
+        cells = _cells(numbers, comparison["compiled"][name])
+        for excess in (numbers[key] for key in excesses):
+            cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
+        if clear:
+            distance = f"{1e3 * numbers['min_clearance_m']:.1f}"
+            cells.append(_cell(distance, bad=too_near(numbers)))
+        rows[name] = cells
+    return Table([*_COLUMNS, *headings, *(["clearance\nmm"] if clear else [])], rows)
+
+
+def _cells(numbers: dict[str, Any], compiled: float) -> list[Cell]:
+    first, margin = numbers["first_violation"], numbers["min_margin"]
+    where = "\n".join(f"{joint} at {index}" for joint, index in first.items())
+    position, axis = numbers["position_error_max_m"], numbers["axis_error_max_rad"]
+    # A time of compiled code has a star.
+    code = "*" if compiled >= 1.0 else "(*)" if compiled > 0.0 else ""
+    return [
+        Cell(where, "bad") if first else Cell("no", "good"),
+        _cell("–" if margin is None else f"{margin:.3f}", bad=margin is not None and margin < 0.0),
+        Cell(significant(numbers["mean_z"])),
+        _cell(significant(1e3 * position), bad=position > TASK_MET_M),
+        _cell(significant(math.degrees(axis)), bad=axis > TASK_MET_RAD),
+        Cell(whole(numbers["travel_deg"])),
+        Cell(significant(numbers["max_step_deg"], digits=2)),
+        Cell(significant(numbers["sigma_min"])),
+        Cell(whole(numbers["time_per_waypoint_us"]) + code),
+    ]
+
+
+def _cell(text: str, *, bad: bool) -> Cell:
+    return Cell(text, "bad" if bad else "")
+
+
+def rich_table(comparison: dict[str, Any]) -> RichTable:
     """The table for a terminal, from the content of ``comparison.json``."""
-    table = Table(
+    content = metrics_table(comparison)
+    table = RichTable(
         title=Text(
             f"{comparison['task']}: {comparison['waypoints']} waypoints, "
             f"QPs by {comparison['solver']}"
@@ -35,36 +89,16 @@ def rich_table(comparison: dict[str, Any]) -> Table:
         caption_justify="left",
     )
     table.add_column("method", no_wrap=True)
-    table.add_column("leaves limits", no_wrap=True)
-    for heading in (
-        "min\nmargin", "mean\nz", "position\nerror mm", "axis\nerror °", "travel\n°",
-        "max\nstep °", "σ min", "µs per\nwaypoint",
-    ):  # fmt: skip
-        table.add_column(heading, justify="right", no_wrap=True)
-    excesses = _excesses(comparison)
-    for key in excesses:
-        if any(key in numbers for numbers in comparison["methods"].values()):
-            heading = key.removesuffix("_max").replace("_", "\n")
-            table.add_column(heading, justify="right", no_wrap=True)
-    if _has_clearance(comparison):
-        table.add_column("clearance\nmm", justify="right", no_wrap=True)
-    methods = list(comparison["methods"])
-    for index, name in enumerate(methods):
-        following = methods[index + 1] if index + 1 < len(methods) else None
-        together = following is not None and pair_of(following) == pair_of(name)
-        cells = _row(name, comparison["methods"][name], comparison["compiled"][name], excesses)
-        table.add_row(*cells, end_section=not together)
+    for number, heading in enumerate(content.columns):
+        table.add_column(heading, justify="right" if number else "left", no_wrap=True)
+    pairs = [METHODS[name].qp for name in content.rows]
+    for (name, cells), pair, following in zip(
+        content.rows.items(), pairs, [*pairs[1:], None], strict=True
+    ):
+        method = Text(name, style="bold" if METHODS[name].constrained else "")
+        texts = [Text(cell.text, style=_COLOURS[cell.state]) for cell in cells]
+        table.add_row(method, *texts, end_section=pair != following)
     return table
-
-
-def _excesses(comparison: dict[str, Any]) -> list[str]:
-    """The columns of excesses: where clearance has a column, remarks say what else is left."""
-    clearance = _has_clearance(comparison)
-    return [key for key in EXCESSES if not (clearance and key == "constraint_excess_max")]
-
-
-def _has_clearance(comparison: dict[str, Any]) -> bool:
-    return any("min_clearance_m" in numbers for numbers in comparison["methods"].values())
 
 
 def plain_table(comparison: dict[str, Any]) -> str:
@@ -84,39 +118,6 @@ def notes(comparison: dict[str, Any]) -> list[str]:
         for name, numbers in comparison["methods"].items()
         if numbers["status"] != "ok"
     ] + [f"{name}: not run: {why}" for name, why in comparison.get("not_run", {}).items()]
-
-
-def time_in_code(microseconds: float, compiled: float) -> str:
-    """A time per waypoint, marked if compiled code computed all waypoints, or some."""
-    sign = "*" if compiled >= 1.0 else "(*)" if compiled > 0.0 else ""
-    return f"{whole(microseconds)}{sign}"
-
-
-def _row(
-    name: str, numbers: dict[str, Any], compiled: float, excesses: Sequence[str]
-) -> list[Text | str]:
-    first = numbers["first_violation"]
-    where = "\n".join(f"{joint} at {index}" for joint, index in first.items()) or "no"
-    margin = numbers["min_margin"]
-    style = "bold" if METHODS[name].constrained else ""
-    cells = [
-        Text(name, style=style),
-        Text(where, style="red" if first else "green"),
-        "–" if margin is None else Text(f"{margin:.3f}", style="red" if margin < 0.0 else ""),
-        significant(numbers["mean_z"]),
-        significant(1e3 * numbers["position_error_max_m"]),
-        significant(math.degrees(numbers["axis_error_max_rad"])),
-        whole(numbers["travel_deg"]),
-        significant(numbers["max_step_deg"], digits=2),
-        significant(numbers["sigma_min"]),
-        time_in_code(numbers["time_per_waypoint_us"], compiled),
-    ]
-    for excess in (numbers[key] for key in excesses if key in numbers):
-        cells.append(Text(significant(excess), style="red" if excess > BAND_LEFT else ""))
-    if "min_clearance_m" in numbers:
-        clearance = f"{1e3 * numbers['min_clearance_m']:.1f}"
-        cells.append(Text(clearance, style="red" if too_near(numbers) else ""))
-    return cells
 
 
 def significant(value: float, digits: int = 4) -> str:

@@ -1,19 +1,40 @@
-"""A still picture that a notebook displays."""
+"""A still picture of a scene: the robot, what is around it, and lines.
+
+OpenGL without a screen may be missing, raise, abort or crash, depending on the machine's drivers.
+The picture is therefore drawn by a process of its own (``picture_process.py``): if that fails, the
+caller gets a sentence instead of a picture.
+"""
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from qp_twist.drawing import scene_picture
+from qp_twist.checks import Array
+from qp_twist.drawing.palette import RED, rgb
 from qp_twist.drawing.sight import Drawn, overview
 from qp_twist.drawing.surroundings import framed
 from qp_twist.errors import QpTwistError
 from qp_twist.files import write_atomically
+
+TIMEOUT_S = 60.0
+Line = tuple[npt.ArrayLike, str]
+"""Points in the world, m, (N, 3), interrupted where one is not finite; and their colour."""
+
+
+class NoPicture(QpTwistError):
+    """There is no picture; the message says why, and what to install."""
 
 
 @dataclass(frozen=True)
@@ -39,26 +60,124 @@ class Picture:
         return f"Picture({self.text!r}, {len(self.png)} bytes)"
 
 
-def picture_of(drawn: Drawn, text: str, *, width: int = 960, height: int = 720) -> Picture:
-    """The robot at its start, what is around it, and the path in red.
+def picture_of(
+    drawn: Drawn,
+    text: str,
+    *,
+    lines: Sequence[Line] | None = None,
+    width: int = 960,
+    height: int = 720,
+) -> Picture:
+    """The robot at its start, what is around it, and the path in red, or other lines.
 
     Args:
         drawn: The task.
         text: What it shows.
+        lines: Drawn instead of the path.
         width: px.
         height: px.
 
     Raises:
-        QpTwistError: If there is no OpenGL; the message says what to install.
+        NoPicture: If there is no OpenGL; the message says what to install.
     """
-    with tempfile.TemporaryDirectory() as temporary:
-        scene, out = Path(temporary) / "scene.mjb", Path(temporary) / "scene.png"
-        mujoco.mj_saveModel(framed(drawn), str(scene), None)
-        path = np.insert(drawn.positions, drawn.joint_moves, np.nan, axis=0)  # gaps
-        sentence = scene_picture.draw_scene(
-            scene, [drawn.start], path, out,
-            width=width, height=height, camera=overview(drawn.model),
+    if lines is None:
+        lines = [(np.insert(drawn.positions, drawn.joint_moves, np.nan, axis=0), RED)]
+    png = draw_scene(
+        framed(drawn), [drawn.start], lines,
+        width=width, height=height, camera=overview(drawn.model),
+    )  # fmt: skip
+    return Picture(png, text)
+
+
+def draw_scene(
+    model: mujoco.MjModel,
+    configurations: Sequence[npt.ArrayLike],
+    lines: Sequence[Line] = (),
+    *,
+    width: int = 1280,
+    height: int = 960,
+    camera: str = "overview",
+) -> bytes:
+    """Draw a scene without a screen; the PNG file.
+
+    Args:
+        model: The scene.
+        configurations: Rad or m, (nq,) each. The first is drawn solid, the others as translucent
+            ghosts.
+        lines: Drawn as tubes.
+        width: px.
+        height: px.
+        camera: Camera of the scene; without it MuJoCo's free camera.
+
+    Raises:
+        NoPicture: If there is no OpenGL; the message says what to install.
+        ValueError: If an array has the wrong shape.
+    """
+    arms = [np.asarray(q, dtype=np.float64) for q in configurations]
+    if not arms or any(q.shape != (model.nq,) for q in arms):
+        shapes = [q.shape for q in arms]
+        raise ValueError(f"configurations must be arrays of shape ({model.nq},), got {shapes}")
+    points = [_points(line) for line, _ in lines]
+    settings = {
+        "width": width, "height": height, "camera": camera,
+        "colours": [(*(channel / 255.0 for channel in rgb(colour)), 1.0) for _, colour in lines],
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory(prefix="qp_twist_") as temporary:
+        job = Path(temporary)
+        mujoco.mj_saveModel(model, str(job / "scene.mjb"), None)
+        (job / "settings.json").write_text(json.dumps(settings))
+        np.savez(job / "arrays.npz", np.stack(arms), *points)
+        _run(job)
+        return (job / "picture.png").read_bytes()
+
+
+def _points(line: npt.ArrayLike) -> Array:
+    points = np.asarray(line, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"a line must have shape (N, 3), got {points.shape}")
+    return points
+
+
+def _run(job: Path) -> None:
+    """Draw in a new process."""
+    environment = dict(os.environ)
+    # MuJoCo reads MUJOCO_GL once, when it is imported: too late to set it in this process.
+    if sys.platform == "linux" and not environment.get("MUJOCO_GL", "").strip():
+        environment["MUJOCO_GL"] = "egl"
+    # The new process imports what this one imports, whatever the folder it starts in.
+    environment["PYTHONPATH"] = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
+    # As a file: `-m` would first import the package around it, which takes longer than the
+    # picture. -P: the file's folder is not searched for modules.
+    script = Path(__file__).with_name("picture_process.py")
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", str(script), str(job)],
+            env=environment, cwd=job, stdin=subprocess.DEVNULL, capture_output=True, text=True,
+            errors="replace", timeout=TIMEOUT_S, check=False,
         )  # fmt: skip
-        if sentence is not None:
-            raise QpTwistError(sentence)
-        return Picture(out.read_bytes(), text)
+    except subprocess.TimeoutExpired:
+        reason = f"no picture within {TIMEOUT_S:.0f} s"
+    except OSError as error:
+        raise NoPicture(
+            f"No picture of the scene: Python could not start a process to draw it ({error})."
+        ) from None
+    else:
+        if done.returncode == 0:
+            return
+        output = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        reason = output[-1][:300].rstrip(".") if output else f"exit status {done.returncode}"
+        if done.returncode < 0:
+            reason = f"ended by {_signal_name(-done.returncode)}"
+    gl = environment.get("MUJOCO_GL", "")
+    unset = "" if gl.lower() in ("", "egl") else ", and unset MUJOCO_GL"
+    raise NoPicture(
+        f"No picture of the scene: MuJoCo found no working offscreen OpenGL (MUJOCO_GL={gl}: "
+        f"{reason}). On Debian/Ubuntu: apt-get install libegl1 libgl1-mesa-dri{unset}."
+    )
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"

@@ -81,8 +81,9 @@ def sight(path_task: Drawn) -> Sight:
     shapes = moving[model.geom_bodyid] & (model.geom_rbound > 0.0)
     boxes = np.stack(bounds(model, data))[:, shapes]
     corners = [boxes[[i, j, k], :, [0, 1, 2]].T for i, j, k in product((0, 1), repeat=3)]
-    joints = [data.xpos[moving], data.xpos[model.body_parentid[moving]]]
-    points = np.vstack([*corners, *joints, path_task.positions])
+    parents = np.setdiff1d(model.body_parentid[moving], [0])
+    joints = data.xpos[[*np.flatnonzero(moving), *parents]]
+    points = np.vstack([*corners, joints, path_task.positions])
     # Of an orthographic view fovy is a length.
     fov = float(np.radians(45.0 if view.orthographic else float(view.fovy)))
     return _fitted(points, forward, fov)

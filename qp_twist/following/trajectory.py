@@ -186,9 +186,9 @@ class Trajectory:
 
         A Matplotlib figure, which notebooks display; ``figure.savefig("run.png")`` writes it.
         """
-        from qp_twist.pictures.joints_and_errors import joints_and_errors  # with Matplotlib
+        from qp_twist.drawing.charts import run_figure  # with Matplotlib
 
-        return joints_and_errors(
+        return run_figure(
             JointRanges.of(self.path_task.model),
             self.q,
             self.position_error,

@@ -149,6 +149,11 @@ class Method:
         """Whether it keeps position and velocity limits; of the closed forms only ``sns`` does."""
         return self.constrained or self.name == "sns" or self.peer
 
+    @property
+    def qp(self) -> str:
+        """The QP of its pair: itself, or the one that a closed form or a peer is listed beside."""
+        return self.name if self.constrained or self.counterpart is None else self.counterpart
+
     def unused(self, settings: MethodSettings) -> dict[str, str]:
         """The settings that change nothing, by name, and why."""
         free = self.constrained or self.peer or self.defaults.secondary != "none"

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from qp_twist.checks import Array
-from qp_twist.pictures.shown_figure import ShownFigure
-from qp_twist.pictures.style import RC, line_style
+from qp_twist.drawing.figures import ShownFigure
+from qp_twist.drawing.palette import RC
+from qp_twist.pages.method_style import line_style
 from qp_twist.studies.summary import MethodSummary, numbers
 
 if TYPE_CHECKING:

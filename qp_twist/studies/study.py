@@ -166,7 +166,7 @@ class Study:
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
         # Imports Matplotlib, which the worker processes do not need.
-        from qp_twist.pictures.shown_figure import Figures
+        from qp_twist.drawing.figures import Figures
         from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 
         found = Figures(faults=fault_figure(self.title, self.summary()))
@@ -180,7 +180,7 @@ class Study:
 
     def report(self) -> list[str]:
         """Write ``summary.json``, ``summary.txt`` and the figures; return their paths."""
-        from qp_twist.comparison.joint_figure import save_figure
+        from qp_twist.drawing.figures import save_figure
 
         text = json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
         written = [

@@ -9,8 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.pictures.lit_pairs import distance_text
-from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair
+from qp_twist.pages.near_pairs import TOO_NEAR, NearPair, distance_text
 from qp_twist.viewing.short_names import short_names
 
 _OUTSIDE = 1e-9

@@ -15,7 +15,6 @@ from qp_twist.control import Controller, Step
 from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask
-from qp_twist.pictures.style import pair_of
 from qp_twist.viewing.one_run import Moment
 from qp_twist.viewing.projectors import with_projector
 from qp_twist.viewing.roll import Roll
@@ -63,7 +62,7 @@ class LiveArm:
             on_infeasible: Whether an infeasible target slows the arm down (``"scale"``) or is
                 approached in least squares (``"relax"``).
         """
-        self.method = pair_of(settings.method)
+        self.method = METHODS[settings.method].qp
         kind = METHODS[self.method]
         model = path_task.model
         self.path_task = with_projector(path_task, settings.projector)

@@ -12,9 +12,9 @@ import mink
 import numpy as np
 import viser
 
-from qp_twist.comparison.roadmap_figure import applies_to
+from qp_twist.pages.local_server import LocalServer
+from qp_twist.pages.roadmap import applies_to
 from qp_twist.paths import METHODS
-from qp_twist.pictures.local_server import LocalServer
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.one_run import Moment, Run
 from qp_twist.viewing.projectors import projector_choices

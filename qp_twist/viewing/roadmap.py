@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from qp_twist.comparison.roadmap_figure import roadmap_figure
+from qp_twist.pages.roadmap import roadmap_figure
 from qp_twist.viewing.one_run import Run
 
 _DPI = 100

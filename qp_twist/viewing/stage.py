@@ -13,10 +13,9 @@ from mjviser import ViserMujocoScene
 from qp_twist.checks import Array
 from qp_twist.drawing.sight import sight
 from qp_twist.geometry import ProjectorKind
+from qp_twist.pages.near_pairs import CARRIER, LitPairs, NearPair, NearPairs
+from qp_twist.pages.recordings import move_carrier
 from qp_twist.paths import PathTask
-from qp_twist.pictures.carrier import CARRIER, put
-from qp_twist.pictures.lit_pairs import LitPairs
-from qp_twist.pictures.near_pairs import NearPair
 
 PATH_RGB = (208, 0, 0)
 TRACE_RGB = (0, 114, 178)
@@ -103,13 +102,13 @@ class Stage:
         self.data.qpos[:] = self._shown.configurations(q)
         mujoco.mj_kinematics(self.model, self.data)
         self.scene.update_from_mjdata(self.data)
-        put(self._carrier, self._shown, q)
+        move_carrier(self._carrier, self._shown, q)
         self.near = self._lit.show(q)
 
     def draw_path(self, path_task: PathTask) -> None:
         """Show the path and the workpiece."""
-        if path_task is not self._lit.path_task:
-            self._lit.path_task = path_task
+        if path_task is not self._lit.pairs.path_task:
+            self._lit.pairs = NearPairs(path_task)
         self._draw_line(f"{CARRIER}/path", path_task.positions, PATH_RGB, _WIDTH_PX)
         if self._shown.carrier is not None:  # no body of the scene moves with the path's placement
             return

@@ -72,12 +72,12 @@ def test_a_hair_outside_counts_from_a_billionth_on() -> None:
     assert metrics(dataclasses.replace(template, q=at_limit))["violations"] == 1
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_the_json_has_the_contracts_shape(
     four: qt.Comparison, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The page and the picture are drawn in test_report.py.
-    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
-    monkeypatch.setattr("qp_twist.comparison.report.report_page", lambda *_, **__: "")
+    # The page is drawn in test_report.py.
+    monkeypatch.setattr("qp_twist.pages.comparison_page.comparison_page", lambda *_, **__: "")
     lines = four.report(tmp_path / "new" / "folder")
     content = json.loads((tmp_path / "new" / "folder" / "comparison.json").read_text("utf-8"))
     assert content["task"] == "planar_line"
@@ -191,11 +191,11 @@ def test_options_of_a_comparison_are_for_the_methods_that_use_them() -> None:
     assert (comparison.trajectories["qp"].q == alone.q).all()
 
 
+@pytest.mark.usefixtures("without_picture")
 def test_gain_and_weight_are_options_of_the_commands(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The picture and the figures are drawn in test_report.py.
-    monkeypatch.setattr("qp_twist.drawing.scene_picture.draw_scene", lambda *_, **__: "undrawn")
+    # The figures are drawn in test_report.py.
     monkeypatch.setattr(qt.Comparison, "figures", lambda _: {"roadmap": Figure(figsize=(2, 2))})
     words = ["planar_line", "--gain", "0.3", "--weight", "paper"]
     main(["compare", *words, "--methods", "qp,minimum_norm", "--json"])

@@ -13,7 +13,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.comparison.findings import MethodRun, by_topic, findings
-from qp_twist.comparison.joint_speeds import PeakSpeed, peak_speed, speed_shares
+from qp_twist.following.joint_speeds import PeakSpeed, peak_speed, speed_shares
 
 LIMITS, SPEEDS, TASK = "Joint limits", "Joint speeds", "The task"
 BEST, PAIRS, NOT_RUN = (

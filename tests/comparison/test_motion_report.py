@@ -16,7 +16,7 @@ from oracles.joint_paths import joint_path
 
 import qp_twist as qt
 from qp_twist.cli import main
-from qp_twist.drawing import scene_picture
+from qp_twist.pages import MotionReport
 
 pytestmark = pytest.mark.xdist_group("motion report")
 STILL = "window.IntersectionObserver = class { observe() {} };"
@@ -27,15 +27,9 @@ STILL = "window.IntersectionObserver = class { observe() {} };"
 class Made:
     """A report, and the motion that it is about."""
 
-    report: qt.reporting.MotionReport
+    report: MotionReport
     task: qt.PathTask
     page: str
-
-
-@pytest.fixture
-def without_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages without a picture for print, which takes longer to draw than all the rest."""
-    monkeypatch.setattr(scene_picture, "draw_scene", lambda *_, **__: "No picture of the scene.")
 
 
 def made(motion: object, task: qt.PathTask, folder: Path) -> Made:

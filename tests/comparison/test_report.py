@@ -22,10 +22,11 @@ from oracles.browser import open_page
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import csv_table
-from qp_twist.comparison.report.curves import spread
+from qp_twist.drawing.charts import thinned
+from qp_twist.drawing.figures import METHOD, inline_svg
 from qp_twist.drawing.sight import sight
-from qp_twist.pictures.recordings import frames_of, recordings
-from qp_twist.pictures.svg import METHOD, inline_svg
+from qp_twist.pages.comparison_charts import spread
+from qp_twist.pages.recordings import recordings
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]
 SECTIONS = [
@@ -229,7 +230,7 @@ def test_recordings_hold_every_method_and_print_nothing(
     planar: qt.Comparison, capsys: pytest.CaptureFixture[str]
 ) -> None:
     geom_rgba = planar.path_task.model.vis.rgba.contactpoint.copy()
-    chosen = {name: frames_of(planar.trajectories[name].q) for name in ("twa", "qp")}
+    chosen = {name: planar.trajectories[name].q[::10] for name in ("twa", "qp")}
     found = recordings(planar.path_task, chosen)
     assert list(found) == ["twa", "qp"]
     assert found["twa"] != found["qp"]
@@ -254,12 +255,24 @@ def test_an_inline_figure_brings_its_own_ids_and_its_methods_classes() -> None:
 
 
 def test_labels_are_spread_no_more_than_needed() -> None:
-    assert spread([0.1, 0.5, 0.9], 0.1) == [0.1, 0.5, 0.9]
-    assert spread([0.5, 0.5], 0.1) == pytest.approx([0.45, 0.55])
-    many = spread([0.0, 0.02, 0.03, 0.5, 0.52], 0.1)
+    assert spread(np.array([0.1, 0.5, 0.9]), 0.1) == pytest.approx([0.1, 0.5, 0.9])
+    assert spread(np.array([0.5, 0.5]), 0.1) == pytest.approx([0.45, 0.55])
+    many = spread(np.array([0.3, 0.32, 0.33, 0.7, 0.72]), 0.1)
     assert np.diff(many).min() == pytest.approx(0.1)
-    assert np.mean(many[:3]) == pytest.approx(0.05 / 3)
-    assert np.mean(many[3:]) == pytest.approx(0.51)
+    assert np.mean(many[:3]) == pytest.approx(0.95 / 3)
+    assert np.mean(many[3:]) == pytest.approx(0.71)
+    # Inside the panel, or the figure's edge would cut them off.
+    assert spread(np.zeros(3), 0.1) == pytest.approx([0.0, 0.1, 0.2])
+    assert spread(np.ones(3), 0.1) == pytest.approx([0.8, 0.9, 1.0])
+
+
+def test_a_long_curve_is_drawn_with_its_ends_and_extremes() -> None:
+    curve = np.sin(np.linspace(0.0, 9.0, 5000))
+    curve[[1234, 4321]] = 7.0, -7.0
+    index = thinned(curve)
+    assert len(index) < 300
+    assert {0, 1234, 4321, 4999} <= set(index.tolist())
+    assert (np.diff(index) > 0).all()
 
 
 # ---------------------------------------------------------------- for machines

@@ -6,12 +6,13 @@ of it is read from the MJCF files.
 
 from __future__ import annotations
 
-import json
+import io
 import signal
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -20,8 +21,10 @@ import pytest
 from matplotlib import image as matplotlib_image
 from scipy.spatial.transform import Rotation
 
-from qp_twist.drawing import scene_picture
-from qp_twist.drawing.scene_picture import draw_scene
+from qp_twist.drawing import NoPicture, picture, picture_of
+from qp_twist.drawing.palette import RED
+from qp_twist.drawing.picture import draw_scene
+from qp_twist.drawing.picture_process import GHOST_ALPHA
 
 Array = npt.NDArray[np.float64]
 
@@ -314,9 +317,16 @@ def deburring_path() -> Array:
     return np.column_stack([x, 1.0 + y, 0.3 + np.sqrt(0.09 - x**2 - y**2)])
 
 
-def read_picture(file: Path) -> Array:
-    """Return a picture's colours, shape (H, W, 3), from 0 to 1."""
-    return np.asarray(matplotlib_image.imread(file)[..., :3], dtype=float)
+def drawn_or_skip(*arguments: Any, **options: Any) -> Array:
+    """Return a picture's colours, shape (H, W, 3), from 0 to 1; without OpenGL, check the sentence
+    and skip what follows.
+    """
+    try:
+        png = draw_scene(*arguments, **options)
+    except NoPicture as error:
+        assert "apt-get install" in str(error)
+        pytest.skip(str(error))
+    return np.asarray(matplotlib_image.imread(io.BytesIO(png))[..., :3], dtype=float)
 
 
 def is_yellow(picture: Array) -> npt.NDArray[np.bool_]:
@@ -332,20 +342,8 @@ def is_red(picture: Array) -> npt.NDArray[np.bool_]:
     return np.asarray((red > 0.6) & (green < 0.35 * red) & (blue < 0.45 * red))
 
 
-def drawn_or_skip(sentence: str | None, out: Path) -> Array:
-    """Return the picture; without OpenGL, check the sentence and skip what follows."""
-    if sentence is not None:
-        assert "apt-get install" in sentence
-        assert list(out.parent.iterdir()) == []
-        pytest.skip(sentence)
-    assert list(out.parent.iterdir()) == [out]  # and no unfinished file beside it
-    return read_picture(out)
-
-
-def test_picture_shows_arm_and_path(tmp_path: Path) -> None:
-    out = tmp_path / "pictures" / "scene.png"  # the folder is created
-    sentence = draw_scene(DEBURRING, [START], deburring_path(), out, width=480, height=360)
-    picture = drawn_or_skip(sentence, out)
+def test_picture_shows_arm_and_path(m16ib: mujoco.MjModel) -> None:
+    picture = drawn_or_skip(m16ib, [START], [(deburring_path(), RED)], width=480, height=360)
     assert picture.shape == (360, 480, 3)
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 500
     assert 0.04 < is_yellow(picture).mean() < 0.4
@@ -360,24 +358,17 @@ def test_picture_shows_arm_and_path(tmp_path: Path) -> None:
     assert not (is_yellow(picture) & border).any()
 
 
-def test_picture_shows_ghosts_and_traces(tmp_path: Path) -> None:
+def test_picture_shows_ghosts_and_lines(m16ib: mujoco.MjModel) -> None:
     ghost = START + np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    path = deburring_path()
-    followed = path + np.array([0.0, 0.0, 0.05])
+    followed = deburring_path() + np.array([0.0, 0.0, 0.05])
     followed[40] = np.nan  # a gap
-    traces = {"followed": (followed, (0.05, 0.1, 0.9, 1.0))}
-    pictures = []
-    for name, configurations, lines in (
-        ("plain", [START], {}),
-        ("ghost", [START, ghost], {}),
-        ("other", [ghost], traces),
-    ):
-        out = tmp_path / name / "scene.png"
-        sentence = draw_scene(
-            DEBURRING, configurations, path, out, traces=lines, width=320, height=240
+    path = (deburring_path(), RED)
+    plain, with_ghost, other = (
+        drawn_or_skip(m16ib, configurations, lines, width=320, height=240)
+        for configurations, lines in (
+            ([START], [path]), ([START, ghost], [path]), ([ghost], [path, (followed, "#0D1AE6")]),
         )
-        pictures.append(drawn_or_skip(sentence, out))
-    plain, with_ghost, other = pictures
+    )  # fmt: skip
 
     # Where the plain picture shows no arm and the other one does, the ghost is a share of it.
     beside = is_yellow(other) & ~is_yellow(plain)
@@ -385,7 +376,7 @@ def test_picture_shows_ghosts_and_traces(tmp_path: Path) -> None:
     full = np.abs(other - plain).sum(axis=-1)
     assert beside.sum() > 500
     share = np.median(change[beside] / full[beside])
-    assert share == pytest.approx(scene_picture.GHOST_ALPHA, abs=0.03)
+    assert share == pytest.approx(GHOST_ALPHA, abs=0.03)
     # The solid arm stays as it is, apart from the smoothing at its edges.
     assert np.median(change[is_yellow(plain)]) == 0.0
     assert np.mean(change[is_yellow(plain)] > 0.05) < 0.1
@@ -397,17 +388,19 @@ def test_picture_shows_ghosts_and_traces(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("far", ["", "<geom type='box' size='9 9 .1' pos='20 0 0'/>"])
-def test_picture_of_a_scene_without_the_camera(tmp_path: Path, far: str) -> None:
+def test_picture_of_a_scene_without_the_camera(far: str) -> None:
     """What moves is seen in the middle and large, whatever stands far away."""
-    scene = tmp_path / "user.xml"
-    scene.write_text(
+    model = mujoco.MjModel.from_xml_string(
         f"<mujoco><worldbody>{far}<body pos='3 0 5'><joint/>"
         "<geom type='box' size='.2 .1 .1' rgba='0.1 0.8 0.1 1'/></body></worldbody></mujoco>"
     )
-    out = tmp_path / "pictures" / "user.png"
     path = np.array([[3.3, -0.2, 5.0], [3.3, 0.2, 5.2]])
-    sentence = draw_scene(scene, [np.zeros(1)], path, out, width=160, height=120)
-    picture = drawn_or_skip(sentence, out)
+    drawn = SimpleNamespace(model=model, start=np.zeros(1), positions=path, joint_moves=())
+    try:
+        png = picture_of(drawn, "", width=160, height=120).png
+    except NoPicture as error:
+        pytest.skip(str(error))
+    picture = np.asarray(matplotlib_image.imread(io.BytesIO(png))[..., :3], dtype=float)
     green = (picture[..., 1] > 0.2) & (picture[..., 0] < 0.5 * picture[..., 1])
     rows, columns = np.nonzero(green)
     assert green.mean() > 0.02
@@ -418,7 +411,7 @@ def test_picture_of_a_scene_without_the_camera(tmp_path: Path, far: str) -> None
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's offscreen OpenGL")
 @pytest.mark.parametrize(("given", "used"), [(None, "egl"), ("", "egl"), ("glfw", "glfw")])
 def test_opengl_is_offscreen_unless_the_user_says_otherwise(
-    given: str | None, used: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    given: str | None, used: str, m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
 
@@ -431,28 +424,24 @@ def test_opengl_is_offscreen_unless_the_user_says_otherwise(
         monkeypatch.delenv("MUJOCO_GL", raising=False)
     else:
         monkeypatch.setenv("MUJOCO_GL", given)
-    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
+    with pytest.raises(NoPicture, match=f"MUJOCO_GL={used}: an error"):
+        draw_scene(m16ib, [START])
     assert seen == [used]
-    assert sentence is not None
-    assert f"MUJOCO_GL={used}: an error" in sentence
 
 
 @pytest.mark.parametrize("backend", ["osmesa-nonsense", "disable"])
 def test_broken_opengl_is_a_sentence(
-    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    backend: str, m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("MUJOCO_GL", backend)
-    out = tmp_path / "pictures" / "scene.png"
-    out.parent.mkdir()
-    out.write_bytes(b"an older picture")
-    sentence = draw_scene(DEBURRING, [START], deburring_path(), out, width=160, height=120)
-    assert sentence is not None
+    with pytest.raises(NoPicture) as caught:
+        draw_scene(m16ib, [START], width=160, height=120)
+    sentence = str(caught.value)
     assert sentence.startswith("No picture of the scene: ")
     assert f"MUJOCO_GL={backend}" in sentence
     assert "apt-get install libegl1 libgl1-mesa-dri" in sentence
     assert "unset MUJOCO_GL" in sentence
     assert "\n" not in sentence
-    assert list(out.parent.iterdir()) == []  # nothing unfinished, and no picture of another run
 
 
 @pytest.mark.parametrize(
@@ -460,47 +449,20 @@ def test_broken_opengl_is_a_sentence(
     [(-int(signal.SIGSEGV), "SIGSEGV"), (-int(signal.SIGABRT), "SIGABRT"), (1, "exit status 1")],
 )
 def test_a_crash_of_opengl_is_a_sentence(
-    returncode: int, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    returncode: int, said: str, m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def crash(command: list[str], **_: object) -> SimpleNamespace:
-        with np.load(command[-1]) as job:
-            unfinished = Path(json.loads(str(job["settings"]))["out"])
-        unfinished.write_bytes(b"half a picture")
-        return SimpleNamespace(returncode=returncode, stderr="")
-
-    monkeypatch.setattr(subprocess, "run", crash)
-    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
-    assert sentence is not None
-    assert said in sentence
-    assert "apt-get" in sentence
-    assert list(tmp_path.iterdir()) == []
+    ended = SimpleNamespace(returncode=returncode, stderr="")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
+    with pytest.raises(NoPicture, match=f"{said}.*apt-get"):
+        draw_scene(m16ib, [START])
 
 
-def test_a_hanging_driver_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_picture, "TIMEOUT_S", 0.01)
-    sentence = draw_scene(DEBURRING, [START], deburring_path(), tmp_path / "scene.png")
-    assert sentence is not None
-    assert "no picture within" in sentence
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("scene", "configuration", "said"),
-    [
-        (SCENES / "missing.xml", START, "missing.xml"),
-        (DEBURRING, np.zeros(3), "nq = 6, but the configurations have 3 numbers"),
-    ],
-    ids=["missing file", "wrong number of joints"],
-)
-def test_a_bad_scene_is_not_blamed_on_opengl(
-    scene: Path, configuration: Array, said: str, tmp_path: Path
+def test_a_hanging_driver_is_a_sentence(
+    m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "scene.png"
-    sentence = draw_scene(scene, [configuration], deburring_path(), out)
-    assert sentence is not None
-    assert said in sentence
-    assert "apt-get" not in sentence
-    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(picture, "TIMEOUT_S", 0.01)
+    with pytest.raises(NoPicture, match="no picture within"):
+        draw_scene(m16ib, [START])
 
 
 @pytest.mark.parametrize(
@@ -509,11 +471,11 @@ def test_a_bad_scene_is_not_blamed_on_opengl(
         ([], np.zeros((2, 3)), "configurations must be"),
         ([np.zeros((2, 6))], np.zeros((2, 3)), "configurations must be"),
         ([np.zeros(6), np.zeros(5)], np.zeros((2, 3)), "configurations must be"),
-        ([np.zeros(6)], np.zeros((3, 2)), r"path must have shape \(N, 3\), got \(3, 2\)"),
+        ([np.zeros(6)], np.zeros((3, 2)), r"a line must have shape \(N, 3\), got \(3, 2\)"),
     ],
 )
 def test_wrong_shapes_raise(
-    configurations: list[Array], path: Array, said: str, tmp_path: Path
+    configurations: list[Array], path: Array, said: str, m16ib: mujoco.MjModel
 ) -> None:
     with pytest.raises(ValueError, match=said):
-        draw_scene(DEBURRING, configurations, path, tmp_path / "scene.png")
+        draw_scene(m16ib, configurations, [(path, RED)])

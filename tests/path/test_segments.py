@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import qp_twist as qt
-from qp_twist.comparison.roadmap_figure import roadmap_figure
 from qp_twist.following.blending import Ramp, towards
+from qp_twist.pages.roadmap import roadmap_figure
 from qp_twist.paths import Segment, shipped_folder
 
 pytestmark = pytest.mark.numerical

@@ -17,8 +17,8 @@ import websockets
 from oracles.browser import open_page
 
 import qp_twist as qt
-from qp_twist.pictures import local_server, recordings
-from qp_twist.pictures.local_server import LocalServer, OpenServer
+from qp_twist.pages import local_server, recordings
+from qp_twist.pages.local_server import LocalServer, OpenServer
 from qp_twist.viewing import PageSettings, Session, port
 from qp_twist.viewing.page import Page
 

@@ -169,9 +169,7 @@ def test_figures_are_pictures_in_a_notebook_that_has_not_imported_matplotlib() -
     assert done.stdout.strip() == "False"
 
 
-def test_a_task_is_shown_as_a_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from qp_twist.drawing import scene_picture
-
+def test_a_task_is_shown_as_a_picture(tmp_path: Path) -> None:
     try:
         picture = line().show(width=200, height=150)
     except qt.QpTwistError as error:
@@ -181,6 +179,9 @@ def test_a_task_is_shown_as_a_picture(tmp_path: Path, monkeypatch: pytest.Monkey
     assert image.size == (200, 150)
     red = np.asarray(image).astype(int)
     assert ((red[:, :, 0] > red[:, :, 1] + 60) & (red[:, :, 0] > red[:, :, 2] + 60)).sum() > 20
-    monkeypatch.setattr(scene_picture, "draw_scene", lambda *_, **__: "No picture: no OpenGL.")
-    with pytest.raises(qt.QpTwistError, match="no OpenGL"):
+
+
+@pytest.mark.usefixtures("without_picture")
+def test_without_opengl_there_is_an_exception() -> None:
+    with pytest.raises(qt.QpTwistError, match="No picture"):
         line().show()

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 import qp_twist as qt
 from qp_twist.geometry import ProjectorKind
-from qp_twist.pictures.local_server import LocalServer
-from qp_twist.pictures.near_pairs import NearPair, NearPairs
+from qp_twist.pages.local_server import LocalServer
+from qp_twist.pages.near_pairs import NearPair, NearPairs
 from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.dial import roll_dial

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import html
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from qp_twist.checks import Array, Mask
-from qp_twist.drawing import scene_picture
-from qp_twist.drawing.sight import overview
-from qp_twist.drawing.surroundings import framed
+from qp_twist.drawing import NoPicture, picture_of
+from qp_twist.drawing.palette import BLUE, ORANGE, RED, rgb
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
-from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.pictures.player import SCRIPT, player_data, still
-from qp_twist.pictures.recordings import recordings
-from qp_twist.pictures.template import filled
-from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
-from qp_twist.reporting.facts import facts
-from qp_twist.reporting.failing import failing_intervals
-from qp_twist.reporting.slower import SLOWER, Stretch, slower_intervals, slower_stretches
-from qp_twist.reporting.words import (
+from qp_twist.pages.motion_intervals import (
+    SLOWER,
+    Stretch,
+    failing_intervals,
+    slower_intervals,
+    slower_stretches,
+)
+from qp_twist.pages.motion_words import (
     amount,
     data,
     digits,
+    facts,
     kept,
     part,
     problems,
@@ -37,9 +34,12 @@ from qp_twist.reporting.words import (
     shown,
     spaced,
 )
+from qp_twist.pages.page import fill_template, still_html
+from qp_twist.pages.recordings import DURATION_S, recorded_scene
+from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
 
-_FOLDER = Path(__file__).parent
 NAME = "report.html"
 """Name of the page in its folder."""
 _LONGEST_S = 30.0
@@ -48,11 +48,8 @@ _RATE, _FRAMES = 12.0, 300
 """Frames per second of playing time, and their largest number."""
 _STRETCHES = 5
 """Largest number of stretches that are listed."""
-_FINE, _SLOW, _BAD = (0, 114, 178), (230, 159, 0), (208, 0, 0)
-"""Colours of the path."""
 _SEEN = 0.01
 """Share of the path that is coloured to each side of where something fails or is slower."""
-_STILL_PX = 1100
 
 
 class MotionReport(NamedTuple):
@@ -105,20 +102,33 @@ def report(
         position_tolerance=position_tolerance,
         axis_tolerance_deg=axis_tolerance_deg,
     )
+    return write_report(path_task, check, out, file=file, progress=progress)
+
+
+def write_report(
+    path_task: PathTask,
+    check: Check,
+    out: str | Path,
+    *,
+    file: str = "",
+    progress: Callable[[str], None] | None = None,
+) -> MotionReport:
+    """Write the page of a motion that is checked already; see :func:`report`."""
+    say = progress or (lambda _: None)
     say("drawing the scene")
     bad = _widened(failing_intervals(path_task, check))
     slow = _widened(slower_intervals(path_task, check))
-    path_rgb = np.where(bad[:, None], _BAD, np.where(slow[:, None], _SLOW, _FINE))
+    colours = np.where(bad, RED, np.where(slow, ORANGE, BLUE)).tolist()
     frames, seconds = _frames(path_task, check)
-    found = recordings(
-        path_task, {"motion": frames}, seconds=seconds, path_rgb=path_rgb.astype(np.uint8)
+    scene = recorded_scene(
+        path_task,
+        {"motion": frames},
+        seconds=seconds,
+        path_rgb=np.array([rgb(colour) for colour in colours], dtype=np.uint8),
     )
-    with tempfile.TemporaryDirectory() as temporary:
-        picture, remark = _picture(path_task, check, path_rgb, Path(temporary))
+    picture, remark = _picture(path_task, check, colours)
     say("drawing the curves")
-    page = _page(
-        path_task, check, found, picture, file, slow=bool(slow.any()), wrong=bool(bad.any())
-    )
+    page = _page(path_task, check, scene, picture, file, colours)
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)
 
 
@@ -133,55 +143,49 @@ def _frames(path_task: PathTask, check: Check) -> tuple[Array, float]:
     """Configurations at equal times, (K, nq), and the playing time, s."""
     motion = check.motion
     span = float(motion.times[-1] - motion.times[0])
-    seconds = 8.0
+    seconds = DURATION_S
     if check.passing.timed:
         seconds = span if span <= _LONGEST_S else span / float(np.ceil(span / _LONGEST_S))
     count = int(np.clip(_RATE * seconds, 24, _FRAMES))
     q = motion.at(np.linspace(motion.times[0], motion.times[-1], count)).q
-    frames = np.empty((count, path_task.model.nq))
-    frames[:, path_task.model.jnt_qposadr[path_task.model.dof_jntid]] = q
-    return frames, seconds
+    return _configurations(path_task, q), seconds
 
 
-def _picture(path_task: PathTask, check: Check, path_rgb: Array, folder: Path) -> tuple[str, str]:
+def _configurations(path_task: PathTask, q: Array) -> Array:
+    """Positions of the joints (…, nv) as configurations of the model, (…, nq)."""
+    found = np.empty((*q.shape[:-1], path_task.model.nq))
+    found[..., path_task.model.jnt_qposadr[path_task.model.dof_jntid]] = q
+    return found
+
+
+def _picture(path_task: PathTask, check: Check, colours: list[str]) -> tuple[str, str]:
     """The scene at the start as an element of the page, and why there is none."""
-    scene, out = folder / f"{path_task.scene.stem}.mjb", folder / "scene.png"
-    mujoco.mj_saveModel(framed(path_task.shown), str(scene), None)
-    start = np.empty(path_task.model.nq)
-    start[path_task.model.jnt_qposadr[path_task.model.dof_jntid]] = check.motion.q[0]
-    shown = replace(path_task, start=start).shown
-    points = shown.positions
-    traces, along = {}, ~in_joint_moves(path_task)
-    for colour in dict.fromkeys(map(tuple, path_rgb.tolist())):
-        here = (path_rgb == colour).all(axis=1) & along
-        line = points.copy()
+    start = _configurations(path_task, check.motion.q[0])
+    drawn = replace(path_task, start=start).shown
+    along = ~in_joint_moves(path_task)
+    lines = []
+    for colour in dict.fromkeys(colours):
+        here = (np.array(colours) == colour) & along
+        line = drawn.positions.copy()
         line[~(np.append(here, False) | np.insert(here, 0, False))] = np.nan
-        traces[str(colour)] = (line, (*(channel / 255.0 for channel in colour), 1.0))
-    sentence = scene_picture.draw_scene(
-        scene, [shown.start], points[:0], out, traces=traces, camera=overview(shown.model),
-        height=800,
-    )  # fmt: skip
-    if sentence is not None:
-        return "", sentence
-    return still(out, "The robot at the start of its motion, and the path.", pixels=_STILL_PX), ""
+        lines.append((line, colour))
+    text = "The robot at the start of its motion, and the path."
+    try:
+        picture = picture_of(drawn, text, lines=lines, width=1280, height=800)
+    except NoPicture as why:
+        return "", str(why)
+    return still_html(picture), ""
 
 
 def _page(
-    path_task: PathTask,
-    check: Check,
-    found: dict[str, str],
-    picture: str,
-    file: str,
-    *,
-    slow: bool,
-    wrong: bool,
+    path_task: PathTask, check: Check, scene: str, picture: str, file: str, colours: list[str]
 ) -> str:
     # With Matplotlib, which takes half a second.
-    from qp_twist.reporting.charts import charts, off_the_path
+    from qp_twist.pages.motion_charts import motion_charts, off_the_path
 
     stretches = slower_stretches(path_task, check)
-    return filled(
-        _FOLDER / "page.html.j2",
+    return fill_template(
+        "motion",
         task=path_task.name,
         title=path_task.title,
         passes=check.passes,
@@ -190,20 +194,18 @@ def _page(
         unchecked=check.unchecked,
         time=_cycle_time(path_task, check),
         picture=picture,
-        player=player_data(found),
+        scene=scene,
         speed=_playing(check),
-        slow=slow,
-        wrong=wrong,
+        slow=ORANGE in colours,
+        wrong=RED in colours,
         lit=bool(path_task.clearances),
-        charts=charts(path_task, check),
+        charts=motion_charts(path_task, check),
         grey=bool(off_the_path(check)),
         slower=[str(stretch) for stretch in stretches[:_STRETCHES]],
         more=_more(stretches[_STRETCHES:]),
         not_slower=_not_slower(path_task, check),
         findings=[_row(check, k) for k in range(len(check.findings))],
         facts=facts(path_task, check, file),
-        style=(_FOLDER / "page.css").read_text("utf-8"),
-        script=SCRIPT.read_text("utf-8"),
     )
 
 

@@ -1,4 +1,4 @@
-"""Where a motion is slower than its feed, and what holds it back there."""
+"""Where a motion is slower than its feed and what holds it back, and where it does not pass."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from qp_twist.checks import Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.referee import acceleration_use, velocity_use
+from qp_twist.referee import acceleration_use, joint_margins, velocity_use
 from qp_twist.trajectories import Check
 
 SLOWER = 0.03
@@ -37,10 +37,19 @@ class Stretch(NamedTuple):
 
     def __str__(self) -> str:
         """A sentence."""
-        where = f"waypoints {self.first} to {self.last}: {_seconds(self.lost)} more"
+        where = f"waypoints {self.first} to {self.last}: {self.lost:.2g}\u00a0s more"
         if not self.causes:
             return f"{where}; none of the known limits is used up there"
         return f"{_together(self.causes[:2])}, {where}"
+
+
+def _together(causes: Sequence[str]) -> str:
+    """Causes in words; two joints at the same kind of limit share its name."""
+    first, *others = causes
+    owner, mark, kind = first.partition("'s ")
+    if others and mark and others[0].endswith(f"'s {kind}"):
+        return f"{owner}'s and {others[0]}"
+    return " and ".join(causes)
 
 
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:
@@ -55,15 +64,14 @@ def slower_intervals(path_task: PathTask, check: Check) -> Mask:
 def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
     """The stretches that are slower than the feed, the most costly first."""
     slow = np.flatnonzero(slower_intervals(path_task, check))
-    if not len(slow):
+    if path_task.durations is None or not len(slow):
         return []
-    assert path_task.durations is not None
     times = check.passing.times
     lost = np.diff(times) - path_task.durations[1 : len(times)]
     apart = max(2, round(_APART * len(times)))
-    found = []
     moved = np.cumsum(in_joint_moves(path_task, len(times)))[slow]
     breaks = (np.diff(slow) > apart) | (np.diff(moved) > 0)
+    found = []
     for intervals in np.split(slow, np.flatnonzero(breaks) + 1):
         first, last = int(intervals[0]), int(intervals[-1]) + 1
         causes = _causes(path_task, check, times[first], times[last])
@@ -80,8 +88,6 @@ def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tupl
         ("speed", check.limits.velocity, velocity_use),
         ("acceleration", check.limits.acceleration, acceleration_use),
     ):
-        if not np.isfinite(limits).any():
-            continue
         shares = use(motion, limits)[1]
         pieces = len(shares) == len(motion.times) - 1  # else at the rows between them
         opens, closes = (
@@ -101,14 +107,20 @@ def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tupl
     return tuple(causes)
 
 
-def _together(causes: Sequence[str]) -> str:
-    """Causes in words; two joints at the same kind of limit share its name."""
-    first, *others = causes
-    owner, mark, kind = first.partition("'s ")
-    if others and mark and others[0].endswith(f"'s {kind}"):
-        return f"{owner}'s and {others[0]}"
-    return " and ".join(causes)
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.2g}\u00a0s"
+def failing_intervals(path_task: PathTask, check: Check) -> Mask:
+    """Which intervals between two waypoints have something that does not pass, (N − 1,)."""
+    errors, tolerances, when = check.errors, check.tolerances, check.passing.times
+    off = (errors.position > tolerances.position) | (errors.axis > tolerances.axis)
+    bad: Mask = ~errors.kept(tolerances.position, tolerances.axis) | off[:-1] | off[1:]
+    times, margins = joint_margins(JointRanges.of(path_task.model), check.motion)
+    beyond = [times[margins.min(axis=1) < -1e-6]]
+    if check.passing.timed:
+        for limits, use in (
+            (check.limits.velocity, velocity_use),
+            (check.limits.acceleration, acceleration_use),
+        ):
+            times, shares = use(check.motion, limits)
+            beyond.append(times[shares.max(axis=1) > 1.0 + 1e-6])
+    at = np.searchsorted(when, np.concatenate(beyond), side="right") - 1
+    bad[np.clip(at, 0, len(bad) - 1)] = True
+    return bad

@@ -1,10 +1,12 @@
-"""Recordings of the arm along the path, for viser's player in the browser."""
+"""The recorder: a robot moving in its scene, for viser's player inside a page."""
 
 from __future__ import annotations
 
 import base64
 import contextlib
+import json
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -12,17 +14,39 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
+from qp_twist.drawing.palette import RED, rgb
 from qp_twist.drawing.sight import sight
 from qp_twist.drawing.surroundings import coloured, floor_height, make_matte
-from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.pictures.carrier import CARRIER, put
-from qp_twist.pictures.lit_pairs import LitPairs
+from qp_twist.pages.near_pairs import CARRIER, LitPairs
+from qp_twist.paths import PathTask, Shown, in_joint_moves
 
-FRAMES = 100
-"""Approximate number of waypoints shown."""
 DURATION_S = 8.0
-"""Playing time of a whole path, s."""
-_PATH_RGB = (219, 18, 31)
+"""Playing time of a motion without times, s."""
+
+
+def recorded_scene(
+    path_task: PathTask,
+    motions: Mapping[str, Array],
+    *,
+    seconds: float = DURATION_S,
+    path_rgb: npt.NDArray[np.uint8] | None = None,
+) -> str:
+    """The :func:`recordings` of motions and the player, as elements of a page.
+
+    The player is viser's client, a page that plays ``window.__VISER_EMBED_DATA__``. It is the same
+    for all recordings and larger than they are, so a page contains it once.
+    """
+    import viser
+
+    found = recordings(path_task, motions, seconds=seconds, path_rgb=path_rgb)
+    data = "".join(
+        f'<script type="text/plain" class="recording" data-method="{name}">{recording}</script>'
+        for name, recording in found.items()
+    )
+    client = Path(viser.__file__).parent / "client" / "build" / "index.html"
+    # Escape "</", so that nothing in the JSON script element is parsed as markup.
+    player = json.dumps(client.read_text("utf-8")).replace("</", "<\\/")
+    return f'{data}<script type="application/json" id="player">{player}</script>'
 
 
 def recordings(
@@ -45,9 +69,9 @@ def recordings(
     shown = path_task.shown
     # mjviser modifies its model.
     model = coloured(shown.model)
-    path_colours: Any = _PATH_RGB
-    if path_rgb is not None:
-        path_colours = _linear(np.repeat(path_rgb[~in_joint_moves(path_task), None], 2, axis=1))
+    along = ~in_joint_moves(path_task)
+    if path_rgb is None:
+        path_rgb = np.tile(np.array(rgb(RED), dtype=np.uint8), (len(along), 1))
     with _server() as server:
         make_matte(server.scene)
         scene = mjviser.ViserMujocoScene(server, model, num_envs=1)
@@ -65,13 +89,11 @@ def recordings(
         # What is stated in the path's frame moves with the body that carries the path.
         carrier = server.scene.add_frame(CARRIER, show_axes=False)
         points = path_task.positions
-        along = ~in_joint_moves(path_task)
-        segments = np.stack([points[:-1], points[1:]], axis=1)[along].astype(np.float32)
         server.scene.add_line_segments(
             f"{CARRIER}/path",
-            segments,
-            colors=path_colours,
-            thickness=3.0 if path_rgb is None else 5.0,
+            np.stack([points[:-1], points[1:]], axis=1)[along].astype(np.float32),
+            colors=_linear(np.repeat(path_rgb[along, None], 2, axis=1)),
+            thickness=5.0,
             thickness_units="screen",
         )
         seen = sight(shown)
@@ -89,17 +111,26 @@ def recordings(
                 mujoco.mj_kinematics(model, data)
                 with server.atomic():
                     scene.update_from_mjdata(data)
-                    put(carrier, shown, q)
+                    move_carrier(carrier, shown, q)
                     lit.show(q)
                 recorder.insert_sleep(seconds / len(frames))
             found[name] = base64.b64encode(recorder.serialize()).decode("ascii")
     return found
 
 
+def move_carrier(frame: Any, shown: Shown, q: Array) -> None:
+    """Put the path's frame where its body is at a configuration q (nq,) of the task."""
+    if shown.carrier is not None:
+        pose = shown.carrier_pose(q)
+        # Tuples of floats: a recording takes no scalars of numpy.
+        frame.position = tuple(pose.translation().tolist())
+        frame.wxyz = tuple(pose.rotation().wxyz.tolist())
+
+
 @contextlib.contextmanager
 def _server() -> Iterator[Any]:
     """A viser server that refuses every request: only a server can serialize a scene."""
-    from qp_twist.pictures.local_server import LocalServer
+    from qp_twist.pages.local_server import LocalServer
 
     server = LocalServer(0, names=())
     try:
@@ -108,13 +139,6 @@ def _server() -> Iterator[Any]:
         server.stop()
 
 
-def frames_of(q: Array) -> Array:
-    """Select about ``FRAMES`` configurations, the first and the last included."""
-    index = np.linspace(0, len(q) - 1, min(len(q), FRAMES)).round().astype(int)
-    frames: Array = q[index]
-    return frames
-
-
-def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """Colours of lines so that the player, which takes them as linear, shows ``rgb``."""
-    return np.round(255.0 * (rgb / 255.0) ** 2.2).astype(np.uint8)
+def _linear(colours: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Colours of lines as the player needs them, which takes them as linear, to show these."""
+    return np.round(255.0 * (colours / 255.0) ** 2.2).astype(np.uint8)

@@ -1,14 +1,19 @@
-"""The referee's findings in the words of a person who did not program the robot."""
+"""A motion, its findings and facts in the words of a person who did not program the robot."""
 
 from __future__ import annotations
 
+import datetime
 import html
 import math
+from importlib.metadata import version
 from typing import NamedTuple
 
+import numpy as np
+
 from qp_twist.geometry import ProjectorKind, TwistProjector
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import AFTER, BEFORE, OFF, Finding
+from qp_twist.robots import known_robot
 from qp_twist.trajectories import Check
 
 BETWEEN = " between"
@@ -105,24 +110,20 @@ def shown(finding: Finding) -> Amount:
     return amount(finding.value, finding.unit, margin=is_margin(finding))
 
 
-def place(where: str) -> str:
-    """A place of the referee, with its parts in the order in which one reads them."""
-    return html.escape(where)
-
-
 def problem(finding: Finding, source: str = "") -> str:
     """A sentence for what does not pass, HTML, with the source of its limit if not the task's."""
     found = data(shown(finding), finding.name)
     if quantity(finding) == TOO_NEAR:
-        return f"{TOO_NEAR}: by {found}, at {place(finding.where)}."
+        return f"{TOO_NEAR}: by {found}, at {html.escape(finding.where)}."
     if is_margin(finding):
-        return f"A joint leaves its range: {place(finding.where)} (by {found} of half the range)."
+        where = html.escape(finding.where)
+        return f"A joint leaves its range: {where} (by {found} of half the range)."
     limit = ""
     if finding.limit is not None:
         allowed = amount(finding.limit, finding.unit)
         limit = f", allowed {allowed.text}{html.escape(spaced(allowed.unit))}"
         limit += source and f" of {html.escape(source)}"
-    sentence = f"{quantity(finding)}: {found}{limit}, at {place(finding.where)}"
+    sentence = f"{quantity(finding)}: {found}{limit}, at {html.escape(finding.where)}"
     if finding.proven:
         return f"{sentence}."
     return (
@@ -188,25 +189,69 @@ def kept(path_task: PathTask, check: Check) -> str:
     return sentence
 
 
+_HELD = {
+    ProjectorKind.FULL: ("position", "orientation", ""),
+    ProjectorKind.PLANE: (
+        "position in a plane", "direction of one axis", "; free: the rotation about it",
+    ),
+    ProjectorKind.LINE: (
+        "position along a line", "rotation about one axis", "; free: the direction of that axis",
+    ),
+    ProjectorKind.NONE: ("", "", "; free: the orientation"),
+}  # fmt: skip
+"""What a projector holds as a linear block, as an angular one, and what this leaves free."""
+
+
 def what_is_free(projector: TwistProjector) -> str:
     """What the task holds, and what it leaves free."""
-    linear = {
-        ProjectorKind.FULL: "position",
-        ProjectorKind.PLANE: "position in a plane",
-        ProjectorKind.LINE: "position along a line",
-        ProjectorKind.NONE: "",
-    }[projector.linear.kind]
-    angular = {
-        ProjectorKind.FULL: "orientation",
-        ProjectorKind.PLANE: "direction of one axis",
-        ProjectorKind.LINE: "rotation about one axis",
-        ProjectorKind.NONE: "",
-    }[projector.angular.kind]
-    held = " and ".join(part for part in (linear, angular) if part)
-    free = {
-        ProjectorKind.FULL: "",
-        ProjectorKind.PLANE: "; free: the rotation about it",
-        ProjectorKind.LINE: "; free: the direction of that axis",
-        ProjectorKind.NONE: "; free: the orientation",
-    }[projector.angular.kind]
-    return f"{held}{free}"
+    angular = _HELD[projector.angular.kind]
+    return " and ".join(filter(None, (_HELD[projector.linear.kind][0], angular[1]))) + angular[2]
+
+
+def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
+    """What a motion was made of: robot, tool, path, files, versions, in plain text.
+
+    Args:
+        path_task: The task.
+        check: The check of the motion.
+        file: Name of the motion's file; empty without one.
+    """
+    steps = np.linalg.norm(np.diff(path_task.positions, axis=0), axis=1)
+    length = float(steps[~in_joint_moves(path_task)].sum())
+    held = dict.fromkeys(what_is_free(projector) for projector in path_task.projectors)
+    found = {
+        "Robot": _robot(path_task),
+        "Moving frame": f"{path_task.frame_name} ({path_task.frame_type})",
+        "Path lies on": path_task.relative_to or "",
+        "Held along the path": "; then ".join(held),
+        "Toolpath": _toolpath(path_task),
+        "Path": f"{len(path_task.waypoints)} waypoints, {digits(length)} m",
+        "Task file": "built in Python" if path_task.source is None else path_task.source.name,
+        "Motion": f"{file + ', ' if file else ''}{check.rows} points",
+        "Tolerances": f"{digits(1e3 * check.tolerances.position)} mm, "
+        f"{digits(math.degrees(check.tolerances.axis))}°",
+        "Limits": "; ".join(check.sources),
+        "Notes": "; ".join(check.notes),
+        "Date": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
+        "Made by": f"qp_twist {version('qp_twist')}, MuJoCo {version('mujoco')}",
+    }
+    return {name: text for name, text in found.items() if text}
+
+
+def _robot(path_task: PathTask) -> str:
+    """The known robot and where its figures are from; else the scene's name."""
+    names = (path_task.scene.stem, path_task.scene.parent.name)
+    known = known_robot(*path_task.arm, names)
+    if known is not None:
+        return f"{known.name}, recognised by name and geometry ({known.source})"
+    title = path_task.model.names.split(b"\0", 1)[0].decode(errors="replace")
+    name = title if title and title != "MuJoCo Model" else path_task.scene.stem
+    return f"{name}, {path_task.scene.name}; not in the table of known robots"
+
+
+def _toolpath(path_task: PathTask) -> str:
+    toolpath = path_task.toolpath
+    if toolpath is None:
+        return "stated in the task file"
+    curves = len(toolpath.curves)
+    return f"{toolpath.source.name}, {curves} {'curve' if curves == 1 else 'curves'}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.following import Trajectory
+from qp_twist.following.trajectory import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 

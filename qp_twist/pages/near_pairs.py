@@ -1,20 +1,82 @@
-"""Near pairs in the browser's scene: their geoms in colour, the nearest one with its distance."""
+"""Which pairs of geoms are near each other, and their light in the browser's scene."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.drawing.palette import ORANGE, RED, rgb
 from qp_twist.paths import PathTask
-from qp_twist.pictures.carrier import CARRIER
-from qp_twist.pictures.near_pairs import TOO_NEAR, NearPair, NearPairs
 
-NEAR_RGB, TOO_NEAR_RGB = (230, 159, 0), (208, 0, 0)
+NEAR = 0.015
+"""Margin below which a pair counts as near, m."""
+TOO_NEAR = 1e-6
+"""Violation from which a pair counts as too near, m."""
+CARRIER = "/carrier"
+"""Name of the scene's frame that moves with the body that carries the path, its children in it."""
+_FARTHEST = 10.0
+"""Largest distance for which there is a point between, m."""
 _OPACITY, _OVER = 0.55, 0.002
 """Opacity of the shapes, and by how much they are larger than the geoms that they cover, m."""
+
+
+class NearPair(NamedTuple):
+    """The pair with the least margin."""
+
+    distance: float
+    """Its distance, m; negative by the depth of penetration."""
+    asked: float
+    """The distance that the task asks for, m."""
+    name: str
+    """Its name, as in ``Clearance.names``."""
+    middle: Array
+    """Point between the two geoms where they are nearest, m, in the world, (3,)."""
+
+
+class NearPairs:
+    """The clearances of a task, evaluated for pictures."""
+
+    def __init__(self, path_task: PathTask) -> None:
+        self.path_task = path_task
+        self._data = mujoco.MjData(path_task.model)
+
+    def nearest(self, q: Array) -> NearPair | None:
+        """The pair with the least margin at a configuration q (nq,); ``None`` without pairs."""
+        best: NearPair | None = None
+        for clearance in self.path_task.clearances:
+            distance, pair = (found[0] for found in clearance.closest(q[None]))
+            if best is None or distance - clearance.distance < best.distance - best.asked:
+                middle = self._between(q, *clearance.pairs[pair])
+                best = NearPair(float(distance), clearance.distance, clearance.names[pair], middle)
+        return best
+
+    def geoms(self, q: Array) -> dict[int, bool]:
+        """Ids of the geoms of near pairs at any of q (N, nq), and whether one is too near."""
+        found: dict[int, bool] = {}
+        for clearance in self.path_task.clearances:
+            least = clearance.bounded(q, NEAR).min(axis=0)
+            for pair in np.flatnonzero(least < NEAR):
+                for geom in clearance.pairs[pair].tolist():
+                    found[geom] = found.get(geom, False) or bool(least[pair] < -TOO_NEAR)
+        return found
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """Positions (G, 3), m, and rotations (G, 3, 3) of all geoms at a configuration q (nq,)."""
+        self._data.qpos[:] = q
+        mujoco.mj_kinematics(self.path_task.model, self._data)
+        return self._data.geom_xpos, self._data.geom_xmat.reshape(-1, 3, 3)
+
+    def _between(self, q: Array, one: int, other: int) -> Array:
+        """Point between two geoms where they are nearest, by MuJoCo, m, (3,)."""
+        self.poses(q)
+        ends = np.zeros(6)
+        model = self.path_task.model
+        mujoco.mj_geomDistance(model, self._data, one, other, _FARTHEST, ends)
+        middle: Array = 0.5 * (ends[:3] + ends[3:])
+        return middle
 
 
 class LitPairs:
@@ -24,19 +86,16 @@ class LitPairs:
     convex hulls. A plane is not lit.
 
     Attributes:
+        pairs: The pairs; their surroundings may be moved by replacing it by those of another task
+            with the same geoms.
         shapes: The shapes that there are so far by the id of their geom; ``None`` for a plane.
         label: The text at the nearest pair; ``None`` if the task has no clearance.
     """
 
     def __init__(self, server: Any, path_task: PathTask) -> None:
-        """Light nothing yet.
-
-        Args:
-            server: A viser server.
-            path_task: The task.
-        """
+        """Light nothing yet, in the scene of a viser server."""
         self._server = server
-        self._pairs = NearPairs(path_task)
+        self.pairs = NearPairs(path_task)
         self.shapes: dict[int, Any] = {}
         # Hidden from the beginning: a recording that starts again knows only what it has changed.
         self.label: Any = None
@@ -46,18 +105,9 @@ class LitPairs:
                 anchor="bottom-left", visible=False,
             )  # fmt: skip
 
-    @property
-    def path_task(self) -> PathTask:
-        """The task, whose surroundings may be moved by replacing it; its geoms stay the same."""
-        return self._pairs.path_task
-
-    @path_task.setter
-    def path_task(self, path_task: PathTask) -> None:
-        self._pairs = NearPairs(path_task)
-
     def prepare(self, q: Array) -> None:
         """Add the shapes that will be lit at some of q (N, nq), none of them visible yet."""
-        for geom in self._pairs.geoms(q):
+        for geom in self.pairs.geoms(q):
             self._shape(geom)
         for shape in filter(None, self.shapes.values()):
             shape.visible = False
@@ -65,27 +115,27 @@ class LitPairs:
 
     def show(self, q: Array) -> NearPair | None:
         """Light the near pairs at a configuration q (nq,), and return the nearest pair."""
-        lit = self._pairs.geoms(q[None])
-        positions, rotations = self._pairs.poses(q)
+        lit = self.pairs.geoms(q[None])
+        positions, rotations = self.pairs.poses(q)
         for geom in {*lit, *self.shapes}:
             shape = self._shape(geom)
             if shape is None:
                 continue
             _set(shape, "visible", geom in lit)
             if geom in lit:
-                _set(shape, "color", TOO_NEAR_RGB if lit[geom] else NEAR_RGB)
+                _set(shape, "color", rgb(RED if lit[geom] else ORANGE))
                 wxyz = np.empty(4)
                 mujoco.mju_mat2Quat(wxyz, rotations[geom].ravel())
                 shape.position, shape.wxyz = positions[geom], wxyz
-        near = self._pairs.nearest(q)
+        near = self.pairs.nearest(q)
         self._write(near if lit else None)
         return near
 
     def _shape(self, geom: int) -> Any:
         if geom not in self.shapes:
-            vertices, faces = shape_over(self.path_task.model, geom)
+            vertices, faces = shape_over(self.pairs.path_task.model, geom)
             self.shapes[geom] = self._server.scene.add_mesh_simple(
-                f"{CARRIER}/near/{geom}", vertices, faces, color=NEAR_RGB, opacity=_OPACITY,
+                f"{CARRIER}/near/{geom}", vertices, faces, color=rgb(ORANGE), opacity=_OPACITY,
                 cast_shadow=False, receive_shadow=False, visible=False,
             ) if len(faces) else None  # fmt: skip
         return self.shapes[geom]

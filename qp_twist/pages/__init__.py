@@ -1,0 +1,5 @@
+"""Pages: the reports of a motion and of a comparison, their charts, and the recorder of scenes."""
+
+from .motion_report import MotionReport as MotionReport
+from .motion_report import report as report
+from .motion_report import write_report as write_report

@@ -1,1 +1,0 @@
-"""Pieces of pages and pictures: the scene in 3D, figures as SVG, colours, a server for viser."""
