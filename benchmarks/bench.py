@@ -105,15 +105,17 @@ def bench(
             present.append(contender)
         elif why:
             skipped[f"skipped {contender.name}: {why}"] = None
-    rounds = {"step": 1, "growth": 1} if quick else {"step": 4, "growth": 3}
-    entered = []
-    if "steps" in parts:
-        entered += [_Entered(p, present, rounds["step"], quick, seed, skipped) for p in table(seed)]
-    if "growth" in parts:
-        few = [c for c in present if only or c.name in GROWING]
-        entered += [_Entered(p, few, rounds["growth"], quick, seed, skipped) for p in growth(seed)]
+    few = [c for c in present if only or c.name in GROWING]
+    entered = [
+        _Entered(planned, who, 1 if quick else rounds, quick, seed, skipped)
+        for part, problems, who, rounds in (
+            ("steps", table, present, 4), ("growth", growth, few, 3)
+        )
+        if part in parts and who
+        for planned in problems(seed)
+    ]  # fmt: skip
     # Interleave the problems in rounds, so that a disturbance does not hit a single one.
-    for turn in range(max(rounds.values())):
+    for turn in range(1 if quick else 4):
         for problem in entered:
             if turn < problem.rounds:
                 problem.time()

@@ -1,19 +1,20 @@
 """The closed loop in MuJoCo's dynamics: feedback, servos, lag, noise, pushes and limits.
 
-    python benchmarks/closed_loop.py [PART ...]
+    python benchmarks/closed_loop.py [closed_loop_run] [closed_loop_disturbances]
+        [closed_loop_gains] [closed_loop_limits] [--write]
+    python benchmarks/closed_loop.py figure
 
-Writes docs/generated/closed_loop.md, a table a part, and docs/figures/closed_loop.png. The parts
-are run, disturbances, gains, limits and figure; all of them take three to four minutes.
+All tables take three to four minutes; the second line draws docs/figures/closed_loop.png.
 """
 
 from __future__ import annotations
 
-from page import GENERATED, ROOT, markdown_table
+from page import ROOT, command, markdown_table
 
 # isort: split
-import argparse
 import copy
 import dataclasses
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -266,45 +267,24 @@ def plot(panel: Any, case: Case, record: Record, values: Callable[[Record], np.n
     )
 
 
-PARTS = {
-    "run": run_table,
-    "disturbances": disturbance_table,
-    "gains": gain_table,
-    "limits": limit_table,
-}
-
-
-def write(part: str, text: str) -> None:
-    """Put a table between its two comments in the generated page."""
-    page = GENERATED / "closed_loop.md"
-    kept = page.read_text("utf-8") if page.exists() else ""
-    tables = {
-        name: kept.partition(f"<!-- {name} -->")[2].partition(f"<!-- end of {name} -->")[0]
-        for name in PARTS
-    }
-    tables[part] = f"\n\n{text}\n"
-    page.write_text(
-        "\n".join(f"<!-- {n} -->{t}<!-- end of {n} -->\n" for n, t in tables.items()),
-        encoding="utf-8",
-    )
-
-
-def main() -> None:
-    """Measure the parts named, or everything, and write tables and figure."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", metavar="PART", help="run, limits, …; all if none")
-    chosen = parser.parse_args().parts or [*PARTS, "figure"]
-    for part in chosen:
-        if part != "figure":
-            text = PARTS[part]()
-            print(text, flush=True)
-            write(part, text)
-    if "figure" in chosen:
-        style: Any = {"font.size": 9, "axes.titlesize": 9, "axes.titlelocation": "left",
-                      "legend.frameon": False, "legend.fontsize": 8}  # fmt: skip
-        with mpl.rc_context(style):
-            figure().savefig(ROOT / "docs" / "figures" / "closed_loop.png", dpi=130)
+def closed_loop_figure() -> str:
+    """Draw the figure."""
+    style: Any = {"font.size": 9, "axes.titlesize": 9, "axes.titlelocation": "left",
+                  "legend.frameon": False, "legend.fontsize": 8}  # fmt: skip
+    file = ROOT / "docs" / "figures" / "closed_loop.png"
+    with mpl.rc_context(style):
+        figure().savefig(file, dpi=130)
+    return f"{file}\n"
 
 
 if __name__ == "__main__":
-    main()
+    parts = {
+        "closed_loop_run": run_table,
+        "closed_loop_disturbances": disturbance_table,
+        "closed_loop_gains": gain_table,
+        "closed_loop_limits": limit_table,
+    }
+    if "figure" in sys.argv[1:]:
+        print(closed_loop_figure())
+    else:
+        sys.exit(command(__doc__, parts))
