@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import json
 import math
 import warnings
 from collections.abc import Callable
@@ -13,7 +11,7 @@ from typing import Any
 import mink
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.twists import SPATIAL, pose
 
@@ -359,104 +357,6 @@ def test_solve_levels_takes_any_numbers_or_says_why_not(data: st.DataObject) -> 
     assert (solution.x >= np.minimum(lower, 1e12)).all()
     assert (solution.x <= np.maximum(upper, -1e12)).all()
     assert 0.0 <= solution.scale <= 1.0
-
-
-# ---------------------------------------------------------------------------- arbitrary task files
-
-PLAIN = {
-    "title": "A short line",
-    "robot": {"scene": "planar_3r.xml", "frame": "tip", "frame_type": "site"},
-    "projector": {"linear": {"plane": [0, 0, 1]}, "angular": "none", "frame": "world"},
-    "operational": {"linear": {"plane": [0, 0, 1]}, "angular": {"line": [0, 0, 1]}},
-    "path": {
-        "kind": "polyline", "points": [[-1, 2, 0], [-0.9, 2, 0]], "steps_per_segment": 4,
-        "tool_axis": [1, 0, 0],
-    },
-    "roll": {"plane_normal": [0, 1, 0]},
-    "start": {"q_deg": [70.7, 69.1, 99.2]},
-    "feed": {"speed": 0.1, "angular_speed_deg": 30.0},
-    "limits": {"velocity": {"joint_1": 1.0}},
-    "iteration": {"position_tolerance": 1e-9, "max_linear_step": 0.05},
-    "methods": {"qp": {"gain": 0.5}},
-}  # fmt: skip
-VALUES = st.recursive(
-    st.one_of(
-        FLOATS, st.integers(-10, 1000), st.booleans(), st.text(max_size=8),
-        st.sampled_from(["full", "none", "polyline", "poses", "spherical_patch", "world", "body",
-                         "target", "site", "joint", "gradient", "../planar_3r.xml", 10**30]),
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4),
-        st.dictionaries(st.sampled_from(["plane", "line", "x", "position", "gain"]), inner,
-                        max_size=2),
-    ),
-    max_leaves=6,
-)  # fmt: skip
-
-
-def toml(value: Any) -> str:
-    """A value as TOML, on one line."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(toml, value)) + "]"
-    if isinstance(value, str):
-        return json.dumps(value)
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(value)
-
-
-def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
-    """The way to every key of a table and its tables."""
-    found = []
-    for key, value in table.items():
-        found.append((*above, key))
-        if isinstance(value, dict):
-            found += places(value, (*above, key))
-    return found
-
-
-@given(st.data())
-@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_task_file_is_read_or_refused_with_a_sentence(
-    tmp_path: Path, data: st.DataObject
-) -> None:
-    table = copy.deepcopy(PLAIN)
-    for _ in range(data.draw(st.integers(1, 3))):
-        way = data.draw(st.sampled_from(places(table)))
-        owner = table
-        for key in way[:-1]:
-            owner = owner[key]
-        match data.draw(st.sampled_from(["replace", "remove", "add", "swap"])):
-            case "replace":
-                owner[way[-1]] = data.draw(VALUES)
-            case "remove":
-                del owner[way[-1]]
-            case "add":
-                owner[data.draw(st.text(max_size=6))] = data.draw(VALUES)
-            case "swap":
-                owner[way[-1]] = copy.deepcopy(data.draw(st.sampled_from(list(PLAIN.values()))))
-        if not table:
-            break
-    path = tmp_path / "fuzzed.toml"
-    lines = [f"{json.dumps(key)} = {toml(value)}" for key, value in table.items()]
-    path.write_text("\n".join(lines), encoding="utf-8", errors="replace")
-    try:
-        path_task = qt.load_task(path)
-    except qt.TaskFileError as error:
-        assert "fuzzed.toml" in str(error)
-        return
-    except mink.MinkError as error:
-        assert str(error).strip()
-        return
-    assert len(path_task.waypoints) > 1
-    try:
-        trajectory = qt.follow(path_task, "qp_gradient", iterations=1)
-    except mink.MinkError as error:
-        assert str(error).strip()
-        return
-    assert np.isfinite(trajectory.q).all()
 
 
 def test_a_message_names_what_was_called_and_not_what_it_calls() -> None:

@@ -153,13 +153,13 @@ def wrist(task: qt.PathTask, height: float) -> qt.PathTask:
 
 @pytest.mark.whole_path
 def test_a_plan_keeps_it_and_is_as_central_as_brute_force() -> None:
-    free, height, most = every(BANDS, 2, bands=()), 0.8, np.radians(10.0)
+    free, height, most = every(BANDS, 4, bands=()), 0.8, np.radians(20.0)
     task = wrist(free, height)
-    plan = qt.plan(task, max_step_deg=10.0)
+    plan = qt.plan(task, max_step_deg=20.0)
     q = plan.motion()
     assert heights(task.model, "link_5", q, Z).min() >= height - 1e-9
     assert heights(task.model, "link_5", between(q), Z).min() >= height - 1e-4
-    unbound = qt.plan(free, max_step_deg=10.0)
+    unbound = qt.plan(free, max_step_deg=20.0)
     assert heights(task.model, "link_5", unbound.motion(), Z).min() < height - 0.05
     layers = []
     for waypoint in task.waypoints:
@@ -178,7 +178,7 @@ def test_a_plan_keeps_it_and_is_as_central_as_brute_force() -> None:
 @pytest.mark.whole_path
 def test_a_plan_of_an_arm_without_a_closed_form_is_that_of_the_same_slab() -> None:
     """T holds x of the planar arm; the half-space is a band of its own class."""
-    line = every(qt.load_task("planar_line"), 5, projector=ALONG_X)
+    line = every(qt.load_task("planar_line"), 10, projector=ALONG_X)
     height = 2.5
     half = HalfSpace(line.model, line.frame_name, line.frame_type, -Y, -height)
     plan = qt.plan(dataclasses.replace(line, constraints=(half,)))

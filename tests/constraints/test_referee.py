@@ -208,7 +208,7 @@ def test_no_sample_is_above_what_is_proven(
 
 @pytest.mark.whole_path
 @given(SEEDS, st.integers(1, 20), st.sampled_from([0, 1, 8]))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_whole_turns_between_two_rows_are_not_passed_over(
     seed: int, turns: int, samples: int
 ) -> None:

@@ -22,7 +22,6 @@ from oracles import mink_problems
 from oracles.twists import ALONG_X, at, site
 
 import qp_twist as qt
-from qp_twist.constraints import gather_limits, range_of
 
 DT = 0.01
 SEED = 1
@@ -546,20 +545,6 @@ def test_bounds_of_another_size_are_a_sentence(case: Case, size: int) -> None:
         qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=[Wrong()])
 
 
-def test_a_limit_of_a_model_with_as_many_degrees_of_freedom_is_not_taken_for_its_own() -> None:
-    """Six hinges, and a free joint: seven coordinates, of which the limit knows six."""
-    hinges = "".join(
-        f'<body pos="0 0 0.1"><joint name="j{k}" axis="0 1 0" range="-1 1"/><geom size="0.1"/>'
-        for k in range(6)
-    )
-    chain = f"<mujoco><worldbody>{hinges}{'</body>' * 6}</worldbody></mujoco>"
-    free = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
-    arm, drone = (mujoco.MjModel.from_xml_string(text) for text in (chain, free))
-    for model, other in ((arm, drone), (drone, arm)):
-        assert range_of(mink.ConfigurationLimit(other), model) is None
-        assert range_of(mink.ConfigurationLimit(model), model) is not None
-
-
 @pytest.mark.parametrize("name", mink_problems.LIMITS)
 @pytest.mark.parametrize("ask", ["solve_ik", "by a backend", "compiled", "daqp", "a level"])
 def test_what_a_limit_of_a_newer_mink_has_is_refused(case: Case, name: str, ask: str) -> None:
@@ -582,21 +567,6 @@ def test_what_a_limit_of_a_newer_mink_has_is_refused(case: Case, name: str, ask:
         asked()
     limit.__class__ = type("Elastic", (type(limit),), {})
     asked()
-
-
-def test_the_bound_of_a_collision_is_that_of_the_installed_mink(
-    case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    limit = mink_problems.LIMITS["CollisionAvoidanceLimit"](case.c)
-    stated = limit.compute_qp_inequalities(case.c, DT)
-    changed = mink.Constraint(G=-2.0 * stated.G, h=0.1 + stated.h)
-    monkeypatch.setattr(
-        mink.CollisionAvoidanceLimit, "compute_qp_inequalities", lambda self, c, dt: changed
-    )
-    gathered = gather_limits([limit], case.c, DT)
-    kept = changed.h < np.inf
-    np.testing.assert_allclose(gathered.rows, changed.G[kept])
-    np.testing.assert_allclose(gathered.bounds, changed.h[kept] / DT)
 
 
 def test_minks_lines_of_the_log_are_written_where_somebody_reads_them(

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import qpsolvers
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.problems import NAMED, positive_definite, program, random_case
 from oracles.referee import (
@@ -26,6 +26,7 @@ from oracles.twists import POINT, pose
 
 import qp_twist as qt
 from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
+from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.solve import Refused
 from qp_twist.qp.verification import Point, feasible, proof_of_optimality
 
@@ -276,6 +277,20 @@ def test_no_backend_gets_past_the_referee_where_one_once_did(seed: int) -> None:
         if isinstance(result, Verified):
             assert not broken_constraint(problem, result.x)
             assert bound.gap(result.x) <= GAP
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=120)
+def test_our_own_solver_never_calls_a_wrong_result_solved(seed: int) -> None:
+    case = random_case(seed)
+    raw = solve_raw(case.problem, "compiled")
+    assert isinstance(solve(case.problem, "compiled"), Verified) == raw.found
+    assert case.feasible or not raw.found
+
+
+def test_our_own_solver_has_no_options() -> None:
+    with pytest.raises(qt.InvalidInput, match="has no options"):
+        solve_raw(NAMED["a robot's step"]().problem, "compiled", options={"eps_abs": 1e-3})
 
 
 def test_the_referee_sends_wrong_results_off() -> None:

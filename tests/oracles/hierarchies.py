@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -116,30 +117,29 @@ def cascade(hierarchy: Hierarchy, levels: Sequence[Rows]) -> Cascade:
     so that no rows are squared, then again by least squares on the rows that it found active; the
     better of the two is kept, by the conditions of optimality.
     """
-    lower, upper = hierarchy.lower, hierarchy.upper
-    n = len(lower)
-    x = np.clip(np.zeros(n), lower, upper)
-    V = np.zeros((0, n))
-    C, d = np.zeros((0, n)), np.zeros(0)
+    n = len(hierarchy.lower)
+    x = np.clip(np.zeros(n), hierarchy.lower, hierarchy.upper)
+    V, C, d = np.zeros((0, n)), np.zeros((0, n)), np.zeros(0)
     result = Cascade(x)
     for A, b, G, g in levels:
+        program = _Program(A, b, G, g, V, V @ x, C, d, hierarchy.lower, hierarchy.upper)
         best: tuple[float, Array] | None = None
         for solver in SOLVERS:
             if solver not in qpsolvers.available_solvers:
                 continue
-            start = _interior_point(solver, A, b, G, g, V, V @ x, C, d, lower, upper)
+            start = _interior_point(solver, program)
             if start is None:
                 continue
-            for candidate in (_polished(start, A, b, G, g, V, V @ x, C, d, lower, upper), start):
+            for candidate in (_polished(start, program), start):
                 if candidate is None:
                     continue
-                wrong = _unexplained(candidate, A, b, G, g, V, V @ x, C, d, lower, upper)
+                wrong = _unexplained(candidate, program)
                 if best is None or wrong < best[0]:
                     best = wrong, candidate
             if best is not None and best[0] < 1e-11:
                 break
         assert best is not None, "no interior-point method solved a level"
-        x = np.clip(best[1], lower, upper)
+        x = np.clip(best[1], hierarchy.lower, hierarchy.upper)
         result.stationarity = max(result.stationarity, best[0])
         result.residuals.append(residual((A, b, G, g), x))
         excess = G @ x - g
@@ -147,6 +147,21 @@ def cascade(hierarchy: Hierarchy, levels: Sequence[Rows]) -> Cascade:
         C, d = np.vstack([C, G]), np.concatenate([d, g + np.maximum(excess, 0.0)])
     result.x = x
     return result
+
+
+class _Program(NamedTuple):
+    """A level, what is held (V x = v, C x ≤ d) and the bounds."""
+
+    A: Array
+    b: Array
+    G: Array
+    g: Array
+    V: Array
+    v: Array
+    C: Array
+    d: Array
+    lower: Array
+    upper: Array
 
 
 def _basis(rows: Array) -> Array:
@@ -157,11 +172,8 @@ def _basis(rows: Array) -> Array:
     return right[: int((sigma > 1e-9).sum())]
 
 
-def _interior_point(
-    solver: str,
-    A: Array, b: Array, G: Array, g: Array,
-    V: Array, v: Array, C: Array, d: Array, lower: Array, upper: Array,
-) -> Array | None:  # fmt: skip
+def _interior_point(solver: str, program: _Program) -> Array | None:
+    A, b, G, g, V, v, C, d, lower, upper = program
     n, m, k = len(lower), len(b), len(g)
     H = np.diag(np.concatenate([np.zeros(n), np.ones(m + k)]))
     none = np.full(m + k, np.inf)
@@ -182,10 +194,9 @@ def _interior_point(
     return np.array(solution.x[:n])
 
 
-def _active(
-    x: Array, C: Array, d: Array, lower: Array, upper: Array, close: float
-) -> tuple[Array, Array]:
+def _active(x: Array, program: _Program, close: float) -> tuple[Array, Array]:
     """Rows and right-hand sides of the bounds and rows that ``x`` touches."""
+    *_, C, d, lower, upper = program
     identity = np.eye(len(x))
     up, down, on = x > upper - close, x < lower + close, C @ x > d - close
     return (
@@ -194,12 +205,10 @@ def _active(
     )
 
 
-def _polished(
-    x: Array, A: Array, b: Array, G: Array, g: Array,
-    V: Array, v: Array, C: Array, d: Array, lower: Array, upper: Array,
-) -> Array | None:  # fmt: skip
+def _polished(x: Array, program: _Program) -> Array | None:
     """The least-squares solution on the rows that ``x`` touches, nearest to ``x``."""
-    rows, sides = _active(x, C, d, lower, upper, 1e-6)
+    A, b, G, g, V, v, *_ = program
+    rows, sides = _active(x, program, 1e-6)
     held, held_sides = np.vstack([V, rows]), np.concatenate([v, sides])
     moved = x + np.linalg.lstsq(held, held_sides - held @ x, rcond=1e-9)[0]
     _, sigma, right = np.linalg.svd(held) if len(held) else (0, np.zeros(0), np.eye(len(x)))
@@ -211,11 +220,9 @@ def _polished(
     return moved if np.isfinite(moved).all() else None
 
 
-def _unexplained(
-    x: Array, A: Array, b: Array, G: Array, g: Array,
-    V: Array, v: Array, C: Array, d: Array, lower: Array, upper: Array,
-) -> float:  # fmt: skip
+def _unexplained(x: Array, program: _Program) -> float:
     """Largest of what breaks a constraint and of the gradient that no multiplier explains."""
+    A, b, G, g, V, v, C, d, lower, upper = program
     broken = max(
         float(np.abs(V @ x - v).max(initial=0.0)),
         float((C @ x - d).max(initial=0.0)),
@@ -223,7 +230,7 @@ def _unexplained(
         float((x - upper).max(initial=0.0)),
     )
     gradient = A.T @ (A @ x - b) + G.T @ np.maximum(G @ x - g, 0.0)
-    rows, _ = _active(x, C, d, lower, upper, 1e-9)
+    rows, _ = _active(x, program, 1e-9)
     columns = np.vstack([V, rows])
     if len(columns):
         scale = np.maximum(np.linalg.norm(columns, axis=1), 1e-300)

@@ -13,12 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration, random_direction
-from oracles.path_steps import corrected, descended
 from oracles.rounded_arms import axis_path, vertical_arm
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges, SerialChain, frame_pose
-from qp_twist.planning import bound
 from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import REACHED, PathRows
 
@@ -130,31 +128,34 @@ def on_rounded_path(rng: np.random.Generator) -> qt.PathTask:
 @pytest.mark.parametrize("make", [on_path, on_rounded_path])
 @settings(max_examples=4, deadline=None)
 @given(seed=SEEDS)
-def test_corrections_and_descents_are_those_of_the_reference(make: Any, seed: int) -> None:
+def test_corrections_say_whether_they_arrive_and_descents_stay_and_lower_z(
+    make: Any, seed: int
+) -> None:
+    """By the task's own error, with poses of MuJoCo."""
     rng = np.random.default_rng(seed)
     path_task = make(rng)
-    ranges = JointRanges.of(path_task.model)
-    compiled = PathRows(path_task)
+    task = qt.TwistTask(path_task.frame_name, path_task.frame_type, path_task.projector)
+    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
+
+    def reached(q: Array, at: Array) -> Array:
+        found = []
+        for here, k in zip(q, at, strict=True):
+            task.set_target(path_task.waypoints[k])
+            error = task.state(mink.Configuration(path_task.model, here)).error
+            away = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
+            found.append(away[0] <= REACHED.position * 1.001 and away[1] <= REACHED.axis * 1.001)
+        return np.array(found)
+
     q = np.array([random_configuration(path_task.model, rng) for _ in range(12)])
     at = rng.integers(0, len(path_task.waypoints), 12)
-    there, arrived = compiled.correct(q, at)
-    expected, expected_arrived = corrected(compiled, q, at)
-    # Newton's method from far away may go either way by rounding; rarely it does.
-    same = np.isclose(there, expected, atol=1e-8).all(axis=1)
-    assert same.mean() > 0.85
-    assert (arrived == expected_arrived).mean() > 0.9
-    reached = max(REACHED.position, REACHED.axis)
-    assert (compiled.errors(there[arrived], at[arrived]) <= reached).all()
-    begin, at = expected[expected_arrived & same], at[expected_arrived & same]
-    low = centred_nearby(begin, at, compiled, ranges)
-    expected_low = descended(
-        compiled, begin, at, ranges, rounds=bound._ROUNDS, longest=bound._LONGEST,
-        settled=bound._SETTLED,
-    )  # fmt: skip
+    there, arrived = rows.correct(q, at)
+    assert arrived.any() and (arrived == reached(there, at)).all()
+    low = centred_nearby(there[arrived], at[arrived], rows, ranges)
     finite = np.isfinite(low).all(axis=1)
-    assert (finite == np.isfinite(expected_low).all(axis=1)).all()
-    z, expected_z = ranges.centring(low[finite]), ranges.centring(expected_low[finite])
-    assert np.isclose(z, expected_z, atol=1e-8).mean() > 0.85
+    assert finite.mean() > 0.7 and reached(low[finite], at[arrived][finite]).all()
+    before, after = ranges.centring(there[arrived][finite]), ranges.centring(low[finite])
+    assert (after <= before + 1e-9).all()
+    assert after.sum() < before.sum() or (rows.freedom == 0).all()
 
 
 # ---------------------------------------------------------------- runs
