@@ -32,7 +32,6 @@ from qp_twist.paths import (
     DEFAULT_METHOD,
     PathTask,
     check_method,
-    in_joint_moves,
 )
 from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
 
@@ -154,11 +153,11 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
             "tolerances"
         )
     total, at_feed = f"{timed.times[-1]:.4g} s", f"{rows.path_task.feed_time:.4g} s at the feed"
-    moves = in_joint_moves(timed.trajectory.path_task, len(timed.q))
+    moves = timed.trajectory.path.moves
     if moves.any():
         total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
         at_feed = f"the path takes {at_feed}"
-    if len(rows.q) < len(rows.path_task.waypoints):
+    if not rows.ended:
         at_feed = f"the whole path takes {rows.path_task.feed_time:.4g} s at the feed"
     lines.append(f"{total}; {at_feed}")
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]

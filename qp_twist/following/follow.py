@@ -22,7 +22,6 @@ from qp_twist.paths import (
     MethodSettings,
     PathTask,
     check_method,
-    via_points,
     without_via_points,
 )
 from qp_twist.planning import Plan
@@ -59,9 +58,8 @@ def follow(
     blends from one to the other, and the others correct the rows common to both.
 
     Where the task has joint moves, each stretch between them is followed by itself, from the start
-    to which the joints move soonest of those from which the method keeps the stretch. The rows of
-    the joint moves, found and proven by ``planning.JointMoves``, are via points of the trajectory's
-    ``path_task``.
+    to which the joints move soonest of those from which the method keeps the stretch. The
+    trajectory also has the rows of the joint moves, found and proven by ``planning.JointMoves``.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -93,8 +91,8 @@ def follow(
     path_task = without_via_points(path_task)
     if plan is not None:
         instance("follow(plan=…)", plan, Plan)
-        planned = int((~via_points(plan.path_task)).sum()) if plan.q is not None else 0
-        if plan.motion() is not None and planned != len(path_task.waypoints):
+        planned = len(plan.at_waypoints)
+        if planned != len(path_task.waypoints):
             raise InvalidInput(
                 f"follow(plan=…): the plan has {planned} waypoints, the path "
                 f"{len(path_task.waypoints)}; plan this path."
@@ -117,7 +115,7 @@ def follow(
         if plan is None:
             plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
             interrupted = plan if plan.interrupted else None
-        motion = plan.motion()[~via_points(plan.path_task)]
+        motion = plan.at_waypoints
         # With more than three free degrees the bound knows too few local optima.
         free = int(PathRows(path_task).freedom.max())
         of_z = plan.objective == "centering" and not plan.joint_weights

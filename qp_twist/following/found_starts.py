@@ -13,7 +13,7 @@ from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, via_points, without_via_points
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
 from qp_twist.planning import CentralConfiguration, central_starts
 from qp_twist.planning.central import best_of_each_branch
 from qp_twist.planning.path_rows import PathRows
@@ -143,8 +143,7 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
     except InvalidInput as error:  # directions free in T may still violate a limit of the method
         return 0, clause(error)
     off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
-    passed = via_points(run.path_task)[: len(run.q)]
     if not off.any():
-        return int((~passed).sum()), run.failure or ", ".join(run.blocked_by or ())
+        return int(run.at_waypoints.sum()), run.failure or ", ".join(run.blocked_by or ())
     last = int(np.argmax(off))
-    return int((~passed[:last]).sum()), run.failure or ", ".join(run.binding[last])
+    return int(run.at_waypoints[:last].sum()), run.failure or ", ".join(run.binding[last])

@@ -77,8 +77,8 @@ def plan(
         raised; the certificate has the reason.
 
     Where the task has joint moves, each stretch between them is planned by itself, and joint moves
-    are searched between its plans (``planning.JointMoves``), whose rows are via points of the
-    plan's ``path_task``. Mean z is that of the waypoints, travel and margin count joint moves, too;
+    are searched between its plans (``planning.JointMoves``), whose rows the plan has, too
+    (``plan.s``). Mean z is that of the waypoints, travel and margin count joint moves, too;
     the branch may change on them. If the stretch's best plan cannot be reached, plans from other
     starts on its first waypoint are tried.
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.following.stretches import Move, with_joint_moves
-from qp_twist.paths import PathTask, stretch_task, stretches, via_points
+from qp_twist.following.stretches import Move
+from qp_twist.paths import PathTask, stretch_task, stretches
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
@@ -70,7 +70,7 @@ def plan_stretches(
         plans.append(plan)
         if rows is not None:
             found.append(Move(run.start, rows, moves.seconds(rows)))
-    return _joined(path_task, goal, plans, found)
+    return _joined(path_task, goal, runs, plans, found)
 
 
 def _plans(
@@ -109,13 +109,15 @@ def _none(path_task: PathTask, plan: Plan, run: range, why: str) -> Plan:
     )
 
 
-def _joined(path_task: PathTask, goal: Objective, plans: list[Plan], moves: list[Move]) -> Plan:
+def _joined(
+    path_task: PathTask, goal: Objective, runs: list[range], plans: list[Plan], moves: list[Move]
+) -> Plan:
     """One plan of the stretches' plans and the joint moves between them."""
-    rows = [plans[0].motion()]
-    for plan, move in zip(plans[1:], moves, strict=True):
+    rows, places = [plans[0].motion()], [np.array(runs[0], dtype=np.float64)]
+    for run, plan, move in zip(runs[1:], plans[1:], moves, strict=True):
         rows += [move.q[1:-1], plan.motion()]
-    q = np.concatenate(rows)
-    task = with_joint_moves(path_task, moves)
+        places += [move.s, np.array(run, dtype=np.float64)]
+    q, s = np.concatenate(rows), np.concatenate(places)
     counts = np.array([len(plan.motion()) for plan in plans])
     bounds = np.array([plan.bound for plan in plans])
     value, bound = goal.value(q), np.nan
@@ -127,11 +129,12 @@ def _joined(path_task: PathTask, goal: Objective, plans: list[Plan], moves: list
         bound = float(bounds.sum())
     if goal.centering:  # of the waypoints, not of the joint moves' rows
         z = goal.ranges.centring
-        value += goal.centering * float(z(q[~via_points(task)]).mean() - z(q).mean())
+        value += goal.centering * float(z(q[s == np.floor(s)]).mean() - z(q).mean())
     return dataclasses.replace(
         plans[-1],
-        path_task=dataclasses.replace(task, start=q[0]),
+        path_task=path_task,
         q=q,
+        s=s,
         value=value,
         bound=bound,
         interrupted=plans[-1].interrupted,

@@ -8,7 +8,6 @@ import itertools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
-import mink
 import numpy as np
 
 from qp_twist.checks import Array
@@ -16,14 +15,12 @@ from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.kinematics import frame_pose
 from qp_twist.paths import (
     METHODS,
     MethodSettings,
     PathTask,
     stretch_task,
     stretches,
-    with_via_points,
 )
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove
 from qp_twist.planning.central import best_of_each_branch, central_configurations
@@ -50,21 +47,12 @@ class Move(NamedTuple):
     seconds: Array
     """Least times between them at the joints' speeds, s, (N − 1,)."""
 
-
-def with_joint_moves(path_task: PathTask, moves: Sequence[Move]) -> PathTask:
-    """The task with the rows of joint moves as via points, (without via points) of another task."""
-    return with_via_points(
-        path_task,
-        {move.to: [frame_at(path_task, q) for q in move.q[1:-1]] for move in moves},
-        {move.to: move.seconds for move in moves},
-    )
-
-
-def frame_at(path_task: PathTask, q: Array) -> mink.SE3:
-    """Pose of the task's frame at a configuration q (nq,)."""
-    configuration = mink.Configuration(path_task.model, q)
-    rotation, origin = frame_pose(configuration, path_task.frame_name, path_task.frame_type)
-    return mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), origin)
+    @property
+    def s(self) -> Array:
+        """Parameter of the path at its inner rows, (N − 2,): by the times."""
+        times = np.cumsum(self.seconds)
+        inner: Array = self.to - 1 + times[:-1] / times[-1]
+        return inner
 
 
 def follow_stretches(
@@ -92,8 +80,8 @@ def follow_stretches(
         options: Other arguments of ``walk``.
 
     Returns:
-        The trajectory; its ``path_task`` has the rows of the joint moves as via points. If a
-        stretch cannot be reached by a joint move, it ends before, with the reason as ``failure``.
+        The trajectory, with the rows of the joint moves. If a stretch cannot be reached by a joint
+        move, it ends before, with the reason as ``failure``.
     """
     moves = JointMoves(path_task)
     runs = stretches(path_task)
@@ -139,7 +127,7 @@ def follow_stretches(
         number, rows = move
         parts.append(tried[number])
         found.append(Move(run.start, rows, moves.seconds(rows)))
-    return _joined(with_joint_moves(path_task, found), parts, found)
+    return _joined(path_task, runs, parts, found)
 
 
 def _starts(
@@ -186,7 +174,9 @@ def _soonest(end: Array, tried: Sequence[Trajectory], moves: JointMoves) -> tupl
     return why
 
 
-def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) -> Trajectory:
+def _joined(
+    task: PathTask, runs: Sequence[range], parts: Sequence[Trajectory], moves: Sequence[Move]
+) -> Trajectory:
     """One trajectory of stretches and the joint moves between them."""
     first = parts[0]
     columns: dict[str, list[Array]] = {name: [] for name in _COLUMNS}
@@ -195,7 +185,7 @@ def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) 
     offset, diverged_at = 0, None
     for number, part in enumerate(parts):
         if number:
-            inner = _of_move(task, moves[number - 1], offset - 1)
+            inner = _of_move(task, moves[number - 1])
             for name, column in columns.items():
                 if name in inner:
                     column.append(inner[name])
@@ -206,7 +196,7 @@ def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) 
         for name, column in columns.items():
             values = getattr(part, name)
             if values is not None:
-                column.append(values)
+                column.append(values + runs[number].start if name == "s" else values)
         if number and part.durations is not None:
             columns["durations"][-1][0] = moves[number - 1].seconds[-1]
         binding += part.binding
@@ -219,7 +209,7 @@ def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) 
     }
     return dataclasses.replace(
         first,
-        path_task=dataclasses.replace(task, start=first.path_task.start),
+        path_task=task,
         binding=tuple(binding),
         statuses=tuple(statuses),
         diverged_at=diverged_at,
@@ -233,6 +223,7 @@ def _joined(task: PathTask, parts: Sequence[Trajectory], moves: Sequence[Move]) 
 
 _COLUMNS = (
     "q",
+    "s",
     "position_error",
     "axis_error",
     "sigma_min",
@@ -243,14 +234,16 @@ _COLUMNS = (
 )
 
 
-def _of_move(task: PathTask, move: Move, after: int) -> dict[str, Array]:
-    """The columns of a trajectory for the inner rows of a joint move, ``after`` a row of it."""
+def _of_move(task: PathTask, move: Move) -> dict[str, Array]:
+    """The columns of a trajectory for the inner rows of a joint move."""
     count = len(move.q) - 2
+    before = np.full(count, move.to - 1)
     found: dict[str, Array] = {
         "q": move.q[1:-1],
+        "s": move.s,
         "scale": np.ones(count),
         "iterations": np.zeros(count, dtype=np.int64),
-        "sigma_min": PathRows(task).sigma_min(move.q[1:-1], np.full(count, after, dtype=np.intp)),
+        "sigma_min": PathRows(task).sigma_min(move.q[1:-1], before),
     }
     for name in ("position_error", "axis_error", "band_excess"):
         found[name] = np.zeros(count)

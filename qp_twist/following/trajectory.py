@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.files import write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
-from qp_twist.paths import PathTask
+from qp_twist.paths import PathTask, Waypoints
 from qp_twist.planning import Plan
 from qp_twist.referee import PathErrors, Tolerances, straight_errors
 
@@ -26,10 +26,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Result of :func:`~qp_twist.follow`, with N waypoints; row 0 is the start.
+    """Result of :func:`~qp_twist.follow`, with N rows; row 0 is the start.
 
-    A run that was stopped, or that could not go on, has fewer rows than the path has waypoints. Its
-    errors are those at the waypoints; ``between`` has proven bounds between them.
+    There is a row for each waypoint, but those that a run did not reach which was stopped or could
+    not go on; further rows are inside joint moves, or were inserted
+    (:func:`~qp_twist.refine_trajectory`). ``s`` says to which point of the path each row belongs.
+    The errors are those at the rows; ``between`` has proven bounds between them.
 
     Attributes:
         path_task: The task that was followed.
@@ -57,6 +59,8 @@ class Trajectory:
             itself and Ctrl-C ended its search.
         blocked_by: Names of the limits, as far as known, because of which a run that may slow down
             ended before the next waypoint; ``None`` if none did.
+        s: Parameter of the path at each row (:meth:`PathTask.at`), (N,): the number of a waypoint,
+            from 0, plus the share of the way to the next one; ``None``: a row for each waypoint.
     """
 
     path_task: PathTask
@@ -78,19 +82,56 @@ class Trajectory:
     compiled: int = 0
     interrupted_plan: Plan | None = None
     blocked_by: tuple[str, ...] | None = None
+    s: Array = None  # type: ignore[assignment]  # __post_init__ sets it
+
+    def __post_init__(self) -> None:
+        if self.s is None:
+            object.__setattr__(self, "s", np.arange(len(self.q), dtype=np.float64))
+
+    @cached_property
+    def path(self) -> Waypoints:
+        """The path at the rows."""
+        return self.path_task.at(self.s)
 
     @property
-    def kept(self) -> int:
-        """Number of waypoints, from the first one on, within the tolerances of a check."""
+    def at_waypoints(self) -> Mask:
+        """Which rows are at waypoints, (N,)."""
+        return np.asarray(self.s == np.floor(self.s))
+
+    @property
+    def ended(self) -> bool:
+        """Whether there are rows up to the last waypoint."""
+        return bool(self.s[-1] == len(self.path_task.waypoints) - 1)
+
+    @property
+    def feed(self) -> Array | None:
+        """Least time from each row to the next, s, (N − 1,); ``None`` without a feed.
+
+        On the path at the feed; in joint moves by the joints' speeds.
+        """
+        times = self.path_task.feed_at(self.s)
+        if times is None or self.durations is None:
+            return None
+        feed: Array = np.where(self.path.moves, self.durations[1:], np.diff(times))
+        return feed
+
+    @property
+    def rows_kept(self) -> int:
+        """Number of rows, from the first one on, within the tolerances of a check."""
         on = Tolerances().met(self.position_error, self.axis_error)
         return len(on) if on.all() else int(np.argmin(on))
 
     @property
+    def kept(self) -> int:
+        """Number of waypoints, from the first one on, within the tolerances of a check."""
+        return int(self.at_waypoints[: self.rows_kept].sum())
+
+    @property
     def ending(self) -> str:
         """Where the run ends or leaves the path, and why, in words; empty if it does neither."""
-        count, kept = len(self.path_task.waypoints), self.kept
-        if kept < len(self.q):
-            held = ", ".join(self.binding[kept])
+        count, kept, rows = len(self.path_task.waypoints), self.kept, self.rows_kept
+        if rows < len(self.q):
+            held = ", ".join(self.binding[rows])
             return f"leaves the path at waypoint {kept + 1} of {count}" + (
                 f", held by {held}" if held else ""
             )
@@ -133,7 +174,7 @@ class Trajectory:
             InvalidInput: If there are fewer than two rows, a row is not finite, or a joint is
                 neither hinge nor slide.
         """
-        return straight_errors(self.path_task, self.q)
+        return straight_errors(self.path_task, self.q, self.s)
 
     @cached_property
     def nearest(self) -> tuple[Clearance, NearestPair] | None:
@@ -166,7 +207,7 @@ class Trajectory:
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
         rows: list[tuple[str, object]] = [
-            ("waypoints", f"{len(self.q)} of {len(self.path_task.waypoints)}"),
+            ("waypoints", f"{self.at_waypoints.sum()} of {len(self.path_task.waypoints)}"),
             ("largest position error, mm", 1e3 * float(self.position_error.max())),
             ("largest axis error, °", float(np.degrees(self.axis_error.max()))),
             ("smallest joint margin", float(self.margins.min(initial=np.inf))),

@@ -53,7 +53,7 @@ def walk(
     limits let it reach, or that has a step.
     """
     walked = path_task
-    if slow_down:
+    if slow_down and np.isfinite(path_task.acceleration_limits).any():
         free = np.full(path_task.model.nv, np.inf)
         walked = dataclasses.replace(path_task, acceleration_limits=free)
     waypoints = waypoints_of(path_task, method)

@@ -14,8 +14,6 @@ from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
 from .joint_moves import stretch_task as stretch_task
 from .joint_moves import stretches as stretches
-from .joint_moves import via_points as via_points
-from .joint_moves import with_via_points as with_via_points
 from .joint_moves import without_via_points as without_via_points
 from .methods import DEFAULT_METHOD as DEFAULT_METHOD
 from .methods import METHODS as METHODS
@@ -52,3 +50,4 @@ from .toolpath_options import ToolpathOptions as ToolpathOptions
 from .turning import angles_between as angles_between
 from .turning import transported as transported
 from .turning import turns_between as turns_between
+from .waypoints import Waypoints as Waypoints

@@ -1,13 +1,11 @@
-"""Stretches of a path between joint moves, and paths with the points that joint moves pass."""
+"""Stretches of a path between joint moves."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import mink
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
@@ -54,12 +52,6 @@ def joint_move_ends(path_task: PathTask) -> list[tuple[int, int]]:
     return [(begin - 1, end) for begin, end in zip(first, last, strict=True)]
 
 
-def via_points(path_task: PathTask) -> Mask:
-    """Which waypoints a joint move only passes, (N,)."""
-    inside = in_joint_moves(path_task)
-    return np.concatenate([[False], inside[:-1] & inside[1:], [False]])
-
-
 def stretch_task(path_task: PathTask, run: range, start: Array) -> PathTask:
     """The task of one stretch of the path, from a start (nq,)."""
     return _chosen(path_task, np.array(run), start)
@@ -67,45 +59,10 @@ def stretch_task(path_task: PathTask, run: range, start: Array) -> PathTask:
 
 def without_via_points(path_task: PathTask) -> PathTask:
     """The task without the points that its joint moves only pass."""
-    via = via_points(path_task)
-    return _chosen(path_task, np.flatnonzero(~via), path_task.start) if via.any() else path_task
-
-
-def with_via_points(
-    path_task: PathTask, passed: Mapping[int, Sequence[mink.SE3]], durations: Mapping[int, Array]
-) -> PathTask:
-    """The task with the points that its joint moves pass.
-
-    Args:
-        path_task: The task.
-        passed: Poses of the frame on the way to a waypoint, by its index.
-        durations: Times to these poses and to the waypoint, s, by its index, one more than poses.
-    """
-    waypoints: list[mink.SE3] = []
-    flipped: list[mink.SE3] = []
-    times: list[float] = []
-    shift = np.zeros(len(path_task.waypoints), dtype=np.intp)
-    moves: list[int] = []
-    for k, waypoint in enumerate(path_task.waypoints):
-        more = list(passed.get(k, ()))
-        if k in path_task.joint_moves:
-            moves += range(len(waypoints), len(waypoints) + len(more) + 1)
-        waypoints += [*more, waypoint]
-        if path_task.flipped_waypoints is not None:
-            flipped += [*more, path_task.flipped_waypoints[k]]
-        if path_task.durations is not None:
-            times += durations[k].tolist() if k in durations else [path_task.durations[k]]
-        shift[k] = len(waypoints) - 1 - k
-    of = np.repeat(np.arange(len(shift)), 1 + np.diff(shift, prepend=0))
-    return replace(
-        path_task,
-        waypoints=tuple(waypoints),
-        flipped_waypoints=None if path_task.flipped_waypoints is None else tuple(flipped),
-        durations=None if path_task.durations is None else np.array(times),
-        segments=tuple(replace(s, first=s.first + int(shift[s.first])) for s in path_task.segments),
-        joint_moves=tuple(moves),
-        lines=None if path_task.lines is None else path_task.lines[of],
-    )
+    on_path = path_task.at().on_path
+    if on_path.all():
+        return path_task
+    return _chosen(path_task, np.flatnonzero(on_path), path_task.start)
 
 
 def _chosen(path_task: PathTask, index: Indices, start: Array) -> PathTask:

@@ -40,6 +40,7 @@ from qp_twist.paths.shown import Shown
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.toolpath import Lines, Toolpath
 from qp_twist.paths.turning import transported
+from qp_twist.paths.waypoints import Waypoints
 from qp_twist.robots import KnownRobot, known_limits
 
 FromStart = Literal["nothing", "roll", "orientation"]
@@ -271,10 +272,32 @@ class PathTask:
             return scene, self.relative_to, "body"
         return scene, *frame
 
+    @cached_property
+    def poses(self) -> tuple[Array, Array]:
+        """Rotations (N, 3, 3) and positions (N, 3), m, of the waypoints."""
+        rotations = np.array([w.rotation().as_matrix() for w in self.waypoints])
+        return rotations, np.array([w.translation() for w in self.waypoints])
+
     @property
     def positions(self) -> Array:
         """Positions of the waypoints in the world, or in the body that carries them, m, (N, 3)."""
-        return np.array([w.translation() for w in self.waypoints])
+        return self.poses[1]
+
+    def at(self, s: Array | None = None) -> Waypoints:
+        """The path at parameters s (K,), ascending (:class:`~qp_twist.paths.Waypoints`).
+
+        ``None``: at its waypoints.
+        """
+        if s is None:
+            s = np.arange(len(self.waypoints), dtype=np.float64)
+        return Waypoints.of(self, s)
+
+    def feed_at(self, s: Array) -> Array | None:
+        """Times at the feed from the first waypoint to parameters s (K,), s, (K,)."""
+        if self.durations is None:
+            return None
+        times: Array = np.interp(s, np.arange(len(self.durations)), np.cumsum(self.durations))
+        return times
 
     @property
     def projectors(self) -> tuple[TwistProjector, ...]:

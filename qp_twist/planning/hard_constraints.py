@@ -10,8 +10,8 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance, Constraint, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
-from qp_twist.paths import PathTask
-from qp_twist.referee import PROVEN, Intervals, Tolerances, constraints_left
+from qp_twist.paths import PathTask, Waypoints
+from qp_twist.referee import PROVEN, Intervals, Tolerances, constraints_left, fewer_rows
 
 Poses = tuple[Array, Array]
 
@@ -46,8 +46,12 @@ class HardConstraints:
             which a search keeps as equality rows (:class:`~qp_twist.planning.path_rows.PathRows`).
     """
 
-    def __init__(self, path_task: PathTask, chain: SerialChain) -> None:
+    def __init__(
+        self, path_task: PathTask, chain: SerialChain, path: Waypoints | None = None
+    ) -> None:
         """Read the bands of a task whose frame is moved by ``chain``.
+
+        At its waypoints, or at other points of its path (:meth:`PathTask.at`).
 
         Raises:
             InvalidInput: If a band contradicts a projector of the path, or has no width.
@@ -83,7 +87,8 @@ class HardConstraints:
         self.halves: Array = np.array([*widths, *(np.inf for _ in of_constraints)])
         if not self:
             return
-        for projector in {id(T): T for T in path_task.in_force}.values():
+        path = path or path_task.at()
+        for projector in {id(T): T for T in path.projectors}.values():
             check_bands(path_task.name, self.bands, projector)
         for name, half in zip(self.names, self.halves, strict=True):
             if 2.0 * half < NARROWEST:
@@ -91,11 +96,10 @@ class HardConstraints:
                     f"{path_task.name}: {name} is narrower than {NARROWEST:g} rad or m; hold that "
                     "direction by the projector, or widen the band."
                 )
-        self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
-        self._positions = path_task.positions
-        self._intervals = Intervals.of(path_task, len(path_task.waypoints))
-        self._fixed: Mask = np.zeros((len(path_task.in_force), len(self.names)), dtype=bool)
-        for fixed, T in zip(self._fixed, path_task.in_force, strict=True):
+        self._rotations, self._positions = path.rotations, path.positions
+        self._intervals = Intervals(path.rotations, path.positions, fewer_rows(path.projectors))
+        self._fixed: Mask = np.zeros((len(path.projectors), len(self.names)), dtype=bool)
+        for fixed, T in zip(self._fixed, path.projectors, strict=True):
             fixed[: len(ranges)] = [f for band in self.bands for f in band.fixed(T)]
 
     def __len__(self) -> int:

@@ -71,12 +71,13 @@ class PathRows:
         freedom: Dimension of the null space at each waypoint, (N,).
     """
 
-    def __init__(self, path_task: PathTask) -> None:
+    def __init__(self, path_task: PathTask, s: Array | None = None) -> None:
+        """Rows at the waypoints of a path, or at parameters s (N,) of it in their place."""
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-        self.hard = HardConstraints(path_task, self.chain)
-        self._rotations = np.array([w.rotation().as_matrix() for w in path_task.waypoints])
-        self._positions = path_task.positions
-        self._projectors, self._which = distinct_projectors(path_task.in_force)
+        path = path_task.at(s)
+        self.hard = HardConstraints(path_task, self.chain, path)
+        self._rotations, self._positions = path.rotations, path.positions
+        self._projectors, self._which = distinct_projectors(path.projectors)
         self.couplings = JointCouplings(path_task.model)
         self._coupled = self.couplings.independent()
         ranks = np.array([projector.rank for projector in self._projectors])

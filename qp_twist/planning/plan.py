@@ -17,12 +17,14 @@ from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
+from qp_twist.planning.joint_move import JointMoves
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.search import PlanSearch, Progress, Trials
 from qp_twist.referee import (
     Finding,
     JointMotion,
+    Passing,
     PathErrors,
     Tolerances,
     examine,
@@ -61,6 +63,8 @@ class Plan:
         joint_weights: Weights of joints in the objective, as passed.
         interrupted: Whether Ctrl-C ended the search; the motion is the best by then, and satisfies
             all constraints.
+        s: Parameter of the path at each row (:meth:`PathTask.at`), (N,), where there are further
+            rows inside joint moves; ``None``: a row for each waypoint.
     """
 
     path_task: PathTask
@@ -71,6 +75,7 @@ class Plan:
     objective: str | Mapping[str, float]
     joint_weights: Mapping[str, float] = field(default_factory=dict)
     interrupted: bool = False
+    s: Array | None = None
 
     @property
     def gap(self) -> float:
@@ -97,6 +102,16 @@ class Plan:
             raise InvalidInput(f"{self.path_task.name}: no plan: {self.certificate}")
         return self.q
 
+    @property
+    def at_waypoints(self) -> Array:
+        """The configurations at the waypoints, (N, nq).
+
+        Raises:
+            InvalidInput: If there is no motion; the message says why.
+        """
+        q = self.motion()
+        return q if self.s is None else q[self.s == np.floor(self.s)]
+
     @cached_property
     def between(self) -> PathErrors:
         """Proven deviation between the waypoints, with linearly interpolated joints.
@@ -107,7 +122,7 @@ class Plan:
         Raises:
             InvalidInput: If there is no motion; the message says why.
         """
-        return straight_errors(self.path_task, self.motion())
+        return straight_errors(self.path_task, self.motion(), self.s)
 
     @property
     def promise(self) -> str:
@@ -148,11 +163,17 @@ class Plan:
         Raises:
             InvalidInput: If there is no motion; the message says why.
         """
-        q, durations = self.motion(), self.path_task.durations
-        times = np.arange(len(q), dtype=np.float64)
-        if durations is not None:
-            times = np.cumsum(durations)
-        return examine(self.path_task, JointMotion(times, q), tolerances)
+        task, q = self.path_task, self.motion()
+        s = np.arange(len(q), dtype=np.float64) if self.s is None else self.s
+        pieces = np.ones(len(q) - 1)
+        at_feed = task.feed_at(s)
+        if at_feed is not None:
+            moves = task.at(s).moves
+            pieces = np.where(moves, JointMoves(task).seconds(q) if moves.any() else 0.0,
+                              np.diff(at_feed))  # fmt: skip
+        times = np.append(0.0, np.cumsum(pieces))
+        passing = Passing(times[s == np.floor(s)], at_feed is not None, by_row=True)
+        return examine(task, JointMotion(times, q), tolerances, passing)
 
     def __repr__(self) -> str:
         count = len(self.path_task.waypoints)

@@ -21,6 +21,7 @@ from .findings import examine as examine
 from .findings import joint_margins as joint_margins
 from .findings import velocity_use as velocity_use
 from .intervals import Intervals as Intervals
+from .intervals import fewer_rows as fewer_rows
 from .joint_motion import JointMotion as JointMotion
 from .joint_motion import State as State
 from .motion_limits import RAMP_S as RAMP_S
@@ -29,11 +30,11 @@ from .motion_limits import motion_limits as motion_limits
 from .motion_limits import speeds_or_default as speeds_or_default
 from .motion_limits import with_default_accelerations as with_default_accelerations
 from .path_errors import PROVEN as PROVEN
-from .path_errors import Known as Known
 from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors
 from .path_errors import constraints_left as constraints_left
 from .path_errors import path_errors as path_errors
 from .path_errors import poses_of as poses_of
+from .path_errors import sampled_errors as sampled_errors
 from .path_errors import straight_errors as straight_errors
 from .path_errors import task_errors as task_errors

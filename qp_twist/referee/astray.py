@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.paths import PathTask, in_joint_moves, via_points
+from qp_twist.paths import PathTask
 from qp_twist.referee.intervals import Intervals, fewer_rows
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.path_errors import poses_of, task_errors
@@ -62,7 +62,8 @@ def astray_parts(
         times: When the motion is nearest to the waypoints, s, (N,), non-decreasing.
         met: Whether it meets them, (N,).
     """
-    at, count = np.flatnonzero(met & ~via_points(path_task)[: len(met)]), len(times)
+    on_path = path_task.at(np.arange(len(met), dtype=np.float64)).on_path
+    at, count = np.flatnonzero(met & on_path), len(times)
     begin, end = motion.times[[0, -1]].tolist()
     if not len(at):
         parts = [(True, 0, np.arange(count), (begin, end))]
@@ -82,17 +83,13 @@ def astray_parts(
 def _covered(path_task: PathTask, motion: JointMotion, times: Array, which: Indices) -> float:
     """Share of the intervals between consecutive waypoints along which the motion goes."""
     R, p = poses_of(path_task, motion.at(times[which]).q)
-    waypoints = [path_task.waypoints[k] for k in which]
-    intervals = Intervals(
-        np.array([w.rotation().as_matrix() for w in waypoints]),
-        np.array([w.translation() for w in waypoints]),
-        fewer_rows([path_task.in_force[k] for k in which]),
-    )
+    path = path_task.at(which.astype(np.float64))
+    intervals = Intervals(path.rotations, path.positions, fewer_rows(path.projectors))
     here = np.arange(len(which) - 1)
     takes_time = (np.diff(times[which]) > 0.0).astype(np.float64)
     begin = intervals.progress(R[:-1], p[:-1], here, 0.0 * takes_time)[1]
     end = intervals.progress(R[1:], p[1:], here, takes_time)[1]
-    counted = ~in_joint_moves(path_task)[which[:-1]]
+    counted = ~path.moves
     return float(np.maximum(end - begin, 0.0)[counted].mean()) if counted.any() else 1.0
 
 
@@ -104,8 +101,7 @@ def _errors(
     rows = rows[:: -(-max(len(rows), 1) // _SAMPLES)]
     times = np.union1d(np.linspace(*span, _SAMPLES), rows)
     R, p = poses_of(path_task, motion.at(times).q)
-    R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in which])
-    p_d = np.array([path_task.waypoints[k].translation() for k in which])
+    R_d, p_d = (part[which] for part in path_task.poses)
     # Of what is farther away than any number the tree names none.
     near = np.minimum(cKDTree(p_d).query(p)[1], len(which) - 1)
     held = [path_task.in_force[which[k]] for k in near]

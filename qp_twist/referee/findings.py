@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array, Mask, number
 from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -105,6 +105,21 @@ class Tolerances:
 
     position: float = POSITION_TOLERANCE
     axis: float = float(np.radians(AXIS_TOLERANCE_DEG))
+
+    @classmethod
+    def stated(cls, position_tolerance: float, axis_tolerance_deg: float) -> Tolerances:
+        """Those of a call.
+
+        Raises:
+            InvalidInput: If one is not above 0.
+        """
+        position = number("position_tolerance", position_tolerance, above=0.0)
+        axis_deg = number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)
+        return cls(position, float(np.radians(axis_deg)))
+
+    def of(self, units: Sequence[str]) -> Array:
+        """The tolerance of each of some units, ``"m"`` or ``"rad"``."""
+        return np.array([self.position if unit == "m" else self.axis for unit in units])
 
     def met(self, position: npt.ArrayLike, axis: npt.ArrayLike) -> Mask:
         """Whether task errors, m and rad, (N,) each, are within them; NaN is not, (N,)."""

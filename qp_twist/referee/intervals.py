@@ -15,7 +15,6 @@ from qp_twist.geometry import (
     distinct_projectors,
     resolved_twist_error,
 )
-from qp_twist.paths import PathTask
 
 _SHORT = 1e-12
 """Square of a length below which it counts as zero, m² or rad²."""
@@ -78,14 +77,6 @@ class Intervals:
                 self._chord[here] = self._turning(projector, R_d[here + 1]) - x
                 turned = (errors[:, 3:] ** 2).sum(axis=1) > _SHORT
                 self._arc[here] = ~moves & turned
-
-    @classmethod
-    def of(cls, path_task: PathTask, count: int) -> Intervals:
-        """The intervals between the first ``count`` waypoints of a task."""
-        waypoints = path_task.waypoints[:count]
-        rotations = np.array([w.rotation().as_matrix() for w in waypoints])
-        positions = np.array([w.translation() for w in waypoints])
-        return cls(rotations, positions, fewer_rows(path_task.in_force[:count]))
 
     @property
     def by_rate(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:

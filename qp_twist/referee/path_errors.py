@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import mink
@@ -16,7 +16,7 @@ from qp_twist.constraints import Constraint
 from qp_twist.geometry import TwistProjector, resolved_twist_error
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.frame import frame_id
-from qp_twist.paths import PathTask, in_joint_moves, via_points
+from qp_twist.paths import PathTask, Waypoints
 from qp_twist.referee.displacement import LeverArms
 from qp_twist.referee.intervals import Intervals, fewer_rows
 from qp_twist.referee.joint_motion import JointMotion
@@ -100,29 +100,16 @@ class PathErrors:
         return kept
 
 
-class Known(NamedTuple):
-    """What was found and proven of another motion, for the intervals that this one shares with it.
-
-    In these the joints move alike, in the same time, and waypoints and rows of the task are the
-    same.
-    """
-
-    errors: PathErrors
-    """Of the other motion, for the same tolerances."""
-    which: Indices
-    """Index there of each interval; −1 for those that are not shared, (N − 1,)."""
-
-
 def path_errors(
     path_task: PathTask,
     motion: JointMotion,
     times: Array | None = None,
     *,
+    s: Array | None = None,
     tolerances: tuple[float, float] | None = None,
     fastest: Array | None = None,
     samples: int = SAMPLES,
     work: int = WORK,
-    known: Known | None = None,
 ) -> PathErrors:
     r"""Measure a motion against the waypoints and against the path between them.
 
@@ -147,31 +134,36 @@ def path_errors(
         motion: Joints by degree of freedom of the task's robot, hinges and slides.
         times: Time of the motion at each waypoint, s, (N,), non-decreasing; if ``None`` the times
             of its rows, one per waypoint.
+        s: Parameters of the path (:meth:`PathTask.at`) that stand for the waypoints, (N,); if
+            ``None`` its first N waypoints.
         tolerances: Errors to be proven between the waypoints, m and rad; errors along the path
             within them do not count as progress. Without it the largest values are bounded to a
             tenth.
         fastest: Rate of progress to be proven, in shares of the interval per second, (N − 1,).
         samples: Points that are always evaluated between consecutive rows or waypoints.
         work: Largest number of further points.
-        known: What needs no second proof.
     """
     when = motion.times if times is None else times
-    track = _Track(path_task, motion, when, tolerances)
-    R, p = poses_of(path_task, motion.at(when).q)
-    position, axis = _at(R, p, track.targets, path_task.in_force[: len(when)])
-    moves = in_joint_moves(path_task, len(when))
-    bands = track.by_band(track.kept_at(Poses(motion.at(when).q, FramePair(R, p, *track.targets))))
-    via = np.flatnonzero(via_points(path_task)[: len(when)])
-    position[via] = axis[via] = 0.0
-    bands[via, : track.hard_bands] = 0.0
+    path = path_task.at(np.arange(len(when), dtype=np.float64) if s is None else s)
+    track = _Track(path_task, motion, when, path, tolerances)
+    q = motion.at(when).q
+    R, p = poses_of(path_task, q)
+    targets = path.rotations, path.positions
+    errors = task_errors(R, p, *targets, path.projectors)
+    position, axis = (np.linalg.norm(part, axis=1) for part in np.hsplit(errors, 2))
+    bands = track.by_band(track.kept_at(Poses(q, FramePair(R, p, *targets))))
+    off = ~path.on_path
+    position[off] = axis[off] = 0.0
+    bands[off, : track.hard_bands] = 0.0
+    moves = path.moves
     proof = _Proof(track, work, moves[:, None] & track.of_path)
-    left, right = proof.start(samples, None if known is None else known.which < 0)
+    left, right = proof.start(samples)
     if fastest is not None:
         fastest = np.where(moves, np.inf, fastest)
     rate, kept = proof.rates(left, right, fastest)
     rate[moves], kept[moves] = 0.0, fastest is not None
     between, bound = proof.found, proof.bound
-    errors = PathErrors(
+    return PathErrors(
         position,
         axis,
         bands,
@@ -185,34 +177,54 @@ def path_errors(
         kept,
         tuple(measure.unit for measure in track.kept),
     )
-    return errors if known is None else _with_known(errors, known)
 
 
-def _with_known(errors: PathErrors, known: Known) -> PathErrors:
-    """The errors with those of the intervals that are known."""
-    shared = np.flatnonzero(known.which >= 0)
-    whole = {}
-    for name in ("position", "axis", "bands"):
-        for kind in (f"{name}_between", f"{name}_bound"):
-            whole[kind] = getattr(errors, kind)
-    whole |= {"rate": errors.rate, "rate_kept": errors.rate_kept}
-    for name, values in whole.items():
-        values[shared] = getattr(known.errors, name)[known.which[shared]]
-    return replace(errors, **whole)
-
-
-def straight_errors(path_task: PathTask, q: Array) -> PathErrors:
+def straight_errors(path_task: PathTask, q: Array, s: Array | None = None) -> PathErrors:
     """Errors of a motion that interpolates the joints linearly between the waypoints.
 
     Args:
         path_task: The path.
         q: Joint positions at its first waypoints, rad or m, (N, nv).
+        s: Parameters of the path in place of its first waypoints, (N,).
 
     Raises:
         InvalidInput: If there are fewer than two rows, one is not finite, or a joint that moves the
             frame is neither hinge nor slide.
     """
-    return path_errors(path_task, JointMotion(np.arange(len(q), dtype=np.float64), q))
+    return path_errors(path_task, JointMotion(np.arange(len(q), dtype=np.float64), q), s=s)
+
+
+def sampled_errors(
+    path_task: PathTask,
+    motion: JointMotion,
+    s: Array,
+    pieces: Indices | None = None,
+    samples: int = SAMPLES,
+) -> tuple[Array, tuple[str, ...]]:
+    """The errors of :func:`path_errors` at points of a motion, without a proof for the others.
+
+    Args:
+        path_task: The path.
+        motion: Joints by degree of freedom, with a row at each of the parameters.
+        s: Parameters of the path, (N,).
+        pieces: Index of the row before each interval that is evaluated, (K,); ``None``: all.
+        samples: Points between two rows.
+
+    Returns:
+        Position error, axis error, and the violation of each hard band and each constraint, m or
+        rad, (K, samples + 2, 2 + B), the first and the last at the rows; and the unit of each.
+    """
+    path = path_task.at(s)
+    track = _Track(path_task, motion, motion.times, path, None)
+    which = np.arange(len(s) - 1) if pieces is None else pieces
+    shares, parts = np.linspace(0.0, 1.0, samples + 2), samples + 2
+    begin, end = motion.times[which, None], motion.times[which + 1, None]
+    piece = np.repeat(which, parts)
+    values = track.points(piece, piece, ((1.0 - shares) * begin + shares * end).ravel()).values
+    values = np.where(path.moves[piece, None] & track.of_path, 0.0, values)
+    errors = np.hstack([values[:, :2], track.by_band(values[:, 2:])])
+    units = ("m", "rad", *(measure.unit for measure in track.kept))
+    return errors.reshape(len(which), parts, len(units)), units
 
 
 class Outside(NamedTuple):
@@ -237,7 +249,8 @@ def constraints_left(path_task: PathTask, q: Array, tolerances: tuple[float, flo
         tolerances: Violations to be proven, m and rad.
     """
     motion = JointMotion(np.arange(len(q), dtype=np.float64), q)
-    track = _Track(path_task, motion, motion.times, tolerances, task_errors=False)
+    path = path_task.at(motion.times)  # one row for each waypoint
+    track = _Track(path_task, motion, motion.times, path, tolerances, task_errors=False)
     proof = _Proof(track, WORK)
     proof.start(0)
     share = proof.time - motion.times[:-1]
@@ -277,9 +290,9 @@ def constraint_left(
         end: When it ends, s, after ``begin``.
         tolerances: Violations to be proven, m and rad.
     """
-    when = np.array([begin, end])
+    when, path = np.array([begin, end]), path_task.at(np.zeros(2))
     proof = _Proof(
-        _Track(path_task, motion, when, tolerances, task_errors=False, only=constraint), WORK
+        _Track(path_task, motion, when, path, tolerances, task_errors=False, only=constraint), WORK
     )
     proof.start(0)
     time = float(proof.time[0])
@@ -330,20 +343,14 @@ class _Track:
         path_task: PathTask,
         motion: JointMotion,
         when: Array,
+        path: Waypoints,
         tolerances: tuple[float, float] | None,
         *,
         task_errors: bool = True,
         only: Constraint | None = None,
     ) -> None:
         self.motion, self.when, self.tolerances = motion, when, tolerances
-        count = len(when)
-        waypoints = path_task.waypoints[:count]
-        if only is not None:  # no path, so that all targets are alike
-            waypoints = waypoints[:1] * count
-        R_d = np.array([w.rotation().as_matrix() for w in waypoints])
-        p_d = np.array([w.translation() for w in waypoints])
-        self.targets = R_d, p_d
-        self.intervals = Intervals(R_d, p_d, fewer_rows(path_task.in_force[:count]))
+        self.intervals = Intervals(path.rotations, path.positions, fewer_rows(path.projectors))
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         self.arms = LeverArms.of(self.chain, motion)
         bands = [band for band in path_task.bands if band.weight is None and only is None]
@@ -459,15 +466,9 @@ class _Proof:
         self.time = track.when[:-1].copy()
         self._largest = np.zeros(pieces)
 
-    def start(self, samples: int, only: Mask | None = None) -> tuple[_Points, _Points]:
-        """Evaluate points of every interval and prove the bounds; return the ends of stretches.
-
-        Or ``only`` of some intervals, (N − 1,).
-        """
+    def start(self, samples: int) -> tuple[_Points, _Points]:
+        """Evaluate points of every interval and prove the bounds; return the ends of stretches."""
         interval, row, begin, end = _knots(self.track.motion.times, self.track.when)
-        if only is not None:
-            here = only[interval]
-            interval, row, begin, end = interval[here], row[here], begin[here], end[here]
         kept = []
         step = max(1, _CHUNK // (samples + 1))
         for first in range(0, max(len(interval), 1), step):
@@ -733,13 +734,6 @@ def task_errors(
         here = ids == id(projector)
         errors[here] = resolved_twist_error(R[here], p[here], R_d[here], p_d[here], projector)[1]
     return errors
-
-
-def _at(
-    R: Array, p: Array, targets: tuple[Array, Array], rows: Sequence[TwistProjector]
-) -> tuple[Array, Array]:
-    errors = task_errors(R, p, *targets, rows)
-    return np.linalg.norm(errors[:, :3], axis=1), np.linalg.norm(errors[:, 3:], axis=1)
 
 
 def _columns(parts: list[Array], rows: int) -> Array:

@@ -2,7 +2,6 @@
 
 from qp_twist.referee import Finding as Finding
 from qp_twist.referee import JointMotion as JointMotion
-from qp_twist.referee import Known as Known
 from qp_twist.referee import PathErrors as PathErrors
 from qp_twist.referee import path_errors as path_errors
 

@@ -57,8 +57,7 @@ def _refined(
     tolerances: tuple[float, float],
 ) -> Array:
     """Refine the times (M,) of some waypoints near their samples ``at`` (M,), all at once."""
-    R_d = np.array([path_task.waypoints[k].rotation().as_matrix() for k in waypoints])
-    p_d = np.array([path_task.waypoints[k].translation() for k in waypoints])
+    R_d, p_d = (part[waypoints] for part in path_task.poses)
     looks = _REFINED + 1
     rows = [path_task.in_force[k] for k in waypoints for _ in range(looks)]
     found = times[at]
@@ -116,8 +115,8 @@ def _cost(
     For poses with a large position error the angular error is not computed but set to its maximum:
     a long path has some 1e8 of them.
     """
-    waypoint, rows = path_task.waypoints[k], path_task.in_force[k]
-    R_d, p_d = waypoint.rotation().as_matrix(), waypoint.translation()
+    R_d, p_d = (part[k] for part in path_task.poses)
+    rows = path_task.in_force[k]
     if rows.linear.kind is not ProjectorKind.FULL:
         return _squared(resolved_twist_error(R, p, R_d, p_d, rows)[1], tolerances)
     cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2

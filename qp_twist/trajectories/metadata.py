@@ -22,7 +22,7 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
     rows = trajectory.trajectory if isinstance(trajectory, TimedTrajectory) else trajectory
     task = rows.path_task
     ranges = JointRanges.of(task.model)
-    firsts = [1, *(segment.first + 1 for segment in task.segments)]
+    firsts = [1, *(np.searchsorted(rows.s, [s.first for s in task.segments]) + 1).tolist()]
     found: dict[str, Any] = {
         "generator": f"qp_twist {version('qp_twist')}",
         "versions": {name: version(name) for name in ("mujoco", "mink")},
@@ -42,8 +42,8 @@ def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
         "axis_error_max_rad": float(rows.axis_error.max()),
     }
     if task.joint_moves:  # rows, from 1, where each begins and ends
-        ends = [end for end in joint_move_ends(task) if end[1] < len(rows.q)]
-        found["joint_moves"] = [[first + 1, last + 1] for first, last in ends]
+        ends = [end for end in joint_move_ends(task) if end[1] <= rows.s[-1]]
+        found["joint_moves"] = (np.searchsorted(rows.s, ends) + 1).tolist()
     if timed is not None and timed.limits.accelerations_of:
         limits = timed.limits.acceleration
         found["acceleration_limits"] = {

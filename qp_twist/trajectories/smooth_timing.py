@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.following import Trajectory
-from qp_twist.paths import in_joint_moves
-from qp_twist.referee import JointMotion, Known, MotionLimits, PathErrors, path_errors
-from qp_twist.trajectories.refine_trajectory import (
-    divided_times,
-    shared_pieces,
-    with_rows_between,
-)
+from qp_twist.referee import JointMotion, MotionLimits, Tolerances, sampled_errors
+from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
 from qp_twist.trajectories.speed_profile import SpeedProfile, speed_profile, straight_profile
 
 _ROUNDS = 30
@@ -25,36 +19,40 @@ _LOST = 0.01
 """Time from which a ramp that is longer than necessary gets a row, s."""
 _SAME_FEED = 1.1
 """Ratio up to which feeds count as equal: pieces that turn the tool vary a little in speed."""
-_ROUNDING = 1e-11
-"""Difference of times that is rounding, as a share."""
+_SEEN = 0.98
+"""Share of the largest deviation of a smooth motion from its chord that is seen at least at eight
+points between two rows: of a parabola, at a place 1/18 beside its top, 0.988."""
 _GENTLE = 0.7
 """Share of the acceleration limits below which a ramp is longer than necessary."""
 
 
 def smooth_timing(
-    trajectory: Trajectory, limits: MotionLimits, floor: Array, tolerances: tuple[float, float]
-) -> tuple[Trajectory, SpeedProfile, PathErrors]:
+    trajectory: Trajectory, limits: MotionLimits, floor: Array, tolerances: Tolerances
+) -> tuple[Trajectory, SpeedProfile]:
     """The timing of a path by cubics, which keep it within the tolerances.
 
     Args:
         trajectory: The path, with N rows.
         limits: Of its joints.
         floor: Least time of each piece, s, (N − 1,), above 0.
-        tolerances: Largest position error, m, and axis error, rad, between rows; where linear
-            interpolation does not keep them, cubics need not.
+        tolerances: Of the task errors between rows; where linear interpolation does not keep them,
+            cubics need not.
 
     Returns:
-        The trajectory with further rows, its timing, and its errors.
+        The trajectory with further rows, and its timing.
     """
     timing = _Timing(trajectory, limits, floor, tolerances)
     for left in reversed(range(_ROUNDS)):
-        profile, errors = timing.computed()
-        leaves = timing.leaves(errors)
-        if left and leaves.any():
-            timing.round_corners(errors, np.flatnonzero(leaves))
-        elif not (left and timing.shorten_ramps(profile)):
+        profile = timing.computed()
+        if not left:
             break
-    return timing.trajectory, profile, errors
+        use = timing.use(profile.motion)
+        leaves = timing.may_help & (use > 1.0) & ~(timing.rests[:-1] & timing.rests[1:])
+        if leaves.any():
+            timing.round_corners(use, np.flatnonzero(leaves))
+        elif not timing.shorten_ramps(profile):
+            break
+    return timing.trajectory, profile
 
 
 class _Timing:
@@ -73,57 +71,50 @@ class _Timing:
         trajectory: Trajectory,
         limits: MotionLimits,
         floor: Array,
-        tolerances: tuple[float, float],
+        tolerances: Tolerances,
     ) -> None:
         self.trajectory, self.limits, self.floor = trajectory, limits, floor
         self.tolerances = tolerances
         q = trajectory.q
         straight = straight_profile(q, floor, limits.velocity).motion
-        errors = path_errors(trajectory.path_task, straight, tolerances=tolerances)
-        self.may_help: npt.NDArray[np.bool_] = errors.kept(*tolerances)
+        self.may_help: Mask = self.use(straight) <= 1.0
         self.whole = np.zeros(len(q) - 1, dtype=bool)
         self.rests = np.zeros(len(q), dtype=bool)
         self.rests[[0, -1]] = True
         # A joint move is from rest to rest: the path, which it leaves, ends in a corner.
-        moves = in_joint_moves(trajectory.path_task, len(q))
+        moves = trajectory.path.moves
         self.rests[1:-1] |= moves[1:] != moves[:-1]
-        #: The last timing and its errors, and the number there of each piece, −1 where divided.
-        self._last: tuple[JointMotion, PathErrors] | None = None
-        self._which: Indices = np.arange(len(q) - 1)
 
-    def computed(self) -> tuple[SpeedProfile, PathErrors]:
-        """The fastest timing with these rows and stops, and its errors."""
-        limits, q = self.limits, self.trajectory.q
-        task = self.trajectory.path_task
+    def use(self, motion: JointMotion) -> Array:
+        """Largest error in each piece as a share of its tolerance, of the hard bands', too."""
+        trajectory = self.trajectory
+        errors, units = sampled_errors(trajectory.path_task, motion, trajectory.s)
+        shares = errors[:, 1:-1].max(axis=1) / (_SEEN * self.tolerances.of(units))
+        largest: Array = shares.max(axis=1)
+        return largest
+
+    def computed(self) -> SpeedProfile:
+        """The fastest timing with these rows and stops."""
+        limits, q, path = self.limits, self.trajectory.q, self.trajectory.path
         # Between feeds the parameter is the way, not the time, since its direction is continuous;
         # the lower feed is a bound of the pace.
-        steps = np.linalg.norm(np.diff(task.positions[: len(q)], axis=0), axis=1)
-        steps[in_joint_moves(task, len(q))] = 0.0  # their parameter is the time at full speed
+        steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
+        steps[path.moves] = 0.0  # their parameter is the time at full speed
         ratios = _feed_ratios(steps, self.floor)
         most = np.minimum(np.append(ratios, 1.0), np.append(1.0, ratios))
         at_highest = ratios * self.floor
-        profile = speed_profile(
-            q, at_highest, limits.velocity, limits.acceleration, self.rests, most
-        )
-        known = None
-        if self._last is not None:
-            motion, errors = self._last
-            known = Known(errors, _alike(profile.motion, motion, self._which))
-        errors = path_errors(task, profile.motion, tolerances=self.tolerances, known=known)
-        self._last, self._which = (profile.motion, errors), np.arange(len(q) - 1)
-        return profile, errors
+        return speed_profile(q, at_highest, limits.velocity, limits.acceleration, self.rests, most)
 
-    def leaves(self, errors: PathErrors) -> npt.NDArray[np.bool_]:
-        """Pieces on which a smooth motion leaves the path, and need not, (N − 1,)."""
-        resting = self.rests[:-1] & self.rests[1:]
-        return np.asarray(self.may_help & ~errors.kept(*self.tolerances) & ~resting)
+    def round_corners(self, use: Array, pieces: Indices) -> None:
+        """A row on each side of the sharper turn of these pieces, or a stop at it.
 
-    def round_corners(self, errors: PathErrors, pieces: Indices) -> None:
-        """A row on each side of the sharper turn of these pieces, or a stop at it."""
+        The deviation of a cubic from its chord is proportional to the length if the directions at
+        its ends stay the same; half of it is left to what is not.
+        """
         rests = self.rests
         turn = self._turns()
         at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
-        near = _ROOM * self.floor[pieces] * _room(errors, pieces, self.tolerances)
+        near = _ROOM * self.floor[pieces] * np.minimum(0.5, 1.0 / use[pieces])
         corners = np.where(at_begin, pieces, pieces + 1)
         hopeless = (near < _SHORTEST) | rests[corners]
         rests[corners[hopeless]] = True
@@ -166,7 +157,6 @@ class _Timing:
         self.may_help = np.insert(self.may_help, after, self.may_help[divided])
         self.whole = np.insert(self.whole, after, False)
         self.floor = divided_times(self.floor, divided, shares)
-        self._which = shared_pieces(self._which, divided)
 
     def _turns(self) -> Array:
         """Change of the joints' velocities at each row, at the feed, (N,)."""
@@ -197,20 +187,6 @@ class _Timing:
         return np.array(pieces, dtype=np.int64), np.array([found[piece] for piece in pieces])
 
 
-def _alike(motion: JointMotion, other: JointMotion, which: Indices) -> Indices:
-    """Those of the pieces ``which`` (N − 1,) of another motion that are the same here, else −1."""
-    assert motion.velocities is not None and other.velocities is not None
-    same = which >= 0
-    for part, before in ((motion.q, other.q), (motion.velocities, other.velocities)):
-        for end in (0, 1):
-            here = part[end : len(part) - 1 + end]
-            same &= (here == before[np.maximum(which, 0) + end]).all(axis=1)
-    took, then = np.diff(motion.times), np.diff(other.times)[np.maximum(which, 0)]
-    same &= np.abs(took - then) <= _ROUNDING * took
-    alike: Indices = np.where(same, which, -1)
-    return alike
-
-
 def _feed_ratios(steps: Array, floor: Array) -> Array:
     """The feed of each piece as a share of the highest one, (N − 1,).
 
@@ -230,17 +206,3 @@ def _feed_ratios(steps: Array, floor: Array) -> Array:
             last = speed
     shares: Array = ratios / ratios.max(initial=0.0)
     return shares
-
-
-def _room(errors: PathErrors, pieces: Indices, tolerances: tuple[float, float]) -> Array:
-    """Share of its length by which a piece has to shrink so that its errors fit, at most ½, (K,).
-
-    The deviation of a cubic from its chord is proportional to the length if the directions at its
-    ends stay the same. What the two tolerances do not measure is halved.
-    """
-    room = np.full(len(pieces), 0.5)
-    for between, tolerance in zip(
-        (errors.position_between, errors.axis_between), tolerances, strict=True
-    ):
-        room = np.minimum(room, tolerance / np.maximum(between[pieces], tolerance))
-    return room

@@ -9,7 +9,7 @@ from pathlib import Path
 from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask, via_points
+from qp_twist.paths import PathTask
 from qp_twist.referee import Tolerances, motion_limits, with_default_accelerations
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import Check
@@ -43,17 +43,13 @@ class TaskRun:
 
     @property
     def kept(self) -> int:
-        """Number of waypoints, from the first one on, within the tolerances of the check.
-
-        Via points of joint moves are not counted.
-        """
-        via = via_points(self.trajectory.path_task)
-        return int((~via[: self.trajectory.kept]).sum())
+        """Number of waypoints, from the first one on, within the tolerances of the check."""
+        return self.trajectory.kept
 
     @property
     def held_by(self) -> str:
         """Active limits at the first missed waypoint, or why it had no step, where known."""
-        trajectory, kept = self.trajectory, self.trajectory.kept
+        trajectory, kept = self.trajectory, self.trajectory.rows_kept
         names = trajectory.binding[kept] if kept < len(trajectory.q) else trajectory.blocked_by
         return trajectory.failure or ", ".join(names or ())
 

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, instance, number
+from qp_twist.checks import Array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
-from qp_twist.paths import in_joint_moves
-from qp_twist.referee import JointMotion, MotionLimits, PathErrors, State, path_errors
+from qp_twist.referee import (
+    AXIS_TOLERANCE_DEG,
+    POSITION_TOLERANCE,
+    JointMotion,
+    MotionLimits,
+    PathErrors,
+    State,
+    Tolerances,
+    path_errors,
+)
 from qp_twist.trajectories.smooth_timing import smooth_timing
 from qp_twist.trajectories.speed_profile import SpeedProfile, straight_profile
 
@@ -65,7 +74,7 @@ class TimedTrajectory:
         motion: Times, positions and velocities at the waypoints and the interpolation between them.
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate waypoints at which the joints rest.
-        errors: Task errors at and between the waypoints.
+        tolerances: Of the errors, for which it was made.
     """
 
     trajectory: Trajectory
@@ -73,7 +82,13 @@ class TimedTrajectory:
     motion: JointMotion
     slowed: tuple[Slowed, ...]
     stops: tuple[int, ...]
-    errors: PathErrors
+    tolerances: Tolerances
+
+    @cached_property
+    def errors(self) -> PathErrors:
+        """Task errors at the rows, and proven between them."""
+        rows, tolerances = self.trajectory, (self.tolerances.position, self.tolerances.axis)
+        return path_errors(rows.path_task, self.motion, s=rows.s, tolerances=tolerances)
 
     @property
     def times(self) -> Array:
@@ -131,8 +146,8 @@ def time_trajectory(
     trajectory: Trajectory,
     *,
     limits: MotionLimits | None = None,
-    position_tolerance: float = 1e-4,
-    axis_tolerance_deg: float = 0.05,
+    position_tolerance: float = POSITION_TOLERANCE,
+    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
 ) -> TimedTrajectory:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
@@ -167,10 +182,7 @@ def time_trajectory(
             is neither hinge nor slide.
     """
     instance("time_trajectory(trajectory)", trajectory, Trajectory)
-    tolerances = (
-        number("position_tolerance", position_tolerance, above=0.0),
-        np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)),
-    )
+    tolerances = Tolerances.stated(position_tolerance, axis_tolerance_deg)
     task = trajectory.path_task
     ranges = JointRanges.of(task.model)
     if not ranges.only_hinges_and_slides:
@@ -180,29 +192,21 @@ def time_trajectory(
     q = trajectory.q
     if len(q) < 2:
         raise InvalidInput("time_trajectory: the trajectory has one waypoint only; follow more.")
-    feed = np.zeros(len(q) - 1) if task.durations is None else _durations(trajectory)
+    feed = trajectory.feed
+    if feed is None:
+        feed = np.zeros(len(q) - 1)
     if limits is None:
         limits = MotionLimits(task.velocity_limits, task.acceleration_limits)
     instance("time_trajectory(limits)", limits, MotionLimits)
     floor = _least_times(limits, q, feed)
     if np.isfinite(limits.acceleration).any():
-        trajectory, profile, errors = smooth_timing(trajectory, limits, floor, tolerances)
-        if task.durations is not None:
-            feed = _durations(trajectory)
+        trajectory, profile = smooth_timing(trajectory, limits, floor, tolerances)
+        feed = np.zeros(len(profile.pace) - 1) if trajectory.feed is None else trajectory.feed
     else:
         profile = straight_profile(q, floor, limits.velocity)
-        errors = path_errors(task, profile.motion, tolerances=tolerances)
-    on_path = np.where(in_joint_moves(trajectory.path_task, len(feed) + 1), 0.0, feed)
-    slowed = _slowed(profile, on_path, ranges.names)
+    slowed = _slowed(profile, np.where(trajectory.path.moves, 0.0, feed), ranges.names)
     stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
-    return TimedTrajectory(trajectory, limits, profile.motion, slowed, stops, errors)
-
-
-def _durations(trajectory: Trajectory) -> Array:
-    """Time of each piece at the feed, s, (N − 1,), of a task that has one."""
-    durations = trajectory.path_task.durations
-    assert durations is not None
-    return durations[1 : len(trajectory.q)]
+    return TimedTrajectory(trajectory, limits, profile.motion, slowed, stops, tolerances)
 
 
 def _least_times(limits: MotionLimits, q: Array, feed: Array) -> Array:

@@ -363,3 +363,38 @@ def test_segments_of_ones_own_are_checked() -> None:
         Segment(1.5, task.projector)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match=r"segments\[0\]: expected a Segment"):
         dataclasses.replace(task, segments=(3,))
+
+
+# ---------------------------------------------------------------- the path at its parameter
+
+
+@given(st.floats(0.0, 180.0), st.booleans())
+def test_a_path_between_two_waypoints_is_their_line_and_shortest_rotation(
+    s: float, whole: bool
+) -> None:
+    task = qt.load_task(TASK)
+    s = float(round(s)) if whole else s
+    k = min(int(s), len(task.waypoints) - 2)
+    before, after = task.waypoints[k : k + 2]
+    path = task.at(np.array([s]))
+    if s in (k, k + 1):
+        exact = task.waypoints[int(s)]
+        assert (path.positions[0] == exact.translation()).all()
+        assert (path.rotations[0] == exact.rotation().as_matrix()).all()
+        assert path.projectors[0] is task.in_force[int(s)]
+        return
+    way = before.interpolate(after, alpha=s - k)
+    line = before.translation() + (s - k) * (after.translation() - before.translation())
+    assert path.positions[0] == pytest.approx(line, abs=1e-12)
+    assert path.rotations[0] == pytest.approx(way.rotation().as_matrix(), abs=1e-9)
+    assert path.projectors[0].rank == min(t.rank for t in task.in_force[k : k + 2])
+    assert task.feed_at(np.array([s])) == pytest.approx(
+        task.durations[: k + 1].sum() + (s - k) * task.durations[k + 1]
+    )
+
+
+def test_only_the_ends_of_a_joint_move_are_on_the_path() -> None:
+    task = dataclasses.replace(qt.load_task("deburring"), joint_moves=(3, 5, 6))
+    path = task.at(np.array([2.0, 2.5, 3.0, 4.0, 4.5, 5.0, 5.5, 6.0, 7.0]))
+    assert path.on_path.tolist() == [True, False, True, True, False, False, False, True, True]
+    assert path.moves.tolist() == [True, True, False, True, True, True, True, False]

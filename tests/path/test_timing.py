@@ -195,8 +195,8 @@ def test_a_corner_is_rounded_within_the_tolerance_and_not_stopped_at(tolerance: 
     assert not timed.stops
     rows = timed.trajectory
     assert len(rows.q) == (47 if tolerance < 5e-3 else 45)  # 5 mm: ramps alone have rows
-    assert rows.path_task.durations is not None
-    assert rows.path_task.durations.sum() == pytest.approx(4.0)
+    assert rows.feed is not None
+    assert rows.feed.sum() == pytest.approx(4.0)
     # By positions alone, every millisecond: how far from the two lines, how fast, how hard.
     t = np.arange(0.0, timed.times[-1], 1e-3)
     x, y = CubicHermiteSpline(timed.times, timed.q, timed.velocities)(t).T
@@ -214,18 +214,27 @@ def test_a_corner_is_rounded_within_the_tolerance_and_not_stopped_at(tolerance: 
     assert 4.1 < timed.times[-1] < (4.24 if tolerance < 5e-3 else 4.2)  # 4.2: full stop, a = 5
 
 
-def test_errors_of_many_rounds_are_those_of_the_last_motion() -> None:
-    """Rounds prove only what has changed; together that is the proof of the whole."""
+@pytest.mark.parametrize("method", ["qp", "qp_minimum_norm"])
+def test_what_rounds_by_samples_keep_is_proven_to_be_kept(method: str) -> None:
     task = qt.load_task("deburring")
-    rows = refine_trajectory(qt.follow(task, "qp", slow_down=True))
+    rows = refine_trajectory(qt.follow(task, method, slow_down=True))
     limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
     timed = time_trajectory(rows, limits=limits)
     assert len(timed.q) > len(rows.q)
-    tolerances = 1e-4, np.radians(0.05)
-    whole = path_errors(timed.trajectory.path_task, timed.motion, tolerances=tolerances)
-    for name in ("position_between", "axis_between", "position_bound", "axis_bound", "rate"):
-        found, anew = getattr(timed.errors, name), getattr(whole, name)
-        np.testing.assert_allclose(found, anew, rtol=1e-6, atol=1e-12)
+    assert timed.errors.kept(1e-4, np.radians(0.05)).all()
+    assert max(timed.errors.position.max(), timed.errors.axis.max()) < 1e-7
+
+
+def test_a_result_never_makes_another_task(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    task = qt.load_task("deburring")
+    made: list[qt.PathTask] = []
+    monkeypatch.setattr(qt.PathTask, "__post_init__", made.append)
+    done = run_task(task, "qp_gradient", tmp_path / "run.csv")
+    assert done.passes
+    assert done.timed is not None
+    assert len(done.timed.q) > len(done.trajectory.q) == 401
+    assert done.timed.trajectory.path_task is task
+    assert made == []
 
 
 def test_a_corner_whose_rows_would_be_too_close_is_a_stop() -> None:
@@ -450,13 +459,14 @@ def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
     assert (refined.q[kept] == trajectory.q).all()
     times = np.cumsum(refined.durations)
     assert times[kept] == pytest.approx(np.cumsum(trajectory.durations))
-    assert (refined.path_task.durations == refined.durations).all()
+    assert refined.path_task is task
+    assert refined.feed == pytest.approx(refined.durations[1:])
     before = np.searchsorted(kept, np.arange(len(refined.q)), side="right") - 1
-    assert (refined.path_task.lines == 10 * before).all()
+    assert (np.floor(refined.s) == before).all()
     # A look at the joints between them, by another way: the frame against its straight line.
     configuration = mink.Configuration(task.model)
     for k in range(len(refined.q) - 1):
-        a, b = (w.translation() for w in refined.path_task.waypoints[k : k + 2])
+        a, b = task.at(refined.s).positions[k : k + 2]
         for share in (0.25, 0.5, 0.75):
             configuration.update((1.0 - share) * refined.q[k] + share * refined.q[k + 1])
             p = configuration.get_transform_frame_to_world("tool", "site").translation()
@@ -478,12 +488,9 @@ def test_inserted_rows_keep_the_segments_of_the_path() -> None:
     trajectory = qt.follow(task, "qp", gain=0.05)
     refined = refine_trajectory(trajectory, position_tolerance=1e-6, axis_tolerance_deg=1e-3)
     assert len(refined.q) > len(trajectory.q)
-    before = {tuple(w.translation()): t for w, t in zip(task.waypoints, task.in_force, strict=True)}
-    new = refined.path_task
-    for waypoint, projector in zip(new.waypoints, new.in_force, strict=True):
-        expected = before.get(tuple(waypoint.translation()))
-        assert expected is None or expected.rank == projector.rank
-    ranks = [t.rank for t in new.in_force]
+    kept = [t for t, at in zip(refined.path.projectors, refined.at_waypoints, strict=True) if at]
+    assert all(t is before for t, before in zip(kept, trajectory.path_task.in_force, strict=True))
+    ranks = [t.rank for t in refined.path.projectors]
     assert ranks == sorted(ranks, reverse=True)
     assert refined.axis_error.max() < 1e-8
 

@@ -90,8 +90,8 @@ def test_the_motion_keeps_speeds_and_accelerations_at_every_millisecond(run: Tas
 
 def test_the_joint_move_is_from_rest_to_rest_and_as_fast_as_one_joint_may(run: TaskRun) -> None:
     assert run.timed is not None
-    moves = np.array(run.timed.trajectory.path_task.joint_moves)
-    first, last = moves[0] - 1, moves[-1]
+    moves = np.flatnonzero(run.timed.trajectory.path.moves)
+    first, last = moves[0], moves[-1] + 1
     assert np.abs(run.timed.velocities[[first, last]]).max() < 1e-12
     took = run.timed.times[last] - run.timed.times[first]
     moved = np.abs(run.timed.q[last] - run.timed.q[first])
@@ -142,11 +142,8 @@ def test_the_file_says_which_rows_are_a_joint_move(run: TaskRun, tmp_path: Path)
 
 
 def test_a_check_finds_the_wall_on_a_straight_joint_move(run: TaskRun, task: qt.PathTask) -> None:
-    rows = run.trajectory
-    via = np.array(rows.path_task.joint_moves[:-1])
-    motion = qt.trajectories.JointMotion(
-        np.arange(len(rows.q) - len(via), dtype=float), np.delete(rows.q, via, axis=0)
-    )
+    q = run.trajectory.q[run.trajectory.at_waypoints]
+    motion = qt.trajectories.JointMotion(np.arange(len(q), dtype=float), q)
     straight = dataclasses.replace(task, durations=None)
     found = {f.name: f for f in qt.referee.examine(straight, motion)}
     assert found["position error between"].passes
@@ -175,19 +172,19 @@ def test_what_is_in_the_way_is_named_where_no_joint_move_is_found(tmp_path: Path
 
 def test_a_plan_moves_around_the_wall_too(task: qt.PathTask) -> None:
     plan = qt.plan(task)
-    q, planned = plan.motion(), plan.path_task
+    q = plan.motion()
     u = np.arange(20)[:, None, None] / 20.0
     dense = (q[:-1] + u * np.diff(q, axis=0)).reshape(-1, 6)
-    assert distances(planned, dense).min() >= CLEARANCE - 1e-4
+    assert distances(task, dense).min() >= CLEARANCE - 1e-4
     assert np.isfinite(plan.bound)
     assert plan.bound <= plan.value + 1e-9
     z = qt.kinematics.JointRanges.of(task.model).centring
-    on_path = np.delete(q, planned.joint_moves[:-1], axis=0)
-    assert len(on_path) == 42
+    on_path = plan.at_waypoints
+    assert len(on_path) == 42 < len(q)
     assert plan.value == pytest.approx(float(z(on_path).mean()))
     followed = qt.follow(task, "qp_planned", plan=plan)
-    via = np.array(followed.path_task.joint_moves[:-1])
-    assert np.delete(followed.position_error, via).max() < 1e-6
+    assert followed.path_task.joint_moves == task.joint_moves
+    assert followed.position_error.max() < 1e-6
 
 
 def test_the_travel_of_a_plan_counts_the_joint_move(task: qt.PathTask) -> None:

@@ -1,0 +1,65 @@
+"""A path at values of its parameter: poses, projectors, and where joint moves are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Mask
+from qp_twist.geometry import TwistProjector
+
+if TYPE_CHECKING:
+    from qp_twist.paths.path_task import PathTask
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """The path of a task at K values of its parameter s.
+
+    s is the number of a waypoint, from 0, plus the share of the way to the next one. On this way
+    the position goes straight and the orientation by the shortest rotation, both at the share.
+
+    Attributes:
+        s: The parameter, (K,).
+        rotations: Orientations of the frame, (K, 3, 3).
+        positions: Its positions, m, (K, 3).
+        projectors: The projector in force; between two, that with fewer rows, (K,).
+        on_path: Where a path holds: not inside a joint move, (K,).
+        moves: Which of the intervals from each s to the next are part of a joint move, (K − 1,).
+    """
+
+    s: Array
+    rotations: Array
+    positions: Array
+    projectors: tuple[TwistProjector, ...]
+    on_path: Mask
+    moves: Mask
+
+    @classmethod
+    def of(cls, path_task: PathTask, s: Array) -> Waypoints:
+        """The path of a task at parameters s (K,), ascending, from 0 to its last waypoint."""
+        rotations, positions = path_task.poses
+        after = np.ceil(s).astype(np.intp)
+        before = np.maximum(after - 1, 0)
+        share = s - before
+        turns = Rotation.from_matrix(rotations[after] @ rotations[before].transpose(0, 2, 1))
+        turned = Rotation.from_rotvec(share[:, None] * turns.as_rotvec()).as_matrix()
+        there = share == 1.0  # the waypoints themselves, without rounding
+        there |= after == 0
+        straight = positions[before] + share[:, None] * (positions[after] - positions[before])
+        held = path_task.in_force
+        ranks = np.array([projector.rank for projector in held])
+        fewer = np.where(there | (ranks[after] <= ranks[before]), after, before)
+        to = np.zeros(len(positions) + 1, dtype=bool)  # joint moves, by the waypoint they lead to
+        to[list(path_task.joint_moves)] = True
+        return cls(
+            s,
+            np.where(there[:, None, None], rotations[after], turned @ rotations[before]),
+            np.where(there[:, None], positions[after], straight),
+            tuple(held[k] for k in fewer),
+            ~(to[after] & (~there | to[after + 1])),
+            to[after[1:]],
+        )
