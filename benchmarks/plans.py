@@ -72,7 +72,7 @@ from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import JointMotion, PathErrors, motion_limits, with_default_accelerations
 from qp_twist.studies import Study
 from qp_twist.studies.judge import Judge
-from qp_twist.studies.sample import draw_sample, section_of
+from qp_twist.studies.sample import draw_sample
 
 # ---------------------------------------------------------------- what a plan takes
 
@@ -319,7 +319,7 @@ def optimality(index: int, roll_step: float) -> dict[str, Any]:
     return {
         "sample": index,
         "feasible": True,
-        "fault": str(Judge(task, section_of(task)).fault(run) or ""),
+        "fault": str(Judge(task).fault(run) or ""),
         "mean_z": float(run.z.mean()),
         "plan": plan.value,
         "bound": plan.bound,

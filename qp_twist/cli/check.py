@@ -13,12 +13,22 @@ from qp_twist.cli.app import Flag, Json, OptionalFile, RobotName, Task, app, fai
 from qp_twist.cli.path_tasks import load, program_joints
 from qp_twist.cli.progress import working
 from qp_twist.kinematics import JointRanges
-from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.trajectories import check_trajectory, read_trajectory
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
-Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-Degrees = Annotated[float, tyro.conf.arg(metavar="DEG")]
+Metres = Annotated[float | None, tyro.conf.arg(metavar="M")]
+Degrees = Annotated[float | None, tyro.conf.arg(metavar="DEG")]
+
+
+def check_tolerances(position: float | None, axis_deg: float | None) -> None:
+    """Refuse options that are not above 0, by their names on the command line.
+
+    Raises:
+        InvalidInput: If one is not.
+    """
+    for name, value in (("--position-tolerance", position), ("--axis-tolerance-deg", axis_deg)):
+        if value is not None:
+            number(name, value, above=0.0)
 
 
 @app.command
@@ -26,8 +36,8 @@ def check(
     trajectory: TrajectoryFile,
     task: Task,
     path: OptionalFile = None,
-    position_tolerance: Metres = POSITION_TOLERANCE,
-    axis_tolerance_deg: Degrees = AXIS_TOLERANCE_DEG,
+    position_tolerance: Metres = None,
+    axis_tolerance_deg: Degrees = None,
     robot: RobotName = None,
     as_modelled: Flag = False,
     json_: Json = False,
@@ -41,15 +51,15 @@ def check(
             .src, .ls).
         task: Name of a shipped task, or path to a .toml file.
         path: Toolpath to follow instead of the task's own, e.g. path.csv.
-        position_tolerance: Largest linear task error that passes, m.
-        axis_tolerance_deg: Largest angular task error that passes, degrees.
+        position_tolerance: Largest linear task error that passes, m; if omitted, as the task file
+            states it in [study], else 1e-4.
+        axis_tolerance_deg: Largest angular task error that passes, degrees; likewise, else 0.05.
         robot: For a program: the robot's name in the table of known robots, or a file with a table
             of its own (.toml); if omitted, recognised by name and geometry.
         as_modelled: For a program: its angles are those of the model's joints.
         json_: Print the findings as JSON.
     """
-    number("--position-tolerance", position_tolerance, above=0.0)
-    number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)
+    check_tolerances(position_tolerance, axis_tolerance_deg)
     path_task = load(task, path)
     joints = program_joints(trajectory, path_task, robot, as_modelled)
     rows = read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)

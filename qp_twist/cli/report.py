@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from qp_twist.checks import number
 from qp_twist.cli.app import (
     Flag,
     Folder,
@@ -16,11 +15,10 @@ from qp_twist.cli.app import (
     fail,
     say,
 )
-from qp_twist.cli.check import Degrees, Metres, TrajectoryFile
+from qp_twist.cli.check import Degrees, Metres, TrajectoryFile, check_tolerances
 from qp_twist.cli.path_tasks import load, program_joints
 from qp_twist.cli.progress import working
 from qp_twist.kinematics import JointRanges
-from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.trajectories import read_trajectory
 
 
@@ -30,8 +28,8 @@ def report(
     task: Task,
     out: Folder = None,
     path: OptionalFile = None,
-    position_tolerance: Metres = POSITION_TOLERANCE,
-    axis_tolerance_deg: Degrees = AXIS_TOLERANCE_DEG,
+    position_tolerance: Metres = None,
+    axis_tolerance_deg: Degrees = None,
     robot: RobotName = None,
     as_modelled: Flag = False,
 ) -> None:
@@ -46,16 +44,16 @@ def report(
         task: Name of a shipped task, or path to a .toml file.
         out: Folder to write to; if omitted, out/NAME_report with the trajectory's name.
         path: Toolpath to check against instead of the task's own, e.g. path.csv.
-        position_tolerance: Largest linear task error that passes, m.
-        axis_tolerance_deg: Largest angular task error that passes, degrees.
+        position_tolerance: Largest linear task error that passes, m; if omitted, as the task file
+            states it in [study], else 1e-4.
+        axis_tolerance_deg: Largest angular task error that passes, degrees; likewise, else 0.05.
         robot: For a program: the robot's name in the table of known robots, or a file with a table
             of its own (.toml); if omitted, recognised by name and geometry.
         as_modelled: For a program: its angles are those of the model's joints.
     """
     from qp_twist.pages import report as report_motion  # with what draws
 
-    number("--position-tolerance", position_tolerance, above=0.0)
-    number("--axis-tolerance-deg", axis_tolerance_deg, above=0.0)
+    check_tolerances(position_tolerance, axis_tolerance_deg)
     folder = out or Path("out") / f"{trajectory.stem}_report"
     check_folder(folder)
     path_task = load(task, path)

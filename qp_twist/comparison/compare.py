@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -51,6 +52,7 @@ class Comparison:
             "task": self.path_task.name,
             "waypoints": len(self.path_task.waypoints),
             "solver": self.solver,
+            "tolerances": dataclasses.asdict(self.path_task.tolerances),
             "settings": {
                 name: self.path_task.settings(name).model_dump(mode="json")
                 for name in self.trajectories
@@ -152,7 +154,10 @@ class Comparison:
             self.path_task,
             self.trajectories,
             content,
-            faults={name: faults(numbers) for name, numbers in content["methods"].items()},
+            faults={
+                name: faults(numbers, self.path_task.tolerances)
+                for name, numbers in content["methods"].items()
+            },
             findings=by_topic(runs, self.not_run, self.z_bound),
             table=metrics_table(content),
             roadmap=figures.get("roadmap"),

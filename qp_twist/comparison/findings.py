@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Any
 
 from qp_twist.comparison.metrics import (
-    BAND_LEFT,
     EXCESSES,
-    TASK_MET_M,
-    TASK_MET_RAD,
     compiled_share,
     metrics,
 )
 from qp_twist.following import Trajectory
 from qp_twist.following.joint_speeds import OVER, PeakSpeed, peak_speed
-from qp_twist.paths import METHODS
+from qp_twist.paths import METHODS, Tolerances
 
 AS_GOOD = 0.05
 """Two runs that keep limits and task count as equally good up to this share of z and travel."""
@@ -38,6 +35,7 @@ class MethodRun:
         waypoints: Number of waypoints of the path.
         speed: Its highest joint speed; ``None`` without a feed or speed limits.
         compiled: Share of its waypoints that compiled code computed.
+        tolerances: Of the verdict on it.
     """
 
     name: str
@@ -46,6 +44,7 @@ class MethodRun:
     waypoints: int
     speed: PeakSpeed | None = None
     compiled: float = 0.0
+    tolerances: Tolerances = field(default_factory=Tolerances)
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> MethodRun:
@@ -60,6 +59,7 @@ class MethodRun:
             len(trajectory.path_task.waypoints),
             peak_speed(trajectory),
             compiled_share(trajectory),
+            trajectory.path_task.tolerances,
         )
 
     @property
@@ -69,11 +69,9 @@ class MethodRun:
 
     @property
     def on_path(self) -> bool:
-        """Whether the task was met at every waypoint, to 0.01 mm and 1e-5 rad."""
-        return bool(
-            self.numbers["position_error_max_m"] <= TASK_MET_M
-            and self.numbers["axis_error_max_rad"] <= TASK_MET_RAD
-        )
+        """Whether the task was met at every waypoint, by the tolerances of a check."""
+        errors = self.numbers["position_error_max_m"], self.numbers["axis_error_max_rad"]
+        return bool(self.tolerances.met(*errors))
 
     @property
     def faults(self) -> list[str]:
@@ -93,9 +91,9 @@ class MethodRun:
         for key, what in EXCESSES.items():
             excess = self.numbers.get(key, 0.0)
             clearance = self.numbers.get("min_clearance_m") if what == "constraint" else None
-            if excess > BAND_LEFT and clearance is not None:
+            if excess > self.tolerances.band and clearance is not None:
                 faults.append(f"came as near as {1e3 * clearance:.3g} mm to what it must not touch")
-            elif excess > BAND_LEFT:
+            elif excess > self.tolerances.band:
                 faults.append(f"left a {what} by up to {excess:.2g} (m or rad)")
         unknown = [what for key, what in _COMPARED.items() if not math.isfinite(self.numbers[key])]
         if unknown:
@@ -222,15 +220,12 @@ def _speeds(runs: Sequence[MethodRun]) -> list[str]:
     return [f"At the task's feed joints were too fast in {_listed(too_fast)}."]
 
 
-def _power_of_ten(value: float) -> str:
-    exponent = str(round(math.log10(value)))
-    return "10" + exponent.translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-
-
 def _task(runs: Sequence[MethodRun]) -> list[str]:
     sentences = []
     off = [r for r in runs if not r.on_path]
-    linear, angular = f"{_MORE_MM * TASK_MET_M:g} mm", f"{_power_of_ten(TASK_MET_RAD)} rad"
+    tolerances = runs[0].tolerances
+    linear = f"{_MORE_MM * tolerances.position:g} mm"
+    angular = f"{math.degrees(tolerances.axis):g}°"
     tolerance = f"{linear} and {angular}"
     if len(runs) == 1:
         met = "met" if not off else "did not meet"
@@ -250,7 +245,7 @@ def _task(runs: Sequence[MethodRun]) -> list[str]:
         where = _listed([f"{r.name} at waypoint {r.reached}" for r in ended])
         sentences.append(f"Stopped before the end, of {runs[0].waypoints} waypoints: {where}.")
     for key, what in EXCESSES.items():
-        left = [r.name for r in runs if r.numbers.get(key, 0.0) > BAND_LEFT]
+        left = [r.name for r in runs if r.numbers.get(key, 0.0) > r.tolerances.band]
         if left:
             sentences.append(f"Outside a {what} at some waypoint: {_listed(left)}.")
     return sentences

@@ -11,18 +11,14 @@ from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import METHODS
+from qp_twist.paths import METHODS, Tolerances
 
 OUTSIDE = 1e-9
 """Violation from which a joint counts as outside its limits, rad or m."""
 RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
-TASK_MET_M = 1e-5
-TASK_MET_RAD = 1e-5
 EXCESSES = {"band_excess_max": "tolerance band", "constraint_excess_max": "constraint"}
 """Metrics of tasks with bands or constraints, and the name of what is left if they are not 0."""
-BAND_LEFT = 1e-5
-"""Violation from which a band counts as left, rad or m."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, Any]:
@@ -43,7 +39,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``min_clearance_m``: least distance of a pair of geoms that may collide, at and between the
     waypoints, where joints go straight; only where the task has such pairs.
     ``status``: the run in a sentence. Like the errors it is about the waypoints; for the motion
-    between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`.
+    between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`,
+    whose tolerances are the same.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)
@@ -86,25 +83,29 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
 
 def too_near(numbers: Mapping[str, Any]) -> bool:
     """Whether a method touched something, or was nearer than asked at a waypoint."""
-    left: bool = numbers.get("constraint_excess_max", 0.0) > BAND_LEFT
+    left: bool = numbers.get("constraint_excess_max", 0.0) > Tolerances().band
     return left or numbers["min_clearance_m"] < 0.0
 
 
-def faults(numbers: Mapping[str, Any]) -> str:
+def faults(numbers: Mapping[str, Any], tolerances: Tolerances) -> str:
     """What a method did not keep, from its metrics, in a few words; empty if it kept all."""
     first = numbers["first_violation"]
     found = [f"left the limits of {', '.join(first)}"] if first else []
-    off = numbers["position_error_max_m"] > TASK_MET_M
-    if off or numbers["axis_error_max_rad"] > TASK_MET_RAD:
+    if not tolerances.met(numbers["position_error_max_m"], numbers["axis_error_max_rad"]):
         found.append("left the path")
     found += [
         f"left a {key.removesuffix('_excess_max').replace('_', ' ')}"
         for key in EXCESSES
-        if numbers.get(key, 0.0) > BAND_LEFT
+        if numbers.get(key, 0.0) > tolerances.band
     ]
     if "min_clearance_m" in numbers and too_near(numbers):
         found.append("came too near to something")
     return ", ".join(found)
+
+
+def tolerances_of(content: Mapping[str, Any]) -> Tolerances:
+    """The tolerances of a ``comparison.json``."""
+    return Tolerances(**content.get("tolerances", {}))
 
 
 def compiled_share(trajectory: Trajectory) -> float:
@@ -116,18 +117,17 @@ def _status(
     trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, NearestPair] | None
 ) -> str:
     """Status of the run, with active limits."""
-    parts = []
+    parts, verdict = [], trajectory.verdict
+    tolerances = trajectory.path_task.tolerances
     if trajectory.diverged_at is not None:
         parts.append(f"diverged at waypoint {trajectory.diverged_at}")
     if len(trajectory.q) < len(trajectory.path_task.waypoints):
         parts.append(trajectory.ending)
     elif trajectory.failure:
         parts.append(trajectory.failure)
-    if numbers["first_violation"]:
+    if verdict.outside.any():
         names = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
         parts.append(f"leaves the limits: {names}")
-    off = trajectory.position_error > TASK_MET_M
-    turned = trajectory.axis_error > TASK_MET_RAD
     scaled = trajectory.scale < 1.0
     if scaled.any():
         names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
@@ -139,34 +139,32 @@ def _status(
         if at.any():
             first = int(np.argmax(at)) + 1
             parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
-    for what, excess in (
-        ("a band", trajectory.band_excess), ("a constraint", trajectory.constraint_excess)
-    ):  # fmt: skip
-        left = excess > BAND_LEFT
+    for what, left in (("a band", verdict.band), ("a constraint", verdict.constraint)):
         if left.any():
             since = int(np.argmax(left)) + 1
             parts.append(f"outside {what} at {_waypoints(left)}, first at {since}")
-    if near is not None and near[1].distance < near[0].distance - BAND_LEFT:
+    if near is not None and near[1].distance < near[0].distance - tolerances.position:
         distance, row, pair = near[1]
         how = f"touches by {-1e3 * distance:.3g} mm" if distance < 0.0 else "comes too near"
         how += "" if distance < 0.0 else f", {1e3 * distance:.3g} mm"
-        if (trajectory.constraint_excess > BAND_LEFT).all():
+        if verdict.constraint.all():
             how += " (a pair that may touch belongs into ignore of [clearance])"
         parts.append(f"{how}: {pair}, waypoint {row + 1.0:.4g}")
-    if (off | turned).any():
+    off = verdict.off
+    if off.any():
         one_step = not METHODS[trajectory.method].constrained and not scaled.any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
-        first = int(np.argmax(off | turned)) + 1
+        first = int(np.argmax(off)) + 1
         most = [
             f"{scale * error.max():.4g}{unit} at {int(np.argmax(error)) + 1}"
-            for error, over, scale, unit in (
-                (trajectory.position_error, off, 1e3, " mm"),
-                (trajectory.axis_error, turned, 180.0 / np.pi, "°"),
+            for error, tolerance, scale, unit in (
+                (trajectory.position_error, tolerances.position, 1e3, " mm"),
+                (trajectory.axis_error, tolerances.axis, 180.0 / np.pi, "°"),
             )
-            if over.any()
+            if not error.max() <= tolerance
         ]
         parts.append(
-            f"off the path at {_waypoints(off | turned)}{why}, first at {first}, by up to "
+            f"off the path at {_waypoints(off)}{why}, first at {first}, by up to "
             f"{' and '.join(most)}"
         )
     return "; ".join(parts) or "ok"

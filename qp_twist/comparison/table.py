@@ -11,9 +11,9 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from qp_twist.comparison.metrics import BAND_LEFT, EXCESSES, TASK_MET_M, TASK_MET_RAD, too_near
+from qp_twist.comparison.metrics import EXCESSES, tolerances_of, too_near
 from qp_twist.pages.tables import TIME, Cell, Table
-from qp_twist.paths import METHODS
+from qp_twist.paths import METHODS, Tolerances
 
 WIDTH = 128
 """Width of the widest table, that with bands, in characters."""
@@ -38,11 +38,11 @@ def metrics_table(comparison: dict[str, Any]) -> Table:
         and not (clear and key == "constraint_excess_max")
     ]
     headings = [key.removesuffix("_max").replace("_", "\n") for key in excesses]
-    rows = {}
+    rows, tolerances = {}, tolerances_of(comparison)
     for name, numbers in methods.items():
-        cells = _cells(numbers, comparison["compiled"][name])
+        cells = _cells(numbers, comparison["compiled"][name], tolerances)
         for excess in (numbers[key] for key in excesses):
-            cells.append(_cell(significant(excess), bad=excess > BAND_LEFT))
+            cells.append(_cell(significant(excess), bad=excess > tolerances.band))
         if clear:
             distance = f"{1e3 * numbers['min_clearance_m']:.1f}"
             cells.append(_cell(distance, bad=too_near(numbers)))
@@ -50,7 +50,7 @@ def metrics_table(comparison: dict[str, Any]) -> Table:
     return Table([*_COLUMNS, *headings, *(["clearance\nmm"] if clear else [])], rows)
 
 
-def _cells(numbers: dict[str, Any], compiled: float) -> list[Cell]:
+def _cells(numbers: dict[str, Any], compiled: float, tolerances: Tolerances) -> list[Cell]:
     first, margin = numbers["first_violation"], numbers["min_margin"]
     where = "\n".join(f"{joint} at {index}" for joint, index in first.items())
     position, axis = numbers["position_error_max_m"], numbers["axis_error_max_rad"]
@@ -60,8 +60,8 @@ def _cells(numbers: dict[str, Any], compiled: float) -> list[Cell]:
         Cell(where, "bad") if first else Cell("no", "good"),
         _cell("–" if margin is None else f"{margin:.3f}", bad=margin is not None and margin < 0.0),
         Cell(significant(numbers["mean_z"])),
-        _cell(significant(1e3 * position), bad=position > TASK_MET_M),
-        _cell(significant(math.degrees(axis)), bad=axis > TASK_MET_RAD),
+        _cell(significant(1e3 * position), bad=position > tolerances.position),
+        _cell(significant(math.degrees(axis)), bad=axis > tolerances.axis),
         Cell(whole(numbers["travel_deg"])),
         Cell(significant(numbers["max_step_deg"], digits=2)),
         Cell(significant(numbers["sigma_min"])),

@@ -18,9 +18,6 @@ from qp_twist.planning import CentralConfiguration, central_starts
 from qp_twist.planning.central import best_of_each_branch
 from qp_twist.planning.path_rows import PathRows
 
-_KEPT_M, _KEPT_RAD = 1e-5, 1e-5
-"""A run ends if its path error exceeds this."""
-
 
 @dataclass(frozen=True, eq=False)
 class FoundStart:
@@ -133,7 +130,7 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
     task = without_via_points(path_task).started_at(q)
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
-        return position_error > _KEPT_M or axis_error > _KEPT_RAD
+        return not task.tolerances.met(position_error, axis_error)
 
     try:
         followed = follow_stretches if task.joint_moves else walk
@@ -142,8 +139,5 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
         )
     except InvalidInput as error:  # directions free in T may still violate a limit of the method
         return 0, clause(error)
-    off = (run.position_error > _KEPT_M) | (run.axis_error > _KEPT_RAD)
-    if not off.any():
-        return int(run.at_waypoints.sum()), run.failure or ", ".join(run.blocked_by or ())
-    last = int(np.argmax(off))
-    return int(run.at_waypoints[:last].sum()), run.failure or ", ".join(run.binding[last])
+    names = run.blocked_by if run.rows_kept == len(run.q) else run.binding[run.rows_kept]
+    return run.kept, run.failure or ", ".join(names or ())

@@ -26,7 +26,6 @@ from qp_twist.planning import EFFORT, JointMoves, NoJointMove
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.starts import corrected_start, what_forbids
-from qp_twist.referee import AXIS_TOLERANCE_DEG, BAND, POSITION_TOLERANCE
 
 _STARTS = 12
 """Largest number of starts that are tried for a stretch."""
@@ -144,25 +143,13 @@ def _starts(
         yield moves.nearest_turn(found.q[None], end)[0]
 
 
-def _complete(trajectory: Trajectory) -> bool:
-    """Whether a run keeps the whole stretch, by the tolerances of a check."""
-    return (
-        len(trajectory.q) == len(trajectory.path_task.waypoints)
-        and trajectory.diverged_at is None
-        and not trajectory.failure
-        and bool((trajectory.position_error <= POSITION_TOLERANCE).all())
-        and bool((trajectory.axis_error <= np.radians(AXIS_TOLERANCE_DEG)).all())
-        and bool((trajectory.constraint_excess <= BAND).all())
-    )
-
-
 def _soonest(end: Array, tried: Sequence[Trajectory], moves: JointMoves) -> tuple[int, Array] | str:
     """The first run that a joint move leads to, a complete one if possible, and its rows.
 
     Or why there is none.
     """
     why = ""
-    whole = [_complete(trajectory) for trajectory in tried]
+    whole = [trajectory.passes for trajectory in tried]
     for complete, effort in itertools.product((True, False), (_FIRST_EFFORT, EFFORT)):
         for number, trajectory in enumerate(tried):
             if whole[number] != complete:

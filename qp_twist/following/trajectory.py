@@ -18,7 +18,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask, Waypoints
 from qp_twist.planning import Plan
-from qp_twist.referee import PathErrors, Tolerances, straight_errors
+from qp_twist.referee import PathErrors, RowVerdict, straight_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +85,7 @@ class Trajectory:
     s: Array = None  # type: ignore[assignment]  # __post_init__ sets it
 
     def __post_init__(self) -> None:
-        if self.s is None:
+        if self.s is None or len(self.s) != len(self.q):
             object.__setattr__(self, "s", np.arange(len(self.q), dtype=np.float64))
 
     @cached_property
@@ -115,11 +115,27 @@ class Trajectory:
         feed: Array = np.where(self.path.moves, self.durations[1:], np.diff(times))
         return feed
 
+    @cached_property
+    def verdict(self) -> RowVerdict:
+        """What it does not keep at its rows, by the tolerances of a check."""
+        errors = self.position_error, self.axis_error
+        excess = self.band_excess, self.constraint_excess
+        return RowVerdict.of(self.path_task, self.path, self.q, errors, *excess)
+
+    @property
+    def passes(self) -> bool:
+        """Whether it goes to the end of the path and keeps everything at its rows.
+
+        Between them: ``between``, and :func:`~qp_twist.check_trajectory`.
+        """
+        whole = self.ended and self.diverged_at is None and not self.failure
+        return whole and not bool(self.verdict.fails.any())
+
     @property
     def rows_kept(self) -> int:
         """Number of rows, from the first one on, within the tolerances of a check."""
-        on = Tolerances().met(self.position_error, self.axis_error)
-        return len(on) if on.all() else int(np.argmin(on))
+        off = self.verdict.off
+        return int(np.argmax(off)) if off.any() else len(off)
 
     @property
     def kept(self) -> int:
@@ -234,7 +250,7 @@ class Trajectory:
             self.q,
             self.position_error,
             self.axis_error,
-            (Tolerances().position, Tolerances().axis),
+            (self.path_task.tolerances.position, self.path_task.tolerances.axis),
         )
 
     def save(self, path: str | Path) -> Path:

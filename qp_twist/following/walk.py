@@ -27,7 +27,6 @@ from qp_twist.kinematics.twist_task import TaskState
 from qp_twist.paths import METHODS, MethodSettings, PathTask, twist_task
 from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
-from qp_twist.referee import Tolerances
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
@@ -274,7 +273,7 @@ class _Recorder:
         if self._status in (Status.SOLVED, Status.PRIORITIZED):
             return
         error = self._state(configuration, waypoint).error
-        met = Tolerances().met(np.linalg.norm(error[:3]), np.linalg.norm(error[3:]))
+        met = self.path_task.tolerances.met(np.linalg.norm(error[:3]), np.linalg.norm(error[3:]))
         if not met:
             self.blocked_by, self.stopped = tuple(self._names), True
 

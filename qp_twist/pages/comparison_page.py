@@ -36,7 +36,6 @@ from qp_twist.pages.page import figure_html, fill_template, still_html
 from qp_twist.pages.recordings import recorded_scene
 from qp_twist.pages.tables import TIME, Cell, Table
 from qp_twist.paths import METHODS, PathTask, shipped_tasks
-from qp_twist.referee import POSITION_TOLERANCE
 
 _PACKAGES = ("qp_twist", "mujoco", "mink", "qpsolvers", "numpy", "scipy")
 _KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
@@ -199,7 +198,7 @@ def _nearest_table(trajectories: Trajectories) -> Table:
         if trajectory.nearest is None:
             continue
         clearance, (distance, at, pair) = trajectory.nearest
-        kept = distance >= clearance.distance - POSITION_TOLERANCE
+        kept = distance >= clearance.distance - trajectory.path_task.tolerances.position
         words = "kept" if kept else "overlap" if distance < 0.0 else "too near"
         rows[name] = [
             Cell(pair), Cell(f"{1e3 * distance:.1f}".replace("-", "−")), Cell(f"{at + 1.0:.1f}"),

@@ -37,7 +37,6 @@ from qp_twist.pages.motion_words import (
 from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.referee import AXIS_TOLERANCE_DEG, POSITION_TOLERANCE
 from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
 
 NAME = "report.html"
@@ -72,8 +71,8 @@ def report(
     out: str | Path,
     *,
     file: str = "",
-    position_tolerance: float = POSITION_TOLERANCE,
-    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
+    position_tolerance: float | None = None,
+    axis_tolerance_deg: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> MotionReport:
     """Write ``report.html``: one motion in one page that needs no network and no other file.
@@ -87,8 +86,8 @@ def report(
         path_task: The task of the trajectory.
         out: Folder to write to; created if necessary.
         file: Name of the trajectory's file, for the facts.
-        position_tolerance: Largest linear task error that passes, m.
-        axis_tolerance_deg: Largest angular task error that passes, degrees.
+        position_tolerance: As of the check: largest linear task error that passes, m.
+        axis_tolerance_deg: Likewise, degrees.
         progress: Called with what is done next.
 
     Raises:

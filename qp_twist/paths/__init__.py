@@ -36,6 +36,7 @@ from .segment import Segment as Segment
 from .shown import Shown as Shown
 from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task
+from .tolerances import Tolerances as Tolerances
 from .toolpath import SAME_DIRECTION as SAME_DIRECTION
 from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve

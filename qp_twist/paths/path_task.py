@@ -38,6 +38,7 @@ from qp_twist.paths.segment import (
 )
 from qp_twist.paths.shown import Shown
 from qp_twist.paths.task_schema import IterationSection, StudySection
+from qp_twist.paths.tolerances import Tolerances
 from qp_twist.paths.toolpath import Lines, Toolpath
 from qp_twist.paths.turning import transported
 from qp_twist.paths.waypoints import Waypoints
@@ -338,6 +339,13 @@ class PathTask:
         if robot.accelerations is not None:
             limits[1, dofs] = robot.accelerations
         return robot, limits[0], limits[1]
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """What passes: the errors of ``[study]``, else the defaults."""
+        if self.study is None:
+            return Tolerances()
+        return Tolerances().stated(self.study.position_error, self.study.axis_error_deg)
 
     @property
     def redundancy(self) -> int:

@@ -12,8 +12,10 @@ from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.referee import BAND, motion_limits, speeds_or_default
+from qp_twist.referee import Tolerances, motion_limits, speeds_or_default
 
+_INSIDE = Tolerances().band
+"""Violation of a constraint that a check lets pass at a waypoint, m or rad."""
 EFFORT = 3000
 """Number of random configurations after which the search ends."""
 _ROOM = 0.005
@@ -143,7 +145,7 @@ class JointMoves:
             margins = constraint.margins(q)
             row, k = np.unravel_index(int(np.argmin(margins)), margins.shape)
             least = float(margins[row, k])
-            if least < min(worst, -BAND):
+            if least < min(worst, -_INSIDE):
                 worst = least
                 name = constraint.names[k]
                 amount = f"{np.degrees(-least):.3g}°"
@@ -285,12 +287,12 @@ def _kept(constraint: Constraint, begin: Array, end: Array) -> Mask:
     while len(owner):
         travel, straight = np.abs(end - begin), np.zeros_like(begin)
         least = constraint.least(begin, end, travel, straight).min(axis=1, initial=np.inf)
-        undecided = ~(least >= -BAND)
+        undecided = ~(least >= -_INSIDE)
         owner, begin, end = owner[undecided], begin[undecided], end[undecided]
         middle = 0.5 * (begin + end)
         outside = travel[undecided].max(axis=1, initial=0.0) < _SHORTEST
         if len(owner):
-            outside |= ~constraint.inside(middle, BAND)
+            outside |= ~constraint.inside(middle, _INSIDE)
         kept[owner[outside]] = False
         on = kept[owner]
         owner, begin, middle, end = owner[on], begin[on], middle[on], end[on]

@@ -21,7 +21,6 @@ from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.central import CentralConfiguration, central_configurations
 from qp_twist.planning.layer import centred, forbidding_bands
 from qp_twist.planning.path_rows import REACHED, PathRows
-from qp_twist.referee import BAND
 
 START_ITERATIONS = 200
 """Largest number of steps for the correction of a start onto the first waypoint."""
@@ -174,7 +173,8 @@ def reached(
         return False
     if not held or not path_task.stated_constraints:
         return True
-    return bool(path_task.constraint_excess(configuration.q[None]).max() <= BAND)
+    most = path_task.tolerances.band
+    return bool(path_task.constraint_excess(configuration.q[None]).max() <= most)
 
 
 def _left_to_correct(
@@ -183,7 +183,8 @@ def _left_to_correct(
     """Task error, and with ``held`` violation of constraints, relative to their tolerances."""
     left = missed_by(path_task, task, configuration)
     if held and path_task.stated_constraints:
-        left = max(left, float(path_task.constraint_excess(configuration.q[None]).max()) / BAND)
+        excess = float(path_task.constraint_excess(configuration.q[None]).max())
+        left = max(left, excess / path_task.tolerances.band)
     return left
 
 

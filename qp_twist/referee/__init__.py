@@ -1,20 +1,17 @@
 """The referee: errors and violations of a joint motion, at and (proven) between waypoints."""
 
+from qp_twist.paths import Tolerances as Tolerances
+
 from .astray import Astray as Astray
 from .astray import astray_parts as astray_parts
 from .displacement import Displacement as Displacement
 from .displacement import LeverArms as LeverArms
 from .findings import AFTER as AFTER
-from .findings import AXIS_TOLERANCE_DEG as AXIS_TOLERANCE_DEG
-from .findings import BAND as BAND
 from .findings import BEFORE as BEFORE
 from .findings import EXCEEDED as EXCEEDED
 from .findings import OFF as OFF
-from .findings import POSITION_TOLERANCE as POSITION_TOLERANCE
-from .findings import RANGE_TOLERANCE as RANGE_TOLERANCE
 from .findings import Finding as Finding
 from .findings import Passing as Passing
-from .findings import Tolerances as Tolerances
 from .findings import acceleration_use as acceleration_use
 from .findings import errors_of as errors_of
 from .findings import examine as examine
@@ -38,3 +35,4 @@ from .path_errors import poses_of as poses_of
 from .path_errors import sampled_errors as sampled_errors
 from .path_errors import straight_errors as straight_errors
 from .path_errors import task_errors as task_errors
+from .row_verdict import RowVerdict as RowVerdict

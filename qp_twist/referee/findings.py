@@ -6,25 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from qp_twist.checks import Array, Mask, number
+from qp_twist.checks import Array, Mask
 from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask, in_joint_moves, joint_move_ends
+from qp_twist.paths import PathTask, Tolerances, in_joint_moves, joint_move_ends
 from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_speeds
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import PROVEN, Left, PathErrors, constraint_left, path_errors
 
-POSITION_TOLERANCE = 1e-4
-"""Largest linear task error that passes, m."""
-AXIS_TOLERANCE_DEG = 0.05
-"""Largest angular task error that passes, degrees."""
-RANGE_TOLERANCE = 1e-6
-"""Violation from which a joint counts as outside its range, rad or m: files are rounded."""
 EXCEEDED = 1e-6
 """Share by which a speed or an acceleration has to exceed its limit to count."""
 FASTER = 1e-3
@@ -34,8 +27,6 @@ FASTER_MATCHED = 0.02
 RUSHED = 1.5
 """Factor of the feed that counts as exceeded between two waypoints: the ratio of the largest to the
 mean speed of a cubic from rest to rest."""
-BAND = 1e-5
-"""Violation from which a band counts as left at a waypoint, rad or m."""
 BEFORE, AFTER = " before the path", " after the path"
 """Ends of the names of findings about the motion before the first and after the last waypoint."""
 OFF = " off the path"
@@ -91,42 +82,6 @@ class Finding:
         )
 
 
-@dataclass(frozen=True)
-class Tolerances:
-    """Largest task errors that pass.
-
-    Between waypoints they also apply to violations of hard bands, each in its unit: the path itself
-    is not known more precisely there.
-
-    Attributes:
-        position: m.
-        axis: rad.
-    """
-
-    position: float = POSITION_TOLERANCE
-    axis: float = float(np.radians(AXIS_TOLERANCE_DEG))
-
-    @classmethod
-    def stated(cls, position_tolerance: float, axis_tolerance_deg: float) -> Tolerances:
-        """Those of a call.
-
-        Raises:
-            InvalidInput: If one is not above 0.
-        """
-        position = number("position_tolerance", position_tolerance, above=0.0)
-        axis_deg = number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)
-        return cls(position, float(np.radians(axis_deg)))
-
-    def of(self, units: Sequence[str]) -> Array:
-        """The tolerance of each of some units, ``"m"`` or ``"rad"``."""
-        return np.array([self.position if unit == "m" else self.axis for unit in units])
-
-    def met(self, position: npt.ArrayLike, axis: npt.ArrayLike) -> Mask:
-        """Whether task errors, m and rad, (N,) each, are within them; NaN is not, (N,)."""
-        met: Mask = np.less_equal(position, self.position) & np.less_equal(axis, self.axis)
-        return met
-
-
 @dataclass(frozen=True, eq=False)
 class Passing:
     """Times at which a motion passes the waypoints.
@@ -175,7 +130,7 @@ def examine(
     Args:
         path_task: The task.
         motion: Joints by degree of freedom, with the interpolation between its rows.
-        tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
+        tolerances: What passes; those of the task if ``None``.
         passing: Times at the waypoints; if ``None``, rows and waypoints correspond, and times are
             seconds if the task has a feed.
         errors: Result of :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
@@ -195,7 +150,7 @@ def examine(
             f"{path_task.name}: the robot has ball or free joints; only motions of hinges and "
             "slides can be checked."
         )
-    tolerances = tolerances or Tolerances()
+    tolerances = tolerances or path_task.tolerances
     passing = passing or Passing(motion.times, path_task.durations is not None, by_row=True)
     if errors is None:
         errors = errors_of(path_task, motion, tolerances, passing)
@@ -206,12 +161,12 @@ def examine(
         *_of_constraints(path_task, motion, errors, tolerances, passing),
         *_of_joint_moves(path_task, motion, tolerances, passing),
         *_off_the_path(path_task, motion, tolerances, passing),
-        *_of_positions(ranges, motion, passing),
+        *_of_positions(ranges, motion, tolerances, passing),
     ]
     if passing.timed:
         limits = limits or motion_limits(path_task)
         findings += _of_speeds(limits, ranges, motion, passing)
-        findings += _of_braking(limits, ranges, motion)
+        findings += _of_braking(limits, ranges, motion, tolerances)
         met = tolerances.met(errors.position, errors.axis)
         findings += _of_feed(path_task, errors, passing, met)
     return tuple(findings)
@@ -325,9 +280,10 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
         return []
     worst = errors.bands[:, : len(hard)].max(axis=1)
     k = int(np.argmax(worst))
-    passes = bool(worst[k] <= BAND)
+    limit = tolerances.band
+    passes = bool(worst[k] <= limit)
     found = [
-        Finding("outside a band", float(worst[k]), BAND, "rad, m", f"waypoint {k + 1}", passes)
+        Finding("outside a band", float(worst[k]), limit, "rad, m", f"waypoint {k + 1}", passes)
     ]
     between = []
     for column, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False)):
@@ -359,8 +315,8 @@ def _of_constraints(
         margins = constraint.margins(motion.at(passing.times[k : k + 1]).q)[0]
         where = f"{constraint.names[int(np.argmin(margins))]}, waypoint {k + 1}"
         name = f"outside {constraint.kind}"
-        passes = bool(excess[k] <= BAND)
-        found.append(Finding(name, float(excess[k]), BAND, unit, where, passes))
+        passes = bool(excess[k] <= tolerances.band)
+        found.append(Finding(name, float(excess[k]), tolerances.band, unit, where, passes))
         if len(errors.bands_between):
             limit = tolerances.position if unit == "m" else tolerances.axis
             between = errors.bands_between[:, column], errors.bands_bound[:, column]
@@ -453,7 +409,9 @@ def _middles(motion: JointMotion) -> Array:
     return middles
 
 
-def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) -> list[Finding]:
+def _of_positions(
+    ranges: JointRanges, motion: JointMotion, tolerances: Tolerances, passing: Passing
+) -> list[Finding]:
     """The smallest margin, at the rows and, exactly, between them."""
     if not ranges.limited.any():
         return []
@@ -462,11 +420,13 @@ def _of_positions(ranges: JointRanges, motion: JointMotion, passing: Passing) ->
     k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
     outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
     where = f"{ranges.names[joint]}, {passing.place(times[k])}"
-    value, passes = float(margins[k, joint]), outside <= RANGE_TOLERANCE
+    value, passes = float(margins[k, joint]), outside <= tolerances.joint_range
     return [Finding("smallest joint margin", value, 0.0, "", where, passes, least=True)]
 
 
-def _of_braking(limits: MotionLimits, ranges: JointRanges, motion: JointMotion) -> list[Finding]:
+def _of_braking(
+    limits: MotionLimits, ranges: JointRanges, motion: JointMotion, tolerances: Tolerances
+) -> list[Finding]:
     """Joints at speed in the first or last row that no acceleration keeps inside their ranges.
 
     From speed v a joint comes to rest, at its largest acceleration a, after v²/(2a); before the
@@ -481,7 +441,7 @@ def _of_braking(limits: MotionLimits, ranges: JointRanges, motion: JointMotion) 
         rest = motion.q[row] + v * np.abs(v) / (2.0 * limits.acceleration)
         outside = np.maximum(ranges.lower - rest, rest - ranges.upper)
         joint = int(np.argmax(outside))
-        if outside[joint] > RANGE_TOLERANCE and v[joint] != 0.0:
+        if outside[joint] > tolerances.joint_range and v[joint] != 0.0:
             where = f"{ranges.names[joint]}, at rest"
             value, unit = float(outside[joint]), ranges.units[joint]
             found.append(Finding(name, value, 0.0, unit, where, passes=False))

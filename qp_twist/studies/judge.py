@@ -13,13 +13,11 @@ from typing import Literal
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.comparison.metrics import OUTSIDE
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import motion_limits
-from qp_twist.referee import BAND, EXCEEDED, Tolerances
+from qp_twist.referee import EXCEEDED
 
 Kind = Literal[
     "limit", "jump", "band", "constraint", "held", "error", "no step", "diverged", "start",
@@ -56,11 +54,9 @@ class Fault:
 class Judge:
     """Looks at the waypoints of a path, one after the other or all at once."""
 
-    def __init__(self, path_task: PathTask, section: StudySection) -> None:
+    def __init__(self, path_task: PathTask) -> None:
         self.ranges = JointRanges.of(path_task.model)
-        self._tolerances = Tolerances(
-            section.position_error, float(np.radians(section.axis_error_deg))
-        )
+        self._tolerances = path_task.tolerances
         self._steps = motion_limits(path_task, self.ranges, None, fixed_start=False).steps
         self._before: Array | None = None
         self._waypoint = 1
@@ -75,7 +71,7 @@ class Judge:
     def fault(self, trajectory: Trajectory) -> Fault | None:
         """The first fault of a whole run; ``None`` if it is a success."""
         run, before = trajectory, None
-        left, waypoint = run.constraint_excess, 0
+        verdict, waypoint = run.verdict, 0
         for waypoint, q in enumerate(run.q, start=1):
             k = waypoint - 1
             fault = self._at(
@@ -85,9 +81,9 @@ class Judge:
                 return Fault("diverged", waypoint=waypoint)
             if fault is not None:
                 break
-            if run.band_excess[k] > BAND:
+            if verdict.band[k]:
                 return Fault("band", waypoint=waypoint)
-            if left[k] > BAND:
+            if verdict.constraint[k]:
                 return Fault("constraint", _violated(run.path_task, q), waypoint)
             before = q
         else:
@@ -106,7 +102,7 @@ class Judge:
         if not np.isfinite([*q, position_error, axis_error]).all():
             return Fault("diverged", waypoint=waypoint)
         room = self.ranges.room(q)
-        if (room < -OUTSIDE).any():
+        if (room < -self._tolerances.joint_range).any():
             return Fault("limit", self.ranges.names[int(np.argmin(room))], waypoint)
         left = np.full(len(q), np.inf)
         if before is not None:

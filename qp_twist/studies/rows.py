@@ -18,7 +18,7 @@ from qp_twist.kernel import COMPILED
 from qp_twist.paths import METHODS, PathTask
 from qp_twist.planning import Plan, least_mean_z
 from qp_twist.studies.judge import Fault, Judge
-from qp_twist.studies.sample import Sample, Start, draw_sample, section_of
+from qp_twist.studies.sample import Sample, Start, draw_sample
 
 Row = dict[str, Any]
 
@@ -105,7 +105,7 @@ def _is_followed(path_task: PathTask, sample: Sample) -> bool:
     if sample.no_start.issuperset(sample.methods):
         return False
     for method in SEED_METHODS:
-        judge = Judge(path_task, section_of(path_task))
+        judge = Judge(path_task)
         try:
             run = follow(path_task, method, solver=COMPILED, stop=judge.stop)
         except QpTwistError:  # it has no start
@@ -126,7 +126,7 @@ def _method_row(
         if METHODS[method].whole_twist:
             why += ", with the roll of the roll rule"
         return _row(sample, method, Fault("start", message=why))
-    judge = Judge(path_task, section_of(path_task))
+    judge = Judge(path_task)
     settings = path_task.settings(method)
     planned: Plan | None = None
     began = time.perf_counter()

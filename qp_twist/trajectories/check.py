@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask, instance, number
+from qp_twist.checks import Array, Mask, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.geometry import resolved_twist_error
@@ -16,8 +16,6 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.referee import (
-    AXIS_TOLERANCE_DEG,
-    POSITION_TOLERANCE,
     Astray,
     Finding,
     JointMotion,
@@ -180,8 +178,8 @@ def check_trajectory(
     trajectory: JointRows | Trajectory | TimedTrajectory,
     path_task: PathTask,
     *,
-    position_tolerance: float = POSITION_TOLERANCE,
-    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
+    position_tolerance: float | None = None,
+    axis_tolerance_deg: float | None = None,
 ) -> Check:
     """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
 
@@ -197,18 +195,17 @@ def check_trajectory(
     Args:
         trajectory: From :func:`~qp_twist.read_trajectory`, or a computed one.
         path_task: The task of the trajectory.
-        position_tolerance: Largest linear task error that passes, m.
-        axis_tolerance_deg: Largest angular task error that passes, degrees.
+        position_tolerance: Largest linear task error that passes, m; ``None``: as the task states
+            it in ``[study]``, else 0.1 mm.
+        axis_tolerance_deg: Largest angular task error that passes, degrees; ``None``: likewise,
+            else 0.05°.
 
     Raises:
         InvalidInput: If a joint of the task's robot is missing, or the robot has others than hinges
             and slides.
     """
     instance("check_trajectory(path_task)", path_task, PathTask)
-    tolerances = Tolerances(
-        number("position_tolerance", position_tolerance, above=0.0),
-        float(np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0))),
-    )
+    tolerances = path_task.tolerances.stated(position_tolerance, axis_tolerance_deg)
     ranges = JointRanges.of(path_task.model)
     if not ranges.only_hinges_and_slides:
         raise InvalidInput(

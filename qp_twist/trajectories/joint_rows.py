@@ -13,7 +13,7 @@ from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
-from qp_twist.referee import RANGE_TOLERANCE, JointMotion
+from qp_twist.referee import JointMotion, Tolerances
 from qp_twist.trajectories.metadata import metadata_of
 from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
@@ -153,7 +153,7 @@ def resting_axis(name: str, travel: float) -> str:
     """
     if _CARTESIAN.fullmatch(re.sub(r"[\s./:-]+", "_", name)):
         return f"{name} is of the tool centre point, no joint of the robot: not looked at"
-    if travel > RANGE_TOLERANCE:
+    if travel > Tolerances().joint_range:
         raise InvalidInput(
             f"{name} moves by {travel:.4g} (rad or m), but the robot's model has no such joint, so "
             "that the motion cannot be judged. Give a robot that has it; if it is no axis, leave "

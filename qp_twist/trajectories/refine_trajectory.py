@@ -14,10 +14,7 @@ from qp_twist.kinematics import FramePair, JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import (
-    AXIS_TOLERANCE_DEG,
-    POSITION_TOLERANCE,
     JointMotion,
-    Tolerances,
     poses_of,
     sampled_errors,
     task_errors,
@@ -38,8 +35,8 @@ _INSIDE = 1e-9
 def refine_trajectory(
     trajectory: Trajectory,
     *,
-    position_tolerance: float = POSITION_TOLERANCE,
-    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
+    position_tolerance: float | None = None,
+    axis_tolerance_deg: float | None = None,
 ) -> Trajectory:
     """Insert rows until linear interpolation of the joints keeps the path.
 
@@ -52,8 +49,8 @@ def refine_trajectory(
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`.
-        position_tolerance: Largest linear task error between rows, m.
-        axis_tolerance_deg: Largest angular task error there, degrees.
+        position_tolerance: Largest linear task error between rows, m; ``None``: that of a check.
+        axis_tolerance_deg: Largest angular task error there, degrees; ``None``: likewise.
 
     Returns:
         A trajectory with further rows, each with its parameter ``s`` of the path and its share of
@@ -61,7 +58,7 @@ def refine_trajectory(
         be corrected, or a waypoint was missed anyway.
     """
     instance("refine_trajectory(trajectory)", trajectory, Trajectory)
-    tolerances = Tolerances.stated(position_tolerance, axis_tolerance_deg)
+    tolerances = trajectory.path_task.tolerances.stated(position_tolerance, axis_tolerance_deg)
     met = tolerances.met(trajectory.position_error, trajectory.axis_error)
     pieces = np.flatnonzero(met[:-1] & met[1:])
     for _ in range(_ROUNDS):

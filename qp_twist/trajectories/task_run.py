@@ -10,7 +10,7 @@ from qp_twist.checks import Array
 from qp_twist.following import Trajectory, follow
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.referee import Tolerances, motion_limits, with_default_accelerations
+from qp_twist.referee import motion_limits, with_default_accelerations
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import Check
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
@@ -92,7 +92,7 @@ def run_task(
     """
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
-        return give_up and not Tolerances().met(position_error, axis_error)
+        return give_up and not path_task.tolerances.met(position_error, axis_error)
 
     trajectory = follow(
         path_task,

@@ -14,8 +14,6 @@ from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.referee import (
-    AXIS_TOLERANCE_DEG,
-    POSITION_TOLERANCE,
     JointMotion,
     MotionLimits,
     PathErrors,
@@ -146,8 +144,8 @@ def time_trajectory(
     trajectory: Trajectory,
     *,
     limits: MotionLimits | None = None,
-    position_tolerance: float = POSITION_TOLERANCE,
-    axis_tolerance_deg: float = AXIS_TOLERANCE_DEG,
+    position_tolerance: float | None = None,
+    axis_tolerance_deg: float | None = None,
 ) -> TimedTrajectory:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
@@ -174,15 +172,16 @@ def time_trajectory(
         trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.
         limits: Speeds and accelerations of the joints; ``None``: the task's own. Those of a known
             robot are ``motion_limits(task)``; ``with_default_accelerations`` completes them.
-        position_tolerance: Largest linear task error between waypoints, m.
-        axis_tolerance_deg: Largest angular task error there, degrees.
+        position_tolerance: Largest linear task error between waypoints, m; ``None``: that of a
+            check.
+        axis_tolerance_deg: Largest angular task error there, degrees; ``None``: likewise.
 
     Raises:
         InvalidInput: If neither the feed nor a limit determines the duration of a piece, or a joint
             is neither hinge nor slide.
     """
     instance("time_trajectory(trajectory)", trajectory, Trajectory)
-    tolerances = Tolerances.stated(position_tolerance, axis_tolerance_deg)
+    tolerances = trajectory.path_task.tolerances.stated(position_tolerance, axis_tolerance_deg)
     task = trajectory.path_task
     ranges = JointRanges.of(task.model)
     if not ranges.only_hinges_and_slides:

@@ -233,7 +233,7 @@ def good(planar: qt.Comparison) -> qt.Trajectory:
 
 def judged(trajectory: qt.Trajectory, **changed: Any) -> tuple[str, str, int] | None:
     task = trajectory.path_task
-    fault = Judge(task, section_of(task)).fault(dataclasses.replace(trajectory, **changed))
+    fault = Judge(task).fault(dataclasses.replace(trajectory, **changed))
     return None if fault is None else (fault.kind, fault.joint, fault.waypoint)
 
 

@@ -20,7 +20,6 @@ from oracles.twists import ALONG_X, NOTHING, POINT
 import qp_twist as qt
 from qp_twist.constraints import COUPLED_WITHIN, PositionLimit
 from qp_twist.following.batch import follow as follow_many
-from qp_twist.paths.task_schema import StudySection
 from qp_twist.planning import random_start
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import closed_form_arm
@@ -391,7 +390,7 @@ def test_the_live_page_keeps_it() -> None:
 def test_a_study_judges_it() -> None:
     task = with_gripper(step=5)
     run = qt.follow(task, "qp_gradient")
-    judge = Judge(task, StudySection())
+    judge = Judge(task)
     assert judge.fault(run) is None
     q = run.q.copy()
     q[3:, 6] += 1e-3

@@ -92,7 +92,7 @@ def test_a_study_names_the_waypoint_of_a_fault(template: qt.Trajectory, waypoint
         ),
     ):
         trajectory = made(template, **changed)
-        judge = Judge(trajectory.path_task, section)
+        judge = Judge(trajectory.path_task)
         assert judge.fault(trajectory) == fault
         if fault.kind in ("limit", "error") and waypoint > 1:
             # Waypoint by waypoint, from the second on, as while a method runs.
@@ -106,7 +106,7 @@ def test_a_study_names_the_waypoint_of_a_fault(template: qt.Trajectory, waypoint
                 )
             ]
             assert stops.index(True) == waypoint - 2
-    assert Judge(TASK, section).fault(made(template, q=np.tile(inside, (3, 1)))) == Fault(
+    assert Judge(TASK).fault(made(template, q=np.tile(inside, (3, 1)))) == Fault(
         "error", waypoint=3
     )
 

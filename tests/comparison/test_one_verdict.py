@@ -1,0 +1,143 @@
+"""One referee: what passes in a run passes in every command, what fails in one fails in all."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.joint_paths import short
+
+import qp_twist as qt
+from qp_twist.cli import main
+from qp_twist.comparison.findings import MethodRun
+from qp_twist.comparison.metrics import metrics
+from qp_twist.paths.task_schema import StudySection
+from qp_twist.studies.judge import Judge
+from qp_twist.trajectories import JointRows, run_task
+from qp_twist.viewing.one_run import run_once
+from qp_twist.viewing.settings import PageSettings
+
+CASES = range(50)
+AT_ROWS = ("position error", "axis error", "outside a band", "smallest joint margin")
+"""Findings of a check about the waypoints; those of constraints are named after their kinds."""
+
+
+@functools.cache
+def shipped(name: str) -> qt.PathTask:
+    return qt.load_task(name)
+
+
+def task_of(case: int) -> qt.PathTask:
+    """A short piece of a shipped task: slower joints, other tolerances, bands, a clearance."""
+    rng = np.random.default_rng(case)
+    name = ("deburring", "deburring_cell", "deburring_bands", "part_in_hand", "turn_tilt")[case % 5]
+    task = short(shipped(name), int(rng.integers(3, 9)))
+    assert task.durations is not None
+    study = StudySection(
+        position_error=10.0 ** rng.uniform(-9, -3), axis_error_deg=10.0 ** rng.uniform(-7, 0)
+    )
+    slower = rng.choice([1.0, 0.05, 0.02])
+    return dataclasses.replace(
+        task,
+        name=f"{name}_{case}",
+        study=study if rng.uniform() < 0.5 else None,
+        velocity_limits=slower * np.where(np.isfinite(task.velocity_limits),
+                                          task.velocity_limits, np.pi),
+    )  # fmt: skip
+
+
+def moved(run: qt.Trajectory, case: int) -> qt.Trajectory:
+    """In every third case the rows of a run, one of them moved by hand and measured anew."""
+    if case % 3:
+        return run
+    rng = np.random.default_rng(case)
+    q = run.q.copy()
+    q[rng.integers(0, len(q))] += rng.normal(size=q.shape[1]) * 10.0 ** rng.uniform(-8, -1)
+    errors = qt.referee.path_errors(
+        run.path_task, qt.referee.JointMotion(np.arange(len(q), dtype=float), q)
+    )
+    hard = [b for b in run.path_task.bands if b.weight is None]
+    return dataclasses.replace(
+        run,
+        q=q,
+        position_error=errors.position,
+        axis_error=errors.axis,
+        band_excess=errors.bands[:, : len(hard)].max(axis=1, initial=0.0),
+    )
+
+
+def kept_at_waypoints(check: qt.Check, task: qt.PathTask) -> bool:
+    kinds = [f"outside {constraint.kind}" for constraint in task.stated_constraints]
+    found = [f for f in check.findings if f.name in (*AT_ROWS, *kinds)]
+    assert len(found) >= 3
+    return all(finding.passes for finding in found)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_rows_pass_in_all_or_in_none(case: int) -> None:
+    task = task_of(case)
+    run = moved(qt.follow(task, "qp_gradient"), case)
+    names = qt.JointRanges.of(task.model).names
+    ranges = qt.JointRanges.of(task.model)
+    checked = kept_at_waypoints(
+        qt.check_trajectory(JointRows(names, ranges.positions(run.q)), task), task
+    )
+    assert run.passes == checked
+    assert (run.kept == len(task.waypoints)) == (not run.verdict.off.any())
+    numbers = metrics(run)
+    words = ("leaves the limits", "off the path", "outside a", "ends at", "diverged")
+    assert checked != any(word in numbers["status"] for word in words), numbers["status"]
+    fault = Judge(task).fault(run)
+    if fault is None or fault.kind != "jump":  # the length of steps is a study's own criterion
+        assert checked == (fault is None), fault
+    if not checked:
+        assert MethodRun.of(run).faults or numbers["status"] != "ok"
+
+
+def test_cases_pass_and_fail() -> None:
+    """What the comparison above is made of."""
+    passed = [moved(qt.follow(task_of(case), "qp_gradient"), case).passes for case in CASES]
+    assert 10 < sum(passed) < 40
+
+
+@pytest.mark.parametrize("case", range(0, 50, 7))
+def test_a_file_has_the_verdict_of_its_run_in_every_command(
+    case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    task, file = task_of(case), tmp_path / "run.csv"
+    done = run_task(task, "qp_gradient", file)
+    if done.check is None:  # ends at its start
+        assert not done.passes
+        return
+    for module in ("check", "report"):
+        monkeypatch.setattr(f"qp_twist.cli.{module}.load", lambda *_: task)
+    capsys.readouterr()
+    code = _exit_code(["check", str(file), task.name, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (code == 0) == done.passes == found["passes"]
+    assert found == done.check.to_dict()
+    assert (_exit_code(["report", str(file), task.name, "--out", str(tmp_path)]) == 0) == (
+        done.passes
+    )
+    assert qt.check_trajectory(done.timed or done.rows, task).passes == done.passes
+
+
+@pytest.mark.parametrize("case", [0, 3, 8])
+def test_the_live_page_says_what_a_comparison_says(case: int) -> None:
+    task = task_of(case)
+    shown = run_once(task, PageSettings.of(task, "qp_gradient"))
+    compared = qt.compare(task, ["qp_gradient"]).to_dict()
+    assert shown.status == compared["methods"]["qp_gradient"]["status"]
+    assert compared["tolerances"]["position"] == task.tolerances.position
+
+
+def _exit_code(arguments: list[str]) -> int:
+    try:
+        main(arguments)
+    except SystemExit as ended:
+        return int(ended.code or 0)
+    return 0
