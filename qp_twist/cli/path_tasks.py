@@ -10,7 +10,6 @@ from pathlib import Path
 from qp_twist.cli.app import quiet
 from qp_twist.cli.compiling import note_compiling
 from qp_twist.errors import InvalidInput
-from qp_twist.following import with_options
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
@@ -26,6 +25,8 @@ def with_secondary(
     options = {name: value for name, value in given.items() if value is not None}
     if not options:
         return path_task
+    from qp_twist.following import with_options  # and all planners
+
     return with_options(path_task, methods, options, " and ".join(f"--{name}" for name in options))
 
 

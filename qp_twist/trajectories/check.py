@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from qp_twist.checks import Array, Mask, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.following import Trajectory
 from qp_twist.geometry import resolved_twist_error
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
@@ -27,14 +26,19 @@ from qp_twist.referee import (
     errors_of,
     examine,
     motion_limits,
+    path_errors,
     poses_of,
     with_default_accelerations,
 )
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.metadata import disagreements
-from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
+if TYPE_CHECKING:
+    from qp_twist.following import Trajectory
+    from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+__all__ = ["Check", "Finding", "JointMotion", "PathErrors", "check_trajectory", "path_errors"]
 _NAMED = 3
 """Largest number of joints without a limit that are named one by one."""
 _REST = 1e-6

@@ -5,17 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from qp_twist.checks import Array, finite_array
 from qp_twist.errors import InvalidInput
-from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import JointMotion, Tolerances
 from qp_twist.trajectories.metadata import metadata_of
-from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+if TYPE_CHECKING:
+    from qp_twist.following import Trajectory
+    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +75,12 @@ class JointRows:
 
         With times and velocities if it is timed.
         """
+        from qp_twist.following import Trajectory  # and all planners
+        from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
         if isinstance(trajectory, TimedTrajectory):
-            metadata = metadata_of(trajectory)
             run, motion = trajectory.trajectory, trajectory.motion
+            metadata = metadata_of(run, trajectory)
             rows = cls(run.joint_names, motion.q, motion.times, motion.velocities, metadata)
             return rows.of_joints(JointRanges.of(run.path_task.shown.model).names)
         if not isinstance(trajectory, Trajectory):

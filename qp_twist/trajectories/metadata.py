@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import json
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qp_twist.following import Trajectory
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, joint_move_ends
 from qp_twist.referee import MotionLimits
-from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+if TYPE_CHECKING:
+    from qp_twist.following import Trajectory
+    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
-def metadata_of(trajectory: Trajectory | TimedTrajectory) -> dict[str, Any]:
-    """Metadata ready for JSON; independent of the machine."""
-    timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
-    rows = trajectory.trajectory if isinstance(trajectory, TimedTrajectory) else trajectory
+def metadata_of(rows: Trajectory, timed: TimedTrajectory | None = None) -> dict[str, Any]:
+    """Metadata of a trajectory, with its times or without, ready for JSON and of no machine."""
     task = rows.path_task
     ranges = JointRanges.of(task.model)
     firsts = [1, *(np.searchsorted(rows.s, [s.first for s in task.segments]) + 1).tolist()]

@@ -7,14 +7,13 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array, clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
-from qp_twist.following import Trajectory
 from qp_twist.paths import PathTask
 from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, Dialect, dialect_of
 from qp_twist.robots import ControllerJoints
@@ -27,7 +26,10 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_metadata
-from qp_twist.trajectories.time_trajectory import TimedTrajectory
+
+if TYPE_CHECKING:
+    from qp_twist.following import Trajectory
+    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
 class _Format(NamedTuple):
@@ -139,9 +141,8 @@ def _program_texts(
     """The files of a program, by name; messages name ``path``."""
     rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
     if joints is None:
-        timed = trajectory if isinstance(trajectory, TimedTrajectory) else None
-        plain = timed.trajectory if timed is not None else trajectory
-        task = plain.path_task if isinstance(plain, Trajectory) else None
+        plain = getattr(trajectory, "trajectory", trajectory)
+        task: PathTask | None = getattr(plain, "path_task", None)  # rows of a file have none
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
         return program_trajectory.encode(rows, dialect, joints, path.stem)
