@@ -48,10 +48,13 @@ def load(task: str, path: Path | None = None) -> PathTask:
 
     A note follows there if the command has to compile kernels.
     """
-    note_compiling(quiet=quiet.get())
+    if "numba" in sys.modules:  # a command that follows or plans loads it
+        note_compiling(quiet=quiet.get())
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         path_task = load_task(task, path=path)
+    if path_task.clearances:  # their distances are kernels, too
+        note_compiling(quiet=quiet.get())
     notes = [str(warning.message) for warning in caught]
     if path_task.toolpath is not None:
         notes += path_task.toolpath.notes
