@@ -59,7 +59,7 @@ class Trajectory:
             itself and Ctrl-C ended its search.
         blocked_by: Names of the limits, as far as known, because of which a run that may slow down
             ended before the next waypoint; ``None`` if none did.
-        s: Parameter of the path at each row (:meth:`PathTask.at`), (N,): the number of a waypoint,
+        s: Parameter of the path at each row (``PathTask.at``), (N,): the number of a waypoint,
             from 0, plus the share of the way to the next one; ``None``: a row for each waypoint.
     """
 

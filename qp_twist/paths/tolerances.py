@@ -23,13 +23,14 @@ class Tolerances:
         position: Largest linear task error, m.
         axis: Largest angular task error, rad.
         band: Largest violation of a tolerance band or a constraint at a waypoint, rad or m.
-        joint_range: Largest violation of a joint's range, rad or m: files are rounded.
+        joint_range: Largest violation of a joint's range, rad or m: half a unit of the fourth
+            decimal of a degree, to which files are rounded.
     """
 
     position: float = 1e-4
     axis: float = float(np.radians(0.05))
     band: float = 1e-5
-    joint_range: float = 1e-6
+    joint_range: float = float(np.radians(0.5e-4))
 
     def stated(
         self, position_tolerance: float | None, axis_tolerance_deg: float | None

@@ -51,7 +51,7 @@ class HardConstraints:
     ) -> None:
         """Read the bands of a task whose frame is moved by ``chain``.
 
-        At its waypoints, or at other points of its path (:meth:`PathTask.at`).
+        At its waypoints, or at other points of its path (``PathTask.at``).
 
         Raises:
             InvalidInput: If a band contradicts a projector of the path, or has no width.

@@ -63,7 +63,7 @@ class Plan:
         joint_weights: Weights of joints in the objective, as passed.
         interrupted: Whether Ctrl-C ended the search; the motion is the best by then, and satisfies
             all constraints.
-        s: Parameter of the path at each row (:meth:`PathTask.at`), (N,), where there are further
+        s: Parameter of the path at each row (``PathTask.at``), (N,), where there are further
             rows inside joint moves; ``None``: a row for each waypoint.
     """
 

@@ -134,7 +134,7 @@ def path_errors(
         motion: Joints by degree of freedom of the task's robot, hinges and slides.
         times: Time of the motion at each waypoint, s, (N,), non-decreasing; if ``None`` the times
             of its rows, one per waypoint.
-        s: Parameters of the path (:meth:`PathTask.at`) that stand for the waypoints, (N,); if
+        s: Parameters of the path (``PathTask.at``) that stand for the waypoints, (N,); if
             ``None`` its first N waypoints.
         tolerances: Errors to be proven between the waypoints, m and rad; errors along the path
             within them do not count as progress. Without it the largest values are bounded to a
