@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.control import Status
 from qp_twist.errors import InvalidInput
+from qp_twist.following.further_rows import with_rows
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
 from qp_twist.paths import (
@@ -24,7 +24,6 @@ from qp_twist.paths import (
 )
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove
 from qp_twist.planning.central import best_of_each_branch, central_configurations
-from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.starts import corrected_start, what_forbids
 
 _STARTS = 12
@@ -103,7 +102,7 @@ def follow_stretches(
     found: list[Move] = []
     for run in runs[1:]:
         before = parts[-1]
-        if len(before.q) < len(before.path_task.waypoints) or before.diverged_at is not None:
+        if not before.ended or before.diverged_at is not None:
             break  # it was stopped
         tried: list[Trajectory] = []
         for start in _starts(path_task, run, before.q[-1], plan, method, moves):
@@ -165,75 +164,34 @@ def _joined(
     task: PathTask, runs: Sequence[range], parts: Sequence[Trajectory], moves: Sequence[Move]
 ) -> Trajectory:
     """One trajectory of stretches and the joint moves between them."""
-    first = parts[0]
-    columns: dict[str, list[Array]] = {name: [] for name in _COLUMNS}
-    binding: list[tuple[str, ...]] = []
-    statuses: list[Status] = []
-    offset, diverged_at = 0, None
-    for number, part in enumerate(parts):
-        if number:
-            inner = _of_move(task, moves[number - 1])
-            for name, column in columns.items():
-                if name in inner:
-                    column.append(inner[name])
-            passed = len(moves[number - 1].q) - 2
-            binding += [()] * passed
-            statuses += [Status.SOLVED] * passed
-            offset += passed
-        for name, column in columns.items():
-            values = getattr(part, name)
-            if values is not None:
-                column.append(values + runs[number].start if name == "s" else values)
-        if number and part.durations is not None:
-            columns["durations"][-1][0] = moves[number - 1].seconds[-1]
-        binding += part.binding
-        statuses += part.statuses
-        if part.diverged_at is not None:
-            diverged_at = offset + part.diverged_at
-        offset += len(part.q)
+    counts = [len(part.q) for part in parts]
+    begins = np.cumsum(counts[:-1], dtype=np.intp)
+    diverged = [(run, part.diverged_at) for run, part in zip(runs, parts, strict=False)]
     stacked: dict[str, Any] = {
-        name: np.concatenate(column) if column else None for name, column in columns.items()
-    }
-    return dataclasses.replace(
-        first,
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("q", "position_error", "axis_error", "sigma_min", "scale", "iterations",
+                     "band_excess")
+    }  # fmt: skip
+    joined = dataclasses.replace(
+        parts[0],
         path_task=task,
-        binding=tuple(binding),
-        statuses=tuple(statuses),
-        diverged_at=diverged_at,
+        s=np.concatenate([run.start + part.s for run, part in zip(runs, parts, strict=False)]),
+        binding=tuple(itertools.chain.from_iterable(part.binding for part in parts)),
+        statuses=tuple(itertools.chain.from_iterable(part.statuses for part in parts)),
+        diverged_at=next((run.start + at for run, at in diverged if at is not None), None),
         failure=next((part.failure for part in parts if part.failure), ""),
         blocked_by=parts[-1].blocked_by,
         seconds=sum(part.seconds for part in parts),
         compiled=sum(part.compiled for part in parts),
         **stacked,
     )
-
-
-_COLUMNS = (
-    "q",
-    "s",
-    "position_error",
-    "axis_error",
-    "sigma_min",
-    "scale",
-    "iterations",
-    "band_excess",
-    "durations",
-)
-
-
-def _of_move(task: PathTask, move: Move) -> dict[str, Array]:
-    """The columns of a trajectory for the inner rows of a joint move."""
-    count = len(move.q) - 2
-    before = np.full(count, move.to - 1)
-    found: dict[str, Array] = {
-        "q": move.q[1:-1],
-        "s": move.s,
-        "scale": np.ones(count),
-        "iterations": np.zeros(count, dtype=np.int64),
-        "sigma_min": PathRows(task).sigma_min(move.q[1:-1], before),
-    }
-    for name in ("position_error", "axis_error", "band_excess"):
-        found[name] = np.zeros(count)
+    inner = [len(move.q) - 2 for move in moves]
+    durations = None
     if task.durations is not None:
-        found["durations"] = move.seconds[:-1]
-    return found
+        times = [part.durations[bool(k) :] for k, part in enumerate(parts)]  # type: ignore[index]
+        pairs = itertools.zip_longest(times, (move.seconds for move in moves), fillvalue=())
+        durations = np.concatenate(list(itertools.chain.from_iterable(pairs)))
+    if not sum(inner):
+        return dataclasses.replace(joined, durations=durations)
+    rows, places = np.concatenate([m.q[1:-1] for m in moves]), np.concatenate([m.s for m in moves])
+    return with_rows(joined, np.repeat(begins, inner), rows, places, durations)

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask, instance
-from qp_twist.control import Status
 from qp_twist.following import Trajectory
-from qp_twist.kinematics import FramePair, JointRanges
-from qp_twist.paths import PathTask
+from qp_twist.following.further_rows import with_rows
+from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.referee import (
-    JointMotion,
-    poses_of,
-    sampled_errors,
-    task_errors,
-)
+from qp_twist.referee import JointMotion, sampled_errors
 
 _ROUNDS = 12
 _ROOM = 0.5
@@ -108,22 +99,11 @@ def with_rows_between(
     pieces, shares, rows, between = pieces[found], shares[found], rows[found], between[found]
     if not len(pieces):
         return trajectory, pieces
-    columns = _measured(task, rows, between, path.sigma_min(rows, np.flatnonzero(found)))
-    columns |= {"q": rows, "s": between, "scale": 1.0, "iterations": 0}
-    after = pieces + 1
-    changes: dict[str, Any] = {
-        name: np.insert(getattr(trajectory, name), after, values, axis=0)
-        for name, values in columns.items()
-    }
-    if trajectory.durations is not None:
-        times = divided_times(trajectory.durations[1:], pieces, shares)
-        changes["durations"] = np.concatenate([trajectory.durations[:1], times])
-    binding, statuses = list(trajectory.binding), list(trajectory.statuses)
-    for k in reversed(after.tolist()):
-        binding.insert(k, ())
-        statuses.insert(k, Status.SOLVED)
-    changes |= {"binding": tuple(binding), "statuses": tuple(statuses)}
-    return dataclasses.replace(trajectory, **changes), pieces
+    durations = trajectory.durations
+    if durations is not None:
+        times = divided_times(durations[1:], pieces, shares)
+        durations = np.concatenate([durations[:1], times])
+    return with_rows(trajectory, pieces + 1, rows, between, durations), pieces
 
 
 def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:
@@ -158,21 +138,3 @@ def _corrected(
             return rows, inside
         rows[left], inside[left] = path.correct_inside(clipped[left], at[left])
     return rows, inside & (np.abs(np.clip(rows, *box) - rows) <= _INSIDE).all(axis=1)
-
-
-def _measured(task: PathTask, q: Array, s: Array, sigma_min: Array) -> dict[str, Any]:
-    """Errors of rows (K, nv) at parameters s (K,) of the path, as :func:`follow` has them."""
-    path = task.at(s)
-    R, p = poses_of(task, q)
-    errors = task_errors(R, p, path.rotations, path.positions, path.projectors)
-    pair = FramePair(R, p, path.rotations, path.positions)
-    excess = np.zeros(len(q))
-    for band in task.bands:
-        excess = np.maximum(excess, -band.margins(pair).min(axis=1))
-    linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(errors, 2))
-    return {
-        "position_error": np.where(path.on_path, linear, 0.0),
-        "axis_error": np.where(path.on_path, angular, 0.0),
-        "band_excess": np.where(path.on_path, excess, 0.0),
-        "sigma_min": sigma_min,
-    }

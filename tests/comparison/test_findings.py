@@ -94,14 +94,14 @@ def test_joints_that_are_too_fast_are_named_the_fastest_first() -> None:
 
 def test_who_met_the_task() -> None:
     assert said(TASK, run("qp"), run("twa"))[0].startswith(
-        "Every waypoint was met by all methods to 0.01 mm"
+        "Every waypoint was met by all methods to 0.1 mm"
     )
-    assert said(TASK, run("qp")) == ["qp met every waypoint to 0.01 mm and 10⁻⁵ rad."]
+    assert said(TASK, run("qp")) == ["qp met every waypoint to 0.1 mm and 0.05°."]
     off = run("twa", position_error_max_m=2.5e-3, axis_error_max_rad=np.radians(0.5))
     (sentence,) = said(TASK, run("qp"), off)
     assert sentence.endswith("at some waypoint: twa (by up to 2.50 mm and 0.500°).")
     nobody, _ = said(TASK, off)
-    assert nobody == "twa did not meet every waypoint to 0.01 mm and 10⁻⁵ rad."
+    assert nobody == "twa did not meet every waypoint to 0.1 mm and 0.05°."
     nobody, _ = said(TASK, off, off)
     assert nobody.startswith("No method met every waypoint")
     *_, stopped, band = said(
