@@ -157,10 +157,6 @@ class JointMotion:
         )
         return speeds, accelerations
 
-    def end_accelerations(self) -> tuple[Array, Array]:
-        """q̈ at the begin and at the end of each piece, rad/s² or m/s², (N − 1, nv) each."""
-        return self._changes[0], self._changes[-1]
-
     @cached_property
     def _spans(self) -> Array:
         """Duration of each piece, s, (N − 1,)."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import ProjectorKind, resolved_twist_error
 from qp_twist.paths import PathTask
 from qp_twist.referee import JointMotion, poses_of, task_errors
@@ -76,15 +76,13 @@ def _refined(
 
 def _matched(
     path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
-) -> tuple[Indices, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+) -> tuple[Indices, Mask]:
     """Index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
     R, p = poses_of(path_task, motion.at(times).q)
     count = len(path_task.waypoints)
     at = _in_order(_cost(path_task, k, R, p, tolerances) for k in range(count))
-    costs = [
-        _cost(path_task, k, R[j : j + 1], p[j : j + 1], tolerances)[0] for k, j in enumerate(at)
-    ]
-    return at, np.array(costs) < _ON**2
+    errors = task_errors(R[at], p[at], *path_task.poses, path_task.in_force)
+    return at, _squared(errors, tolerances) < _ON**2
 
 
 def _in_order(costs: Iterable[Array]) -> Indices:
