@@ -286,7 +286,7 @@ def test_a_trajectory_file_has_names_units_and_every_digit(tmp_path: Path) -> No
 
 
 def test_a_diverging_method_is_reported_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    from qp_twist import closed_form
+    from qp_twist.closed_form import resolutions
 
     calls = []
 
@@ -294,7 +294,7 @@ def test_a_diverging_method_is_reported_and_goes_on(monkeypatch: pytest.MonkeyPa
         calls.append(1)
         return np.full(jacobian.shape[1], 1e-3 if len(calls) < 10 else np.inf)
 
-    monkeypatch.setattr(closed_form, "twa", explode)
+    monkeypatch.setattr(resolutions, "twa", explode)
     trajectory = qt.follow(qt.load_task("planar_line"), "twa")
     assert trajectory.diverged_at == 11
     assert np.isfinite(trajectory.q).all()
