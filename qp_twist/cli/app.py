@@ -52,8 +52,6 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
-Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-Degrees = Annotated[float, tyro.conf.arg(metavar="DEG")]
 Count = Annotated[int, tyro.conf.arg(metavar="N")]
 OptionalCount = Annotated[int | None, tyro.conf.arg(metavar="N")]
 
@@ -67,8 +65,6 @@ SHARED = {
     "gain": "Of the secondary objective, instead of the task file's or the method's own.",
     "weight": "Of a centering secondary, likewise.",
     "path": "Toolpath to follow instead of the task's own, e.g. path.csv.",
-    "position_tolerance": "Largest linear task error that passes, m.",
-    "axis_tolerance_deg": "Largest angular task error that passes, degrees.",
     "robot": "For a program: the robot's name in the table of known robots, or a file with a table "
     "of its own (.toml); if omitted, as the task file states it, or recognised by name and "
     "geometry.",
@@ -107,7 +103,7 @@ def say(*lines: str) -> None:
 
 def show_json(facts: object) -> None:
     """Print what a command found as JSON."""
-    print(json.dumps(facts, ensure_ascii=False, indent=2, allow_nan=False))
+    print(json.dumps(facts, ensure_ascii=False, indent=2))
 
 
 def only_json(asked: bool) -> None:

@@ -6,19 +6,19 @@ import subprocess
 import sys
 from pathlib import Path
 
-from qp_twist.cli.app import Flag, Names, OptionalFile, app, check_file
+from qp_twist.cli import app as cli
 from qp_twist.errors import InvalidInput
 
 SCRIPT = Path(__file__).parents[2] / "benchmarks" / "bench.py"
 """In a checkout of the repository; a wheel does not have it."""
 
 
-@app.command
+@cli.command
 def bench(
-    out: OptionalFile = None,
-    quick: Flag = False,
-    only: Names = None,
-    compare: OptionalFile = None,
+    out: cli.OptionalFile = None,
+    quick: cli.Flag = False,
+    only: cli.Names = None,
+    compare: cli.OptionalFile = None,
 ) -> None:
     """Time steps of this package, mink, pink and PlaCo, and measure their errors; print tables.
 
@@ -37,7 +37,7 @@ def bench(
             "and this is an installation without it; in a checkout run python benchmarks/bench.py."
         )
     if out is not None:
-        check_file(out)
+        cli.check_file(out)
     given = {"--out": out, "--only": only, "--compare": compare}
     words = [str(word) for pair in given.items() if pair[1] is not None for word in pair]
     words += ["--quick"] if quick else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import make_dataclass
@@ -14,7 +13,7 @@ import numpy as np
 import tyro
 
 from qp_twist.authoring import NewTask, Request, new_task
-from qp_twist.cli.app import Json, app, check_file, quiet, say
+from qp_twist.cli import app as cli
 from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
@@ -53,13 +52,13 @@ _AS_THE_FILE_SAYS = _Options()
 Toolpath = Annotated[Any, tyro.conf.arg(constructor=_Options, name=""), tyro.conf.OmitArgPrefixes]
 
 
-@app.command
+@cli.command
 def new(
     robot: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")],
-    path: Annotated[Path, tyro.conf.arg(metavar="FILE")],
+    path: cli.File,
     frame: Text = None,
     frame_type: Literal["auto", "site", "body", "geom"] = "auto",
-    out: Annotated[Path, tyro.conf.arg(metavar="FILE")] = Path("task.toml"),
+    out: cli.File = Path("task.toml"),
     toolpath: Toolpath = _AS_THE_FILE_SAYS,
     transfer: Literal["straight", "joint"] = "straight",
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
@@ -68,7 +67,7 @@ def new(
     angular_speed: Annotated[float | None, tyro.conf.arg(metavar="DEG/S")] = None,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     tcp: Pose = None,
-    part: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    part: cli.OptionalFile = None,
     fixture: tyro.conf.UseAppendAction[
         Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
     ] = (),
@@ -82,8 +81,8 @@ def new(
         Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]
     ] = (),
     controller: Text = None,
-    force: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
-    json_: Json = False,
+    force: cli.Flag = False,
+    json_: cli.Json = False,
 ) -> None:
     """Write a commented task file for a robot and a toolpath; it runs without edits.
 
@@ -122,7 +121,6 @@ def new(
         controller: How the robot's controller counts the joints in programs: the robot's name in
             the table of known robots, a file with a table of its own (.toml), or "as modelled".
         force: Overwrite the task file, and the folder of its scene.
-        json_: Print the file, each decision and the check of its run as JSON.
     """
     at = None if place is None else _pose("--place", place)
     try:
@@ -155,24 +153,22 @@ def new(
         if error.key in Request.model_fields and not error.file:
             error.key = Request.option(error.key)
         raise
-    shown = quiet.set(quiet.get() or json_)
+    cli.only_json(json_)
     if json_:
-        print(json.dumps(_facts(task), ensure_ascii=False, indent=2))
-    say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
+        cli.show_json(_facts(task))
+    cli.say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     if not task.runs:
-        say("  the robot does not come to the end of the path; the notes above say why.")
-        quiet.reset(shown)
+        cli.say("  the robot does not come to the end of the path; the notes above say why.")
         raise SystemExit(1)
     name = quote(str(out) if len(out.parts) > 1 else f"./{out}")
-    say(f"next: qp-twist run {name} --method {task.method} --out {quote(out.stem)}_joints.csv")
+    cli.say(f"next: qp-twist run {name} --method {task.method} --out {quote(out.stem)}_joints.csv")
     if not task.path_task.joint_moves:
-        say(f"or, all methods side by side: qp-twist compare {name}")
-    quiet.reset(shown)
+        cli.say(f"or, all methods side by side: qp-twist compare {name}")
 
 
 def _made(request: Request, out: Path, *, force: bool) -> NewTask:
-    check_file(out)
-    note_compiling(quiet=quiet.get())
+    cli.check_file(out)
+    note_compiling(quiet=cli.quiet.get())
     with share_progress() as report:
         return new_task(request, out, force=force, progress=_with_hint(report))
 

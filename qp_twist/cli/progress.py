@@ -9,6 +9,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -22,92 +23,75 @@ from qp_twist.qp import check_solver
 
 
 class MethodProgress:
-    """Receives the progress of the methods of a command; this one draws nothing."""
+    """Draws the progress of the methods of a command; nothing without a bar."""
+
+    def __init__(self, progress: Progress | None, methods: Sequence[str], waypoints: int) -> None:
+        self._progress = progress
+        self._before = {name: k * waypoints for k, name in enumerate(dict.fromkeys(methods))}
+        if progress is not None:
+            self._bar = progress.add_task("", total=len(methods) * waypoints)
+            self._plan = progress.add_task("", total=1.0, visible=False)
 
     def done(self, method: str, waypoints: int) -> None:
         """Number of waypoints done of a method."""
+        if self._progress is not None:
+            completed = self._before.get(method, 0) + waypoints
+            self._progress.update(self._bar, description=method, completed=completed)
+            self._progress.update(self._plan, visible=False)
 
     def planning(self, what: str, share: float) -> None:
         """Part of a plan in progress, and its completed share."""
+        if self._progress is not None:
+            text = f"plan: {what}"
+            self._progress.update(self._plan, description=text, completed=share, visible=True)
 
     def says(self, what: str) -> None:
         """Activity that concerns all waypoints."""
+        if self._progress is not None:
+            self._progress.update(self._bar, description=what)
 
 
-class _Bar(MethodProgress):
-    def __init__(self, progress: Progress, methods: Sequence[str], waypoints: int) -> None:
-        self._progress = progress
-        self._bar = progress.add_task("", total=len(methods) * waypoints)
-        self._plan = progress.add_task("", total=1.0, visible=False)
-        self._before = {name: k * waypoints for k, name in enumerate(dict.fromkeys(methods))}
-
-    def done(self, method: str, waypoints: int) -> None:
-        completed = self._before.get(method, 0) + waypoints
-        self._progress.update(self._bar, description=method, completed=completed)
-        self._progress.update(self._plan, visible=False)
-
-    def planning(self, what: str, share: float) -> None:
-        self._progress.update(
-            self._plan, description=f"plan: {what}", completed=share, visible=True
-        )
-
-    def says(self, what: str) -> None:
-        self._progress.update(self._bar, description=what)
+@contextmanager
+def _drawn(*columns: ProgressColumn) -> Iterator[Progress | None]:
+    """A progress bar on standard error, if that is a terminal."""
+    console = terminal()
+    if console is None:
+        yield None
+        return
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield progress
 
 
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
-    """Yield the receiver of progress; it draws on standard error if that is a terminal."""
-    console = terminal()
-    if console is None:
-        yield MethodProgress()
-        return
-    columns = (
-        TextColumn("{task.description:<20}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield _Bar(progress, methods, waypoints)
+    """Yield the receiver of progress."""
+    text = TextColumn("{task.description:<20}")
+    with _drawn(text, BarColumn(), TaskProgressColumn(), TimeElapsedColumn()) as progress:
+        yield MethodProgress(progress, methods, waypoints)
 
 
 @contextmanager
 def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
-    """Yield ``report(samples done)``; it draws on standard error if that is a terminal."""
-    console = terminal()
-    if console is None:
-        yield lambda done: None
-        return
-    columns = (
-        TextColumn("samples"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task("", total=samples)
-        yield lambda done: progress.update(bar, completed=done)
+    """Yield ``report(samples done)``."""
+    counted = TextColumn("samples"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with _drawn(*counted, TextColumn("left"), TimeRemainingColumn()) as progress:
+        if progress is None:
+            yield lambda done: None
+        else:
+            bar = progress.add_task("", total=samples)
+            yield lambda done: progress.update(bar, completed=done)
 
 
 @contextmanager
 def share_progress() -> Iterator[Callable[[str, float], None]]:
-    """Yield ``report(what, share done)``; it draws on standard error if that is a terminal."""
-    console = terminal()
-    if console is None:
-        yield lambda what, share: None
-        return
-    columns = (
-        BarColumn(bar_width=24),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    with Progress(*columns, console=console, transient=True) as progress:
-        bar = progress.add_task("", total=1.0)
-        yield lambda what, share: progress.update(bar, description=what, completed=share)
+    """Yield ``report(what, share done)``."""
+    text = TextColumn("{task.description}")
+    with _drawn(BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), text) as progress:
+        if progress is None:
+            yield lambda what, share: None
+        else:
+            bar = progress.add_task("", total=1.0)
+            yield lambda what, share: progress.update(bar, description=what, completed=share)
 
 
 @contextmanager

@@ -2,27 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
-from qp_twist.cli.app import (
-    File,
-    Flag,
-    Folder,
-    Gain,
-    Json,
-    MethodName,
-    OptionalFile,
-    RobotName,
-    Solver,
-    Task,
-    Weight,
-    app,
-    check_file,
-    check_folder,
-    fail,
-    quiet,
-    say,
-)
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import metrics
@@ -39,20 +19,20 @@ _STRETCHES = 8
 """Largest number of slowed stretches that are listed."""
 
 
-@app.command
+@cli.command
 def run(
-    task: Task,
-    out: File,
-    method: MethodName = DEFAULT_METHOD,
-    solver: Solver = None,
-    path: OptionalFile = None,
-    gain: Gain = None,
-    weight: Weight = None,
-    report: Folder = None,
-    robot: RobotName = None,
-    as_modelled: Flag = False,
-    force: Flag = False,
-    json_: Json = False,
+    task: cli.Task,
+    out: cli.File,
+    method: cli.MethodName = DEFAULT_METHOD,
+    solver: cli.Solver = None,
+    path: cli.OptionalFile = None,
+    gain: cli.Gain = None,
+    weight: cli.Weight = None,
+    report: cli.Folder = None,
+    robot: cli.RobotName = None,
+    as_modelled: cli.Flag = False,
+    force: cli.Flag = False,
+    json_: cli.Json = False,
 ) -> None:
     """Follow a task with one method, time it, write the joint trajectory and check the file.
 
@@ -61,28 +41,16 @@ def run(
     program is not written then; another file is.
 
     Args:
-        task: Name of a shipped task, or path to a .toml file.
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory; a
             ROS 2 bag (.mcap); a robot program (.script, .mod, .src, .ls). A missing folder is
             created, with a note.
-        method: Method name.
-        solver: Backend of the QPs; if omitted, machine code.
-        path: Toolpath to follow instead of the task's own, e.g. path.csv.
-        gain: Of the secondary objective, instead of the task file's or the method's own.
-        weight: Of a centering secondary, likewise.
         report: Folder for the motion's report, the page of qp-twist report.
-        robot: For a program: the robot's name in the table of known robots, or a file with a table
-            of its own (.toml); if omitted, as the task file states it, or recognised by name and
-            geometry.
-        as_modelled: For a program: the controller counts the joints as the model does.
-        force: Write a program that does not pass, too; its first line stops a controller.
-        json_: Print the file, the times and the findings of the check as JSON.
     """
     path_task = load(task, path)
     path_task = with_secondary(path_task, [check_method(method)], gain, weight)
-    check_file(out)
+    cli.check_file(out)
     if report is not None:
-        check_folder(report, "--report")
+        cli.check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
     joints = program_joints(out, path_task, robot, as_modelled)
@@ -90,7 +58,7 @@ def run(
         check_program(out, joints, path_task)
     elif force:
         raise InvalidInput("--force is for programs; other files are always written.")
-    shown = quiet.set(quiet.get() or json_)
+    cli.only_json(json_)
     load_machine_code(path_task, [method], solver)
     with method_progress([method], len(path_task.waypoints) - 1) as progress:
         done = run_task(
@@ -107,24 +75,23 @@ def run(
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
     if rows is None or check is None:
         _say_how(trajectory, stated=gain is not None or weight is not None)
-        fail(f"{out}: not written: {method} {trajectory.ending}")
+        cli.fail(f"{out}: not written: {method} {trajectory.ending}")
     what = f"wrote {out}" if done.written else f"did not write {out}"
-    say(f"{what}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
+    cli.say(f"{what}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
     _say_how(trajectory, stated=gain is not None or weight is not None)
     if len(rows.q) > len(trajectory.q):
         more = len(rows.q) - len(trajectory.q)
-        say(f"{more} rows more between waypoints, where the joints would have left the path")
-    say(*_timing(timed, rows))
-    say(*check.notes)
+        cli.say(f"{more} rows more between waypoints, where the joints would have left the path")
+    cli.say(*_timing(timed, rows))
+    cli.say(*check.notes)
     if check.passes:
-        say(check.verdict)
+        cli.say(check.verdict)
     if report is not None:
         from qp_twist.pages import write_report  # with what draws
 
         with working("drawing the report"):
             made = write_report(trajectory.path_task, check, report, file=out.name)
-        say(*filter(None, (f"wrote {made.path}", made.remark)))
-    quiet.reset(shown)
+        cli.say(*filter(None, (f"wrote {made.path}", made.remark)))
     if json_:
         facts: dict[str, object] = {
             "file": str(out),
@@ -137,9 +104,9 @@ def run(
         if timed is not None and path_task.durations is not None:
             facts["seconds"] = float(timed.times[-1])
             facts["seconds_at_feed"] = path_task.feed_time
-        print(json.dumps({**facts, "check": check.to_dict()}, ensure_ascii=False, indent=2))
+        cli.show_json({**facts, "check": check.to_dict()})
     if not check.passes:
-        fail(failure(out, check, done.written))
+        cli.fail(failure(out, check, done.written))
 
 
 def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
@@ -171,12 +138,12 @@ def _say_how(trajectory: Trajectory, *, stated: bool) -> None:
     path_task, method = trajectory.path_task, trajectory.method
     plan = trajectory.interrupted_plan
     if plan is not None:
-        say(f"{method}: planning was interrupted; the best plan by then: {plan.result}")
+        cli.say(f"{method}: planning was interrupted; the best plan by then: {plan.result}")
     source = "of the command" if stated else _source_of_settings(path_task, method)
-    say(f"{method}: {path_task.settings(method)} ({source})")
+    cli.say(f"{method}: {path_task.settings(method)} ({source})")
     status = metrics(trajectory)["status"]
     if status != "ok":
-        say(f"{method}: {status}")
+        cli.say(f"{method}: {status}")
 
 
 def _source_of_settings(path_task: PathTask, method: str) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, cast
 
 import tyro
 
-from qp_twist.cli.app import Folder, Json, Names, Solver, Task, app, quiet, say, show
+from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load, method_names
 from qp_twist.cli.progress import load_machine_code, sample_progress, working
 from qp_twist.errors import InvalidInput
@@ -18,20 +17,20 @@ from qp_twist.studies import study as run_study
 from qp_twist.studies.summary import rich_table as rich_study_table
 
 
-@app.command
+@cli.command
 def study(
-    task: Task,
+    task: cli.Task,
     vary: Annotated[str, tyro.conf.arg(metavar="A,B,…")] = "placement",
-    samples: Annotated[int, tyro.conf.arg(metavar="N")] = 1000,
-    methods: Names = None,
-    out: Folder = None,
-    seed: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
-    solver: Solver = None,
+    samples: cli.Count = 1000,
+    methods: cli.Names = None,
+    out: cli.Folder = None,
+    seed: cli.OptionalCount = None,
+    solver: cli.Solver = None,
     start: Annotated[str, tyro.conf.arg(metavar="HOW")] = "auto",
     certify: bool = True,
-    jobs: Annotated[int | None, tyro.conf.arg(metavar="N")] = None,
+    jobs: cli.OptionalCount = None,
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
-    json_: Json = False,
+    json_: cli.Json = False,
 ) -> None:
     """Run methods on many samples of a task; print how often each succeeds, and why it fails.
 
@@ -39,10 +38,8 @@ def study(
     file; repeating the command continues an interrupted study.
 
     Args:
-        task: Name of a shipped task, or path to a .toml file.
         vary: What varies, separated by commas: placement, tool, robot, gain, solver, start.
         samples: Number of samples.
-        methods: Method names separated by commas; if omitted, all applicable ones.
         out: Folder to write to; if omitted, out/TASK_study.
         seed: Seed; if omitted, the task file's.
         solver: Backend of the QPs, if it does not vary; if omitted, machine code.
@@ -51,7 +48,6 @@ def study(
         jobs: Number of processes; if omitted, one per core.
         scheduler: Address of a Dask scheduler, e.g. tcp://host:8786, whose workers are used
             instead.
-        json_: Print the content of summary.json instead of the table.
     """
     path_task = load(task)
     folder = out or Path("out") / f"{path_task.name}_study"
@@ -79,14 +75,13 @@ def study(
         raise
     with working("drawing the figures"):
         lines = [str(found.folder / "results.sqlite"), *found.report()]
-    shown = quiet.set(quiet.get() or json_)
-    show(rich_study_table(found.title, found.summary()))
-    say(found.feasibility, *found.failures)
+    cli.only_json(json_)
+    cli.show(rich_study_table(found.title, found.summary()))
+    cli.say(found.feasibility, *found.failures)
     for line in lines:
-        say(f"wrote {line}")
-    quiet.reset(shown)
+        cli.say(f"wrote {line}")
     if json_:
-        print(json.dumps({"files": lines, **found.to_dict()}, ensure_ascii=False, indent=2))
+        cli.show_json({"files": lines, **found.to_dict()})
 
 
 def _say_kept(folder: Path, path_task: PathTask) -> None:
@@ -97,9 +92,9 @@ def _say_kept(folder: Path, path_task: PathTask) -> None:
     except InvalidInput:  # it had not begun
         return
     if done:
-        show(rich_study_table(kept.title, kept.summary()))
-        say(kept.feasibility, *kept.failures)
-    say(
+        cli.show(rich_study_table(kept.title, kept.summary()))
+        cli.say(kept.feasibility, *kept.failures)
+    cli.say(
         f"interrupted: {done:,} of {kept.count:,} samples are kept in {folder}; the same command "
         "goes on from there"
     )
