@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
@@ -204,12 +205,10 @@ def _add_tip(spec: Any, tool: Any, point: mink.SE3, *, drawn: bool) -> str:
     return site
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _free(name: str, taken: set[str], suffix: str = "") -> str:
     """The name, numbered if it is taken; it is taken afterwards."""
-    free, count = name, 1
-    while free in taken:
-        count += 1
-        free = f"{name}_{count}"
+    names = itertools.chain([name], (f"{name}_{count}" for count in itertools.count(2)))
+    free = next(free for free in names if f"{free}{suffix}" not in taken) + suffix
     taken.add(free)
     return free
 
@@ -284,20 +283,13 @@ def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Arr
 
 
 def _add(
-    spec: Any,
-    body: Any,
-    solid: Solid,
-    colour: tuple[float, float, float, float],
-    written: dict[str, bytes],
+    spec: Any, body: Any, solid: Solid, colour: Sequence[float], written: dict[str, bytes]
 ) -> None:
     """Add the geoms of a solid: one that is drawn and collides, or one drawn and its pieces."""
-    pieces = solid.pieces
-    _add_mesh(spec, solid.name, solid.drawn, written)
-    body.add_geom(
-        name=solid.name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=solid.name, rgba=colour,
-        group=DRAWN, mass=0.0, contype=int(not pieces), conaffinity=int(not pieces),
-    )  # fmt: skip
-    _add_pieces(spec, body, solid.name, pieces, colour, written)
+    _add_geom(
+        spec, body, solid.name, solid.drawn, colour, written, group=DRAWN, collides=not solid.pieces
+    )
+    _add_pieces(spec, body, solid.name, solid.pieces, colour, written)
 
 
 def _add_pieces(
@@ -311,17 +303,28 @@ def _add_pieces(
     """Add convex pieces, in the axes of the body, that collide and are not drawn."""
     for count, piece in enumerate(pieces, start=1):
         name = f"{of}_piece_{count}"
-        _add_mesh(spec, name, piece, written)
-        body.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour,
-            group=NOT_DRAWN, mass=0.0, contype=1, conaffinity=1,
-        )  # fmt: skip
+        _add_geom(spec, body, name, piece, colour, written, group=NOT_DRAWN, collides=True)
 
 
-def _add_mesh(spec: Any, name: str, mesh: Mesh, written: dict[str, bytes]) -> None:
-    file = _free(f"{name}.obj", set(written))
+def _add_geom(
+    spec: Any,
+    body: Any,
+    name: str,
+    mesh: Mesh,
+    colour: Sequence[float],
+    written: dict[str, bytes],
+    *,
+    group: int,
+    collides: bool,
+) -> None:
+    """Add a mesh, its file and its geom, which have one name."""
+    file = _free(name, set(written), ".obj")
     written[file] = mesh.obj().encode()
     spec.add_mesh(name=name, file=file, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+    body.add_geom(
+        name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour, group=group,
+        mass=0.0, contype=int(collides), conaffinity=int(collides),
+    )  # fmt: skip
 
 
 # ---------------------------------------------------------------- files
@@ -349,19 +352,10 @@ def _own_files(spec: Any, robot: Robot) -> dict[str, bytes]:
             elif isinstance(content, str):
                 content = content.encode()
             asset.name = asset.name or file.stem
-            taken = set(contents)
-            asset.file = _numbered(file.name, taken)
+            asset.file = _free(file.stem, set(contents), file.suffix)
             contents[asset.file] = content
     spec.meshdir = spec.texturedir = "meshes"
     return contents
-
-
-def _numbered(file: str, taken: set[str]) -> str:
-    name, count = file, 1
-    while name in taken:
-        count += 1
-        name = f"{Path(file).stem}_{count}{Path(file).suffix}"
-    return name
 
 
 def _write(folder: Path, spec: Any, written: dict[str, bytes], robot: Robot) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import mujoco
+import numpy as np
 
 from qp_twist.checks import did_you_mean
 from qp_twist.errors import InvalidInput
@@ -43,10 +44,18 @@ def choose_frame(
         InvalidInput: If there is no such frame, or the choice is ambiguous; the message lists those
             that move.
     """
+    owners = {
+        "site": model.site_bodyid,
+        "body": np.arange(model.nbody),
+        "geom": model.geom_bodyid,
+    }
     moving: dict[FrameType, list[str]] = {
-        "site": [model.site(i).name for i in range(model.nsite) if _moves(model, _owner(model, i))],
-        "body": [model.body(i).name for i in range(1, model.nbody) if _moves(model, i)],
-        "geom": [model.geom(i).name for i in range(model.ngeom) if _moves(model, _geom(model, i))],
+        found: [
+            getattr(model, found)(i).name
+            for i, body in enumerate(owners[found])
+            if model.body_weldid[body] != 0
+        ]
+        for found in get_args(FrameType)
     }
     kinds: tuple[FrameType, ...] = (kind,) if kind else ("site", "body", "geom")
     if name is not None:
@@ -61,7 +70,7 @@ def choose_frame(
     last = [
         model.body(i).name
         for i in range(1, model.nbody)
-        if i not in parents and _moves(model, i) and model.body(i).name
+        if i not in parents and model.body_weldid[i] != 0 and model.body(i).name
     ]
     if not sites and len(last) == 1 and "body" in kinds:
         return FrameChoice(last[0], "body", "the last link")
@@ -72,18 +81,6 @@ def choose_frame(
         f"there is more than one frame that the tool can be at; choose with --frame: "
         f"{_listed(moving)}."
     )
-
-
-def _moves(model: mujoco.MjModel, body: int) -> bool:
-    return bool(model.body_weldid[body] != 0)
-
-
-def _owner(model: mujoco.MjModel, site: int) -> int:
-    return int(model.site_bodyid[site])
-
-
-def _geom(model: mujoco.MjModel, geom: int) -> int:
-    return int(model.geom_bodyid[geom])
 
 
 def _not_there(

@@ -234,8 +234,8 @@ def _seen_from(model: mujoco.MjModel, request: Request, carrier: str) -> mujoco.
     """The robot file's scene as seen from the body that carries the part."""
     if request.tool_at is not None:
         raise InvalidInput(
-            "with a tool that is fixed in the cell the robot's --frame "
-            "holds the part; leave --relative-to out.",
+            "with a tool that is fixed in the cell (--tool-at) the robot's --frame holds the part; "
+            "leave --relative-to out.",
             key="relative_to",
         )
     return rerooted(model, carrier).model
@@ -423,7 +423,7 @@ def _placement_notes(
     text = f"NOT REACHED {place}: {here.why}. "
     if searched.places is not None:
         promising = len(searched.places.found)
-        text += f"Elsewhere: of {searched.places}, "
+        text += f"Elsewhere: of {searched.places.region}, "
         text += (
             f"{promising} are reached at the waypoints that were looked at; of these "
             f"{searched.run} were run, none to the end. "

@@ -57,11 +57,6 @@ class Placement:
     margin: float
     sunk: bool
 
-    @property
-    def turned(self) -> bool:
-        """Whether it is rotated, too."""
-        return bool(self.rpy_deg.any())
-
     def of(self, path_task: PathTask) -> PathTask:
         """The task with its toolpath, so far in the world's origin and axes, at this placement."""
         rotation = mink.SO3.from_rpy_radians(*np.radians(self.rpy_deg))
@@ -71,7 +66,7 @@ class Placement:
         """The placement in words."""
         to = ", ".join(f"{value:.4g}" for value in self.position)
         turned = ", ".join(f"{value:.4g}" for value in self.rpy_deg)
-        return f"({to}) m" + (f", turned by rpy ({turned})°" if self.turned else "")
+        return f"({to}) m" + (f", turned by rpy ({turned})°" if self.rpy_deg.any() else "")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,30 +76,11 @@ class Placements:
     Attributes:
         found: Placements at which evenly spaced waypoints are reached one after the other, the most
             promising first.
-        tried: Number of placements tried.
-        lower: Smallest coordinates of the middle of the path among the tried ones, m, (3,).
-        upper: Largest ones, m, (3,).
-        tilt_deg: Largest angle among them between the file's z and the world's.
+        region: What was searched, in words.
     """
 
     found: tuple[Placement, ...]
-    tried: int
-    lower: Array
-    upper: Array
-    tilt_deg: float
-
-    def __str__(self) -> str:
-        """The searched region in words."""
-        if not self.tried:
-            return "no place was found to be tried"
-        box = ", ".join(
-            f"{axis} {low:.2g} … {high:.2g}"
-            for axis, low, high in zip("xyz", self.lower, self.upper, strict=True)
-        )
-        return (
-            f"{self.tried} places tried, with the middle of the path within {box} m, turned about "
-            f"the vertical by any angle and tilted by up to {self.tilt_deg:.0f}°"
-        )
+    region: str
 
 
 def placements(
@@ -127,7 +103,7 @@ def placements(
     drawn = ranges.random(_DRAWN, rng)
     q, R, kinds = _candidates(path_task, drawn, rng)
     if not len(q):
-        return Placements((), 0, np.zeros(3), np.zeros(3), 0.0)
+        return Placements((), "no place was found to be tried")
     rpy_deg = np.round(Rotation.from_matrix(R).as_euler("xyz", degrees=True)) + 0.0
     R = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix()
     middle = len(path_task.waypoints) // 2
@@ -153,7 +129,15 @@ def placements(
         found += _by_turns(by_kind)
     centre = R @ at_middle + p
     tilt = float(np.degrees(np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0)).max()))
-    return Placements(tuple(found), len(q), centre.min(axis=0), centre.max(axis=0), tilt)
+    box = ", ".join(
+        f"{axis} {low:.2g} … {high:.2g}"
+        for axis, low, high in zip("xyz", centre.min(axis=0), centre.max(axis=0), strict=True)
+    )
+    region = (
+        f"{len(q)} places tried, with the middle of the path within {box} m, turned about the "
+        f"vertical by any angle and tilted by up to {tilt:.0f}°"
+    )
+    return Placements(tuple(found), region)
 
 
 def _by_turns(lists: Sequence[list[Placement]]) -> list[Placement]:

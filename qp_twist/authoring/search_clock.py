@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-_COMPILES = "numba:compile"
-
 
 class SearchClock:
     """Counts the processor time of this process, but not while numba compiles.
@@ -52,11 +50,7 @@ class SearchClock:
                     if not clock._since:
                         clock._compiled += time.process_time() - began
 
-        listener = Listener()
         of_numba: Any = event
-        of_numba.register(_COMPILES, listener)
-        try:
+        with of_numba.install_listener("numba:compile", Listener()):
             yield
-        finally:
-            of_numba.unregister(_COMPILES, listener)
-            self._since.clear()
+        self._since.clear()

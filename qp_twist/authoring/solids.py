@@ -49,7 +49,6 @@ class Solid:
 
     Attributes:
         name: Its name in the scene.
-        source: The file.
         drawn: The mesh.
         pieces: Convex pieces that stand for it where distances are computed; empty if its convex
             hull does.
@@ -57,7 +56,6 @@ class Solid:
     """
 
     name: str
-    source: Path
     drawn: Mesh
     pieces: tuple[Mesh, ...]
     notes: tuple[str, ...]
@@ -96,7 +94,7 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
     pieces, note = convex_pieces(file.name, mesh)
     if note:
         notes.append(note)
-    return Solid(name, file, Mesh(mesh.vertices, mesh.faces), pieces, tuple(notes))
+    return Solid(name, Mesh(mesh.vertices, mesh.faces), pieces, tuple(notes))
 
 
 def _read(file: Path) -> trimesh.Trimesh:

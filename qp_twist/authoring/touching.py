@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -74,17 +74,11 @@ def watched(
         return None
     ignored = [Ignored(tool, part, "the tool works on the part")] if tool and part else []
     clearance = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
-    stated = _of_srdf(clearance, disabled)
-    for why in dict.fromkeys(stated.values()):
-        pairs = np.array([pair for pair, reason in stated.items() if reason == why])
-        of = f"{srdf} disables it" + (f": {why}" if why else "")
-        ignored += [Ignored(*names, of) for names in exact_names(clearance, pairs)]
+    stated = _of_srdf(clearance, disabled, srdf)
+    ignored += _named(clearance, stated)
     others = np.setdiff1d(np.arange(len(clearance.pairs)), list(stated))
     clearance = Clearance(model, DISTANCE, pairs=clearance.pairs[others])
-    found = overlapping(clearance)
-    for why in dict.fromkeys(found.values()):
-        pairs = np.array([pair for pair, reason in found.items() if reason == why])
-        ignored += [Ignored(*names, why) for names in exact_names(clearance, pairs)]
+    ignored += _named(clearance, overlapping(clearance))
     left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
     notes = [
         f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm, of "
@@ -98,6 +92,15 @@ def watched(
         if not (srdf and pair.why.startswith(srdf))
     ]
     return Watched(DISTANCE, tuple(ignored), (*notes, *_without_shape(model, tool)))
+
+
+def _named(clearance: Clearance, found: Mapping[int, str]) -> list[Ignored]:
+    """Pairs of a clearance by names, from their indices and reasons."""
+    return [
+        Ignored(*names, why)
+        for why in dict.fromkeys(found.values())
+        for names in exact_names(clearance, [pair for pair in found if found[pair] == why])
+    ]
 
 
 def overlapping(clearance: Clearance) -> dict[int, str]:
@@ -166,16 +169,19 @@ def _inwards(model: mujoco.MjModel, link: int) -> list[int]:
     return [*found, body]
 
 
-def _of_srdf(clearance: Clearance, disabled: Iterable[DisabledPair]) -> dict[int, str]:
-    """Indices of the pairs that an SRDF disables, and its reasons; its links are bodies."""
+def _of_srdf(clearance: Clearance, disabled: Iterable[DisabledPair], srdf: str) -> dict[int, str]:
+    """Indices of the pairs that an SRDF disables, and why; its links are bodies."""
     model = clearance.model
-    reasons = {frozenset((pair.one, pair.other)): pair.reason for pair in disabled}
-    found: dict[int, str] = {}
-    for pair, geoms in enumerate(clearance.pairs):
-        links = frozenset(str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms)
-        if links in reasons:
-            found[pair] = reasons[links]
-    return found
+    reasons = {
+        frozenset((pair.one, pair.other)): f"{srdf} disables it"
+        + (pair.reason and f": {pair.reason}")
+        for pair in disabled
+    }
+    links = [
+        frozenset(str(model.body(int(model.geom_bodyid[geom])).name) for geom in geoms)
+        for geoms in clearance.pairs
+    ]
+    return {pair: reasons[names] for pair, names in enumerate(links) if names in reasons}
 
 
 def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
@@ -188,7 +194,7 @@ def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
     return list(names)
 
 
-def exact_names(clearance: Clearance, pairs: Indices) -> list[tuple[str, str]]:
+def exact_names(clearance: Clearance, pairs: Iterable[int]) -> list[tuple[str, str]]:
     """Names by which a clearance ignores just some of its pairs.
 
     Those of bodies where all their shapes are meant, else those of geoms; a geom that has no name
@@ -198,7 +204,7 @@ def exact_names(clearance: Clearance, pairs: Indices) -> list[tuple[str, str]]:
         clearance: The clearance.
         pairs: Indices of the pairs.
     """
-    model = clearance.model
+    model, pairs = clearance.model, list(pairs)
     meant = {frozenset(map(int, clearance.pairs[pair])) for pair in pairs}
     apart = {frozenset(map(int, pair)) for pair in clearance.pairs} - meant
     found: dict[tuple[str, str], None] = {}

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
+from pydantic import Field
 from rich.console import Console
 
 from qp_twist.checks import one_of, whole_number
 from qp_twist.constraints import COUPLED_WITHIN, Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
-from qp_twist.files import write_atomically
+from qp_twist.files import read_text, write_atomically
 from qp_twist.paths import (
     METHODS,
     PathTask,
@@ -24,6 +26,7 @@ from qp_twist.paths import (
     refuse_joint_moves,
     shipped_folder,
 )
+from qp_twist.paths.section import Section
 from qp_twist.qp import check_solver
 from qp_twist.studies.fingerprint import fingerprint
 from qp_twist.studies.rows import Job
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 STARTS = ("auto", "task", "least_z", "random", "best")
+_SETTINGS = "study.json"
 _WIDTH = 128
 _MOST_SAMPLES = 100_000_000
 """Largest number of samples of a study: a list of their indices fits into the memory."""
@@ -67,9 +71,7 @@ class Study:
             InvalidInput: If the folder has no study, or the task has changed.
         """
         folder = Path(folder)
-        settings = Store(folder).settings()
-        if settings is None:
-            raise InvalidInput(f"{folder}: holds no study (no results.sqlite).")
+        settings = _read(folder / _SETTINGS)
         job = Job(
             path_task or load_task(settings["task"]), tuple(settings["vary"]), settings["seed"],
             tuple(settings["methods"]), settings["solver"], settings["start"], settings["certify"],
@@ -197,14 +199,21 @@ class Study:
         progress: Callable[[int], None] | None = None,
     ) -> None:
         """Compute the missing samples; finished ones are stored even if interrupted."""
-        with self._store().writing(_settings(self.job, self.count)) as add:
+        with self._store().writing() as add:
             missing = self.missing()
             for done, (_, rows) in enumerate(
                 each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
             ):
+                if done == 1:  # a run that fails before its first sample changes no settings
+                    self._write_settings()
                 add(rows)
                 if progress is not None:
                     progress(self.count - len(missing) + done)
+            self._write_settings()
+
+    def _write_settings(self) -> None:
+        text = json.dumps(_settings(self.job, self.count), indent=2) + "\n"
+        write_atomically(self.folder / _SETTINGS, text)
 
     def _store(self) -> Store:
         return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
@@ -296,9 +305,8 @@ def study(
             f"study: gains vary for {', '.join(section_of(task).gain or ())}; name one of them in "
             "methods."
         )
-    before = Store(folder).settings()
-    if before is not None:
-        _check_same(folder, before, settings)
+    if (folder / _SETTINGS).exists():
+        _check_same(folder, _read(folder / _SETTINGS), settings)
     elif folder.is_dir() and any(folder.iterdir()):
         raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
     try:
@@ -315,8 +323,23 @@ def study(
     return found
 
 
+class _Settings(Section):
+    """The content of ``study.json``."""
+
+    task: str
+    fingerprint: str
+    vary: list[str]
+    samples: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)]
+    seed: Annotated[int, Field(ge=0)]
+    methods: list[str]
+    solver: str
+    start: Start
+    certify: bool
+    versions: dict[str, str]
+
+
 def _settings(job: Job, count: int) -> dict[str, Any]:
-    """The arguments of a study, its task's digest and the versions."""
+    """The content of ``study.json`` as a dictionary."""
     source = job.path_task.source
     assert source is not None
     shipped = source.resolve().parent == shipped_folder("tasks").resolve()
@@ -358,6 +381,19 @@ def _check_from_file(task: PathTask) -> None:
             "each sample is made from the file; follow and check its runs one by one, or remove "
             "them: dataclasses.replace(task, constraints=())."
         )
+
+
+def _read(file: Path) -> dict[str, Any]:
+    if not os.path.lexists(file):
+        raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).")
+    try:
+        return _Settings.model_validate_json(read_text(file)).model_dump()
+    except ValueError as error:
+        reason = str(error).partition("\n")[0]
+        raise InvalidInput(
+            f"{file}: cannot be read: {reason}. A study writes this file; restore it, or give "
+            "another folder."
+        ) from None
 
 
 def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:

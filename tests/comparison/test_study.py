@@ -285,7 +285,7 @@ def test_rows_come_back_once_and_in_order(
 ) -> None:
     folder = tmp_path_factory.mktemp("store")
     for part in parts:  # a sample may come again
-        with Store(folder, {"x": float}).writing({"seed": 0}) as add:
+        with Store(folder, {"x": float}).writing() as add:
             for sample in part:
                 add([row(sample, "b"), row(sample, "a")])
     samples = sorted({sample for part in parts for sample in part})
@@ -295,13 +295,12 @@ def test_rows_come_back_once_and_in_order(
     assert table["sample"] == [s for s in samples for _ in "ba"]
     assert table["method"] == ["b", "a"] * len(samples)
     assert table["x"] == table["sample"] and set(table["success"]) <= {True}
-    assert [path.name for path in folder.iterdir()] == (["results.sqlite"] if samples else [])
-    assert store.settings() == ({"seed": 0} if samples else None)
+    assert [path.name for path in folder.iterdir()] == (["results.sqlite"] if parts else [])
 
 
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     store = Store(tmp_path, {})
-    with store.writing({}) as add:
+    with store.writing() as add:
         add([row(0) | {"feasible": None, "mean_z": float("nan"), "sigma_min": np.float64(0.1)}])
     store.check()
     assert store.table(["feasible", "mean_z", "sigma_min"]) == {
@@ -312,7 +311,7 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
 def test_rows_that_were_added_before_a_process_was_killed_are_there(tmp_path: Path) -> None:
     script = (
         "import os, signal, time; from pathlib import Path; from qp_twist.studies.store import *\n"
-        f"with Store(Path({str(tmp_path)!r}), {{}}).writing({{}}) as add:\n"
+        f"with Store(Path({str(tmp_path)!r}), {{}}).writing() as add:\n"
         "    for sample in range(3):\n"
         "        add([{'sample': sample, 'method': 'qp'}])\n"
         "        time.sleep(0.6)\n"
@@ -323,13 +322,13 @@ def test_rows_that_were_added_before_a_process_was_killed_are_there(tmp_path: Pa
     store = Store(tmp_path, {})
     store.check()
     assert store.table(["sample"])["sample"] == [0, 1, 2]
-    with store.writing({}) as add:  # the lock ended with the process
+    with store.writing() as add:  # the lock ended with the process
         add([row(3)])
     assert store.table(["sample"])["sample"] == [0, 1, 2, 3]
 
 
 def test_a_file_that_is_no_table_or_of_another_study_is_refused(tmp_path: Path) -> None:
-    with Store(tmp_path, {"x": float}).writing({}) as add:
+    with Store(tmp_path, {"x": float}).writing() as add:
         add([row(0)])
     with pytest.raises(qt.InvalidInput, match="not of this study"):
         Store(tmp_path, {"y": float}).table(["y"])
@@ -353,18 +352,25 @@ def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -
         else:
             assert all(row in rows for row in found)
     file.write_bytes(whole)
-    for change, said in (
-        ("UPDATE results SET success = 1 - success WHERE sample = 3", "a row does not fit"),
-        ("UPDATE settings SET content = '{}'", "its settings do not fit"),
-        ("DELETE FROM settings", "its settings do not fit"),
-    ):
-        with contextlib.closing(sqlite3.connect(file)) as database:
-            database.execute(change)
-            database.commit()
-        with pytest.raises(qt.InvalidInput, match=said):
-            qt.Study.open(tmp_path / "out", task)
-        file.write_bytes(whole)
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("UPDATE results SET success = 1 - success WHERE sample = 3")
+        database.commit()
+    with pytest.raises(qt.InvalidInput, match="a row does not fit its checksum"):
+        qt.Study.open(tmp_path / "out", task)
+    file.write_bytes(whole)
     assert content(qt.Study.open(tmp_path / "out", task)) == rows
+
+
+def test_the_settings_of_a_study_may_be_damaged(twelve: qt.Study, tmp_path: Path) -> None:
+    shutil.copytree(twelve.folder, tmp_path / "out")
+    file = tmp_path / "out" / "study.json"
+    whole = file.read_bytes()
+    for number in range(80):
+        file.write_bytes(mutated(whole, number))
+        try:
+            qt.Study.open(tmp_path / "out", twelve.job.path_task).summary()
+        except qt.InvalidInput as error:
+            assert str(tmp_path / "out") in str(error) or "no shipped task" in str(error)
 
 
 # ---------------------------------------------------------------- who does it
@@ -504,10 +510,16 @@ def test_a_folder_that_cannot_be_used_is_refused(twelve: qt.Study, tmp_path: Pat
         with pytest.raises(qt.InvalidInput, match="no folder can be there"):
             qt.study(task, ["placement"], 2, METHODS, out=out)
     with (
-        twelve._store().writing({}),
+        twelve._store().writing(),
         pytest.raises(qt.InvalidInput, match="another study is writing there"),
     ):
         qt.study(task, ["placement"], 12, METHODS, out=twelve.folder, certify=False)
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    for text in ("{", "[]", '{"samples": "x"}'):
+        (broken / "study.json").write_text(text, "utf-8")
+        with pytest.raises(qt.InvalidInput, match=r"study\.json: cannot be read"):
+            qt.Study.open(broken)
     for columns in (["nope"], "sample"):
         with pytest.raises(qt.InvalidInput, match="expected a list of columns out of sample"):
             twelve.table(columns)
@@ -515,13 +527,13 @@ def test_a_folder_that_cannot_be_used_is_refused(twelve: qt.Study, tmp_path: Pat
 
 def test_what_cannot_begin_leaves_the_folder_as_it_was(twelve: qt.Study) -> None:
     pytest.importorskip("distributed", reason="the extra `cluster`")
-    before = (twelve.folder / "results.sqlite").read_bytes()
+    before = (twelve.folder / "study.json").read_bytes()
     with pytest.raises(qt.InvalidInput, match="Start one by `dask scheduler`"):
         qt.study(
             twelve.folder.parent / "line.toml", ["placement"], 9999, METHODS, out=twelve.folder,
             certify=False, scheduler="tcp://127.0.0.1:9",
         )  # fmt: skip
-    assert (twelve.folder / "results.sqlite").read_bytes() == before
+    assert (twelve.folder / "study.json").read_bytes() == before
 
 
 WITH_POST = """    <body name="post" pos="3 3 0">

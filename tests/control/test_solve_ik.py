@@ -252,6 +252,29 @@ def test_twist_tasks_are_minks_tasks(name: str, solver: str) -> None:
     assert np.linalg.norm(task.compute_error(c)) < (1e-3 if solver == "clarabel" else 1e-5)
 
 
+def test_rows_are_minimal_for_wrappers_with_an_exact_penalty() -> None:
+    """A penalty on |residual| above the largest multiplier holds consistent rows exactly."""
+    c, rng = mink_problems.configuration(4), np.random.default_rng(4)
+    task, posture = mink_problems.twist(c, rng), mink_problems.posture(c, rng)
+    J, b = task.compute_jacobian(c), -task.gain * task.compute_error(c)
+    stated = mink.build_ik(c, [posture], DT, 1e-9, limits=[])
+    n, r = c.model.nv, len(b)
+    assert np.linalg.matrix_rank(J) == r
+    # Unknowns (Δq, s⁺, s⁻): J Δq − s⁺ + s⁻ = b, cost 1·(s⁺ + s⁻).
+    P = np.zeros((n + 2 * r, n + 2 * r))
+    P[:n, :n] = stated.P
+    elastic = qpsolvers.Problem(
+        P, np.concatenate([stated.q, np.ones(2 * r)]), None, None,
+        np.hstack([J, -np.eye(r), np.eye(r)]), b,
+        np.concatenate([np.full(n, -np.inf), np.zeros(2 * r)]), np.full(n + 2 * r, np.inf),
+    )  # fmt: skip
+    solution = qpsolvers.solve_problem(elastic, solver="clarabel")
+    assert solution.x is not None
+    np.testing.assert_allclose(solution.x[n:], 0.0, atol=1e-6)
+    held = mink.solve_ik(c, [posture], DT, "daqp", 1e-9, limits=[], constraints=[task])
+    np.testing.assert_allclose(solution.x[:n], held * DT, atol=1e-5)
+
+
 def test_the_time_step_reaches_the_feed_forward() -> None:
     c = mink_problems.configuration(2)
     task = qt.TwistTask.point("left_hand", "site")

@@ -74,3 +74,18 @@ def test_ci_runs_the_readmes_own_commands() -> None:
     assert commands[0].endswith("qp-twist compare deburring --out out/deburring")
     assert commands[1].endswith("pytest")
     assert "python3 -m venv .*pytest$" in (ROOT / ".ci" / "run").read_text("utf-8")
+
+
+def test_no_hint_searches_the_words_of_an_error() -> None:
+    """An error carries what it is about: ``key``, ``line``, ``column``, ``options``."""
+    searches = re.compile(
+        r"in str\(error\)|str\(error\)\.(?:startswith|endswith|replace|removeprefix)"
+        r'|str\(error\)\.partition\("[^\\]|re\.\w+\([^)]*str\(error\)'
+    )
+    found = [
+        f"{file.name}: {line.strip()}"
+        for file in sorted((ROOT / "qp_twist").rglob("*.py"))
+        for line in file.read_text("utf-8").splitlines()
+        if searches.search(line)
+    ]
+    assert found == []

@@ -187,7 +187,7 @@ def test_a_twist_projector_is_resolved_with_the_rotation_of_its_own_frame(
 def test_a_missing_rotation_is_refused_in_a_sentence_that_says_what_to_pass(
     frame: str, other: str
 ) -> None:
-    projector = twists("full", "plane", frame)
+    projector = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame=frame)
     for given_rotations in ({}, {other: np.eye(3)}):
         with pytest.raises(InvalidInput, match=f"fixed to the {frame} frame; pass {frame}=R"):
             projector.resolved(**given_rotations)
@@ -199,7 +199,7 @@ def test_a_missing_rotation_is_refused_in_a_sentence_that_says_what_to_pass(
     [(np.eye(4), r"shape \(3, 3\), got \(4, 4\)"), (np.full((3, 3), np.nan), "entry .* is nan")],
 )
 def test_a_broken_rotation_is_refused(frame: str, rotation: Array, sentence: str) -> None:
-    projector = twists("full", "plane", frame)
+    projector = TwistProjector(linear=Projector.full(), angular=Projector.plane(Z), frame=frame)
     with pytest.raises(InvalidInput, match=f"^{frame}: .*{sentence}"):
         projector.resolved(**{frame: rotation})
 
@@ -232,14 +232,19 @@ def test_the_blocks_must_be_named() -> None:
 
 
 def test_both_examples_of_the_paper_have_one_redundant_direction() -> None:
-    assert task_redundancy(operational=PLANAR, task=PLANE) == 1
-    assert task_redundancy(operational=SPATIAL, task=ROLL_FREE) == 1
+    positioning = PLANE
+    assert task_redundancy(operational=PLANAR, task=positioning) == 1
+
+    spatial = SPATIAL
+    deburring = ROLL_FREE
+    assert task_redundancy(operational=spatial, task=deburring) == 1
 
 
 @given(twist_projectors)
 def test_a_spatial_arm_has_what_the_task_does_not_need(task: TwistProjector) -> None:
+    spatial = SPATIAL
     expected = 6 - np.linalg.matrix_rank(task.matrix, tol=1e-9)
-    assert task_redundancy(operational=SPATIAL, task=task) == expected
+    assert task_redundancy(operational=spatial, task=task) == expected
 
 
 @given(directions)
@@ -259,8 +264,9 @@ def test_a_task_outside_the_operational_space_is_refused() -> None:
 
 
 def test_a_task_of_more_rank_than_the_operational_space_is_refused() -> None:
+    task = ROLL_FREE
     with pytest.raises(InvalidInput, match=r"of rank 5, .* of rank 3"):
-        task_redundancy(operational=PLANAR, task=ROLL_FREE)
+        task_redundancy(operational=PLANAR, task=task)
 
 
 # ----------------------------------------------------------------- the paper's planar examples
@@ -325,11 +331,12 @@ def test_example_2_2_the_planar_4r_has_a_self_motion_of_dimension_one() -> None:
 
 def test_example_2_3_positioning_with_the_planar_3r_leaves_one_direction() -> None:
     model = planar_arm([2.0, 1.5, 1.0])
-    assert task_redundancy(operational=PLANAR, task=PLANE) == 1
+    positioning = PLANE
+    assert task_redundancy(operational=PLANAR, task=positioning) == 1
     rng = np.random.default_rng(3)
     for _ in range(20):
         q = random_configuration(model, rng, margin=0.1)
-        rows = planar_rows(model, q, PLANE)
+        rows = planar_rows(model, q, positioning)
         assert rows.shape == (2, 3)
         assert np.linalg.matrix_rank(rows, tol=1e-6) == 2
         # What is free turns the tip without moving it.

@@ -532,12 +532,12 @@ def test_a_study_of_what_was_written_moves_path_and_part_around_their_place(
     found = qt.study(
         cell.path, samples=3, methods=["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
     )
-    rows = found.table().to_pylist()
-    assert len(rows) == 3
-    for index, row in enumerate(rows):
-        at = np.array([row["x"], row["y"], row["z"]])
-        assert (at >= low).all() and (at <= high).all() and abs(row["yaw_deg"]) <= 30.0
-        sample = found.sample(row.get("sample", index)).path_task
+    columns = found.table()
+    assert len(columns["sample"]) == 3
+    named = (columns[name] for name in ("sample", "x", "y", "z", "yaw_deg"))
+    for index, *at, yaw in zip(*named, strict=True):
+        assert (at >= low).all() and (at <= high).all() and abs(yaw) <= 30.0
+        sample = found.sample(index).path_task
         body = sample.model.body("part")
         # The path goes along with the part: its first point is -10 mm along the file's x.
         turn = mink.SO3(body.quat)
