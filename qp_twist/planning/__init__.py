@@ -7,11 +7,11 @@ from .certificate import Certificate as Certificate
 from .joint_move import EFFORT as EFFORT
 from .joint_move import JointMoves as JointMoves
 from .joint_move import NoJointMove as NoJointMove
+from .levels import Grid as Grid
+from .levels import Roadmap as Roadmap
 from .plan import Plan as Plan
 from .plan import make_plan as make_plan
-from .plan import motion_limits as motion_limits
-from .roadmap import Grid as Grid
-from .roadmap import Roadmap as Roadmap
+from .problem import motion_limits as motion_limits
 from .roll_map import RollMap as RollMap
 from .roll_map import roll_arm as roll_arm
 from .starts import NoStart as NoStart

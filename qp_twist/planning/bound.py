@@ -16,7 +16,7 @@ from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_rows import ON_TASK, PathRows, newton
+from qp_twist.planning.path_rows import ON_TASK, PathRows
 
 _BRANCHES, _CANDIDATES = 6, 6
 """Numbers of configurations of a layer from which the search at a waypoint starts: the best of
@@ -308,9 +308,7 @@ def centred_nearby(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -
 
     Joint limits are not enforced.
     """
-    q = np.array(q, order="C")
-    rows.compiled.descend(q, at, ranges, newton(), (_ROUNDS, _LONGEST, _SETTLED))
-    return q
+    return rows.descend(q, at, ranges, (_ROUNDS, _LONGEST, _SETTLED))
 
 
 def _climbed(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Array:

@@ -14,8 +14,8 @@ from qp_twist.paths import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.layer import centred
+from qp_twist.planning.levels import Grid, Roadmap
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roadmap import Grid, Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.qp import QuadraticProgram, Verified, solve
 

@@ -6,8 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from qp_twist.planning.roadmap import Grid
+import numpy as np
 
+from qp_twist.planning.graph import LayerPath
+from qp_twist.planning.hard_constraints import WITHIN
+from qp_twist.planning.levels import Grid, Level
+from qp_twist.planning.problem import JudgedPath, Problem
+
+CLOSE = tuple((np.arange(1, 16) / 16.0).tolist())
+"""Shares of an interval at which edges are evaluated where something was met between others."""
 _SHOWN = 8
 
 
@@ -96,3 +103,89 @@ def _listed(waypoints: tuple[int, ...]) -> str:
     if len(waypoints) == 2:
         shown = f"{waypoints[0]} and {waypoints[1]}"
     return f"waypoints {shown}{more}"
+
+
+def empty_layers(level: Level, covered: bool) -> Certificate:
+    """Waypoints out of reach; if none, those outside the limits, or else outside the bands."""
+    roadmap, grid = level.roadmap, level.grid
+    pairs = list(zip(level.waypoints, level.layers, strict=True))
+    unreached = [index for index, layer in pairs if layer.solutions == 0]
+    sampled = all(roadmap.samples_all(index) for index in level.waypoints)
+    if unreached:
+        at = tuple(index + 1 for index in unreached)
+        return Certificate("unreachable", grid, at, (), sampled, roadmap.missed(unreached))
+    outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
+    if outside:
+        joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
+        return Certificate("limits", grid, tuple(at for at, _ in outside), joints, sampled)
+    barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
+    names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
+    proven = covered and all(roadmap.covers(index) for index, _ in barred)
+    return Certificate("band", grid, tuple(k + 1 for k, _ in barred), (), proven, bands=names)
+
+
+def ended_path(problem: Problem, level: Level, way: LayerPath, covered: bool) -> Certificate:
+    """The constraints that block the motion between the last layer of a path and the next."""
+    ended = max(len(way.nodes), 1)
+    before, after = level.waypoints[ended - 1], level.waypoints[ended]
+    at = before + 1, after + 1
+    here, there = level.layers[ended - 1].q[way.nodes[-1]], level.layers[ended].q
+    apart = problem.unwound(there - here)
+    share = np.abs(apart) / problem.limits.steps[before:after].sum(axis=0)
+    best = int(np.argmin(share.max(axis=1)))
+    names: tuple[str, ...] = ()
+    hard = problem.rows.hard
+    if share[best].max() <= 1.0 and hard and after == before + 1:
+        # The speed limits allow a connection, bands or constraints do not.
+        shares = np.array((0.0, *CLOSE, 1.0))
+        begin, end = (np.tile(q, (len(shares), 1)) for q in (here, here + apart[best]))
+        margins = hard.margins_between(begin, end, np.full(len(shares), before), shares).min(axis=0)
+        names = tuple(hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
+    allowed = problem.limits.step_limit
+    if names:
+        detail = (
+            f"between waypoints {at[0]} and {at[1]} no connection was found that keeps {allowed}, "
+            "too"
+        )
+        return Certificate("band", level.grid, at, (), covered, detail, names)
+    # A sampled layer may lack the configurations near this one: it says nothing about joints.
+    beyond = zip(problem.limits.ranges.names, share[best], strict=True)
+    joints = tuple(name for name, of_step in beyond if of_step > 1.0) if covered else ()
+    return Certificate("speed", level.grid, at, joints, covered, step_limit=allowed)
+
+
+def violating_path(
+    problem: Problem, path: JudgedPath | None, grid: Grid, covered: bool
+) -> Certificate:
+    """What the best path violates that was found through a level; ``None``: it left the task."""
+    allowed = problem.limits.step_limit
+    if path is None:
+        detail = "the grid's path leaves the task"
+        return Certificate("speed", grid, (), (), covered, detail, step_limit=allowed)
+    worst = problem.limits.worst(path.q)
+    at = worst.waypoint + 1
+    amount = amount_of(worst.excess, worst.unit)
+    if worst.kind == "band" and worst.between:
+        detail = (
+            f"between waypoints {at - 1} and {at}, where joints go straight, the best is outside "
+            f"by {amount} more than what is allowed there; put more waypoints there"
+        )
+        return Certificate("band", grid, (at - 1, at), (), covered, detail, (worst.name,))
+    if worst.kind == "band":
+        detail = f"at waypoint {at} the best is outside by {amount}"
+        return Certificate("band", grid, (at,), (), covered, detail, (worst.name,))
+    if worst.kind == "position":
+        detail = f"at waypoint {at} the best has {worst.name} outside by {amount}"
+        return Certificate("limits", grid, (at,), (worst.name,), covered, detail)
+    times, number, name = problem.limits.pace(path.q)
+    at = number + 1
+    detail = (
+        f"between waypoints {at} and {at + 1} the best needs {times:.3g} times the step that "
+        f"{name} may do"
+    )
+    return Certificate("speed", grid, (at, at + 1), (name,), covered, detail, step_limit=allowed)
+
+
+def amount_of(excess: float, unit: str) -> str:
+    """A violation, rad or m, in words."""
+    return f"{1e3 * excess:.3g} mm" if unit == "m" else f"{np.degrees(excess):.3g}°"

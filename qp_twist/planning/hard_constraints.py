@@ -39,6 +39,7 @@ class HardConstraints:
     Attributes:
         names: Name of each of the k margins in messages.
         units: ``"rad"`` or ``"m"`` of each.
+        between_allowed: Largest violation between waypoints of each, rad or m, (k,).
         halves: Half the width of each range, rad or m, (k,); ∞ for constraints.
         lazy: Whether programs evaluate margins between waypoints only where one was violated:
             with clearances only, which take longer than all else.
@@ -82,6 +83,7 @@ class HardConstraints:
             *(band.unit for band in self.bands for _ in band.ranges),
             *(unit for _, unit in of_constraints),
         )
+        self.between_allowed: Array = np.array([BETWEEN[unit] for unit in self.units])
         ranges = [range_ for band in self.bands for range_ in band.ranges]
         widths = [0.5 * (r.upper - r.lower) for r in ranges]
         self.halves: Array = np.array([*widths, *(np.inf for _ in of_constraints)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,15 +11,19 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import distinct_projectors, resolved_twist_error
-from qp_twist.kernel.path_kernel import Couplings
-from qp_twist.kinematics import ParametrisedArm, SerialChain
+from qp_twist.kernel import path_kernel
+from qp_twist.kernel.arm_kernel import Arm
+from qp_twist.kernel.path_kernel import Couplings, Rows
+from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
+from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
 from qp_twist.referee import Tolerances
 
-if TYPE_CHECKING:
-    from qp_twist.planning.compiled_path import CompiledPath, Newton
-
+Newton = tuple[int, float, float, float, float, float, float]
+"""The settings of :func:`~qp_twist.kernel.path_kernel.correct`."""
+Descent = tuple[int, float, float]
+"""Largest number of rounds, largest step, smallest gain."""
 ON_TASK = 1e-9
 """Task error at which a correction onto a waypoint ends, m and rad."""
 REACHED = Tolerances()
@@ -90,18 +94,10 @@ class PathRows:
         return ParametrisedArm.recognise(self.chain)
 
     @cached_property
-    def compiled(self) -> CompiledPath:
-        """The compiled rows."""
-        from qp_twist.planning.compiled_path import CompiledPath
-
-        return CompiledPath(
-            self.chain,
-            self._projectors,
-            self._which,
-            self._rotations,
-            self._positions,
-            coupled_rows(self.couplings, self._coupled),
-        )
+    def _kernel(self) -> tuple[Arm, Rows, Couplings]:
+        """The rows as the kernel reads them."""
+        rows = rows_of(self._projectors, self._which, self._rotations, self._positions)
+        return arm_of(self.chain), rows, _coupled_rows(self.couplings, self._coupled)
 
     def correct(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
@@ -122,7 +118,15 @@ class PathRows:
             :data:`ON_TASK`, or else within :data:`REACHED`.
         """
         q = np.array(q, order="C")
-        return q, self.compiled.correct(q, at, newton(iterations))
+        return q, path_kernel.correct(*self._kernel, q, at, newton(iterations))
+
+    def descend(self, q: Array, at: Indices, ranges: JointRanges, descent: Descent) -> Array:
+        """Gauss-Newton steps of z from q (K, nv) along the null space; NaN where they fail."""
+        q = np.array(q, order="C")
+        path_kernel.centred_nearby(
+            *self._kernel, q, at, ranges.weight, ranges.middle, newton(), descent
+        )
+        return q
 
     def correct_inside(
         self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
@@ -184,7 +188,7 @@ class PathRows:
         Nearest is the one whose larger error is the least, relative to :data:`REACHED`.
         """
         q, at = np.array(q, order="C"), np.full(len(q), index)
-        self.compiled.correct(q, at, newton(near=np.inf))
+        path_kernel.correct(*self._kernel, q, at, newton(near=np.inf))
         [(_, _, errors)] = self._groups(q, at)
         projector = self._projectors[self._which[index]]
         split, end = projector.linear.rank, projector.rank
@@ -262,14 +266,14 @@ class PathRows:
         return found
 
 
-def coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
+def _coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
     """The independent couplings, as the kernel reads them."""
     dofs = np.column_stack([couplings.first[which], couplings.second[which]]).astype(np.int64)
     return Couplings(dofs, couplings.start[which], couplings.coefficients[which])
 
 
 def newton(iterations: int = _ITERATIONS, near: float = _NEAR) -> Newton:
-    """Settings of Newton's method, for :class:`CompiledPath`."""
+    """Settings of Newton's method in the kernel."""
     return iterations, ON_TASK, _LONGEST, _ROUNDING, near, REACHED.position, REACHED.axis
 
 

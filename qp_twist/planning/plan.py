@@ -9,18 +9,20 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, clause, finite_array, instance, number
+from qp_twist.checks import Array, clause, finite_array, instance
 from qp_twist.constraints import refuse_never_apart
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
-from qp_twist.planning.certificate import Certificate
-from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
+from qp_twist.planning.certificate import Certificate, amount_of
+from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.joint_move import JointMoves
+from qp_twist.planning.levels import Progress
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_constraints import PathConstraints
-from qp_twist.planning.search import PlanSearch, Progress, Trials
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.problem import PathConstraints, Problem, motion_limits
+from qp_twist.planning.search import PlanSearch, Trials
 from qp_twist.referee import (
     Finding,
     JointMotion,
@@ -30,12 +32,6 @@ from qp_twist.referee import (
     examine,
     straight_errors,
 )
-
-UNTIMED_STEP = np.radians(15.0)
-"""Largest step of a joint to the next waypoint without a limit, rad or m.
-
-Above it a step counts as a reconfiguration (the comparison's ``reconfigurations``).
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,11 +256,11 @@ def make_plan(
         )
         return motion_limits(task, ranges, max_step_deg, fixed_start=first is not None)
 
+    problem = Problem(path_task, PathRows(path_task), limits, goal, first)
     timed = path_task.durations is not None
-    search = PlanSearch(
-        path_task, goal, limits, first, runs, progress, slower=slower if timed else None
-    )
-    found = search.run()
+    found = PlanSearch(
+        problem, runs, progress or (lambda what, share: None), slower if timed else None
+    ).run()
     path = found.path
     return Plan(
         path_task,
@@ -285,46 +281,8 @@ def _check_inside_bands(limits: PathConstraints, start: Array) -> None:
     outside = np.flatnonzero(margins < -WITHIN)
     if len(outside):
         k = int(outside[0])
-        amount = f"{-np.degrees(margins[k]):.3g}°"
-        if limits.hard.units[k] == "m":
-            amount = f"{-1e3 * margins[k]:.3g} mm"
         raise InvalidInput(
             f"plan: the start on the first waypoint is outside {limits.hard.names[k]} by "
-            f"{amount}; give one inside, or none (start=None) to have it found."
+            f"{amount_of(-margins[k], limits.hard.units[k])}; give one inside, or none "
+            "(start=None) to have it found."
         )
-
-
-def motion_limits(
-    path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
-) -> PathConstraints:
-    """Constraints of a joint path along the task, at and between its waypoints."""
-    count = len(path_task.waypoints)
-    given = path_task.durations
-    if given is not None and len(given) != count:
-        raise InvalidInput(
-            f"{path_task.name}: durations: expected one for each of the {count} waypoints, got "
-            f"{len(given)}; replace them with the waypoints, or by None."
-        )
-    durations = np.ones(count - 1) if given is None else given[1:]
-    steps = np.full((count - 1, path_task.model.nv), np.inf)
-    step_limit = f"the largest step without a feed, {np.degrees(UNTIMED_STEP):g}°"
-    if given is not None:
-        steps, step_limit = path_task.velocity_limits * durations[:, None], "the speed limits"
-    if max_step_deg is not None:
-        steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
-        largest = f"the largest step, max_step_deg = {max_step_deg:g}"
-        step_limit = largest if given is None else f"{step_limit} or {largest}"
-    steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
-    # A turn by more than half a turn has the same end as a shorter one in the other direction. A
-    # joint with a range may not have that choice; a joint without a range never needs the longer
-    # turn.
-    endless = ranges.hinge & ~ranges.limited
-    steps[:, endless] = np.minimum(steps[:, endless], np.pi)
-    # Velocities are constant between waypoints, and change at the waypoints.
-    times = 0.5 * (durations[1:] + durations[:-1])
-    speed_changes = path_task.acceleration_limits * times[:, None]
-    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    bands = HardConstraints(path_task, chain)
-    return PathConstraints(
-        ranges, steps, speed_changes, durations, fixed_start, bands, step_limit=step_limit
-    )

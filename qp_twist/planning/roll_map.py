@@ -15,7 +15,7 @@ from qp_twist.kinematics import JointRanges, ParametrisedArm
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, centred
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.plan import motion_limits
+from qp_twist.planning.problem import motion_limits
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 _REACH = np.radians(45.0)

@@ -14,9 +14,8 @@ from page import markdown_table
 from timer import Timed, once
 
 import qp_twist as qt
-from qp_twist.planning.layer import Layer
-from qp_twist.planning.search import PlanSearch
-from qp_twist.planning.shortest_path import LayerPath
+from qp_twist.planning.graph import LayerPath
+from qp_twist.planning.level_search import LevelSearch
 from qp_twist.robots import controller_joints, named_robot
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -124,16 +123,16 @@ def test_a_place_that_no_motion_passes_is_searched_finer_alone(
         task, waypoints=task.waypoints[part], durations=task.durations[part], flipped_waypoints=None
     )
     lengths: list[tuple[bool, int]] = []
-    searched = PlanSearch._layer_path
+    searched = LevelSearch.best
 
-    def counted(self: PlanSearch, layers: list[Layer], *rest: Any, **options: Any) -> LayerPath:
-        lengths.append((self._cleared, len(layers)))
-        return searched(self, layers, *rest, **options)
+    def counted(self: LevelSearch, *arguments: Any) -> LayerPath:
+        lengths.append((self.problem.has_clearance, len(self.level.layers)))
+        return searched(self, *arguments)
 
-    monkeypatch.setattr(PlanSearch, "_layer_path", counted)
+    monkeypatch.setattr(LevelSearch, "best", counted)
     plan = qt.plan(task)
     assert plan.q is None and plan.certificate.waypoints[0] in (78, 79)
-    assert max(count for cleared, count in lengths[2:] if cleared) < 50 < lengths[1][1]
+    assert max(count for cleared, count in lengths[1:] if cleared) < 50 < lengths[0][1]
 
 
 def test_a_plan_that_touches_is_found_out() -> None:

@@ -21,7 +21,7 @@ import qp_twist as qt
 from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.planning import Certificate, Plan, motion_limits
-from qp_twist.planning.roadmap import Grid
+from qp_twist.planning.levels import Grid
 from qp_twist.referee import (
     JointMotion,
     LeverArms,

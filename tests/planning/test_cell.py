@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -12,9 +14,8 @@ import qp_twist as qt
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning import RollMap, least_mean_z
 from qp_twist.planning.layer import Layer, centred
-from qp_twist.planning.roadmap import Roadmap
+from qp_twist.planning.levels import Roadmap
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
-from qp_twist.planning.search import PlanSearch, SearchStage
 
 EVERY = 5
 
@@ -95,28 +96,21 @@ def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
     assert min(nearest(cell, q)[0] for q in qt.follow(cell).q[::2]) >= 0.005 - 1e-6
 
 
-def test_layers_are_made_once_for_the_searches_without_and_with_clearance(
+def test_layers_of_a_waypoint_are_made_once(
     cell: qt.PathTask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The best motion hits the clamp, so that the whole path is searched a second time."""
-    made: list[str] = []
-    searched: list[object] = []
-    layers, opened = Roadmap.layers, PlanSearch._opened
+    """The best motion hits the clamp, so that parts of the path are searched again."""
+    made: list[tuple[str, int]] = []
+    layers = Roadmap.layers
 
-    def counted(self: Roadmap, *arguments: object) -> list[Layer]:
-        if len(arguments) == 2:  # of a whole path
-            made.append(str(self.grid))
-        return layers(self, *arguments)
-
-    def counted_stage(self: PlanSearch, stage: SearchStage) -> object:
-        searched.append(stage)
-        return opened(self, stage)
+    def counted(self: Roadmap, waypoints: Sequence[int], *arguments: Any) -> list[Layer]:
+        made.extend((f"{self.grid} {waypoints}", index) for index in waypoints)
+        return layers(self, waypoints, *arguments)
 
     monkeypatch.setattr(Roadmap, "layers", counted)
-    monkeypatch.setattr(PlanSearch, "_opened", counted_stage)
     plan = qt.plan(replace(cell, waypoints=cell.waypoints[::8], durations=None), max_step_deg=60.0)
     assert plan.q is not None and min(nearest(cell, q)[0] for q in plan.q) >= 0.005 - 1e-6
-    assert len(searched) > len(set(searched)) == len(made)
+    assert len(made) == len(set(made)) >= 51
 
 
 def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathTask) -> None:

@@ -294,5 +294,5 @@ def test_a_plan_in_closed_form_of_a_part_in_the_hand_is_that_of_a_net(
 ) -> None:
     task = qt.load_task("part_in_hand")
     plan = qt.plan(task)
-    monkeypatch.setattr("qp_twist.planning.roadmap.closed_form_arm", lambda task: None)
+    monkeypatch.setattr("qp_twist.planning.levels.closed_form_arm", lambda task: None)
     assert plan.value == pytest.approx(qt.plan(task).value, rel=1e-4)

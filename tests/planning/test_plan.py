@@ -24,23 +24,15 @@ from scipy.spatial import KDTree
 import qp_twist as qt
 from qp_twist.kinematics import ParametrisedArm, SerialChain, frame_jacobian, frame_pose
 from qp_twist.planning import RollMap, motion_limits
+from qp_twist.planning.graph import Edges, cheapest_path, edges
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_constraints import PathConstraints
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.refine import refine
+from qp_twist.planning.problem import PathConstraints, Problem
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 from qp_twist.planning.search import PlanSearch
-from qp_twist.planning.shortest_path import (
-    Candidates,
-    Edges,
-    LayerPath,
-    Record,
-    cheapest_path,
-    edges,
-    widest_path,
-)
+from qp_twist.planning.smooth import refine
 
 ROOT = Path(__file__).parents[2]
 Array = np.ndarray
@@ -171,46 +163,6 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
         assert walked == pytest.approx(way.value)
 
 
-@given(SEEDS)
-@settings(max_examples=50)
-def test_the_best_of_the_recorded_ways_is_the_best_that_is_allowed(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    sizes = rng.integers(2, 8, rng.integers(2, 7))
-    nodes = [rng.uniform(0.0, 1.0, size) for size in sizes]
-    links = [Edges(*np.nonzero(rng.uniform(size=pair) < 0.6)) for pair in itertools.pairwise(sizes)]
-    costs = [rng.uniform(0.0, 1.0, len(link.start)) for link in links]
-    clear = [rng.uniform(size=size) < 0.8 for size in sizes]
-    good = [rng.uniform(size=pair) < 0.7 for pair in itertools.pairwise(sizes)]
-    looked_at: set[tuple[int, int, int]] = set()
-
-    def valid(k: int, edge: Edges) -> Mask:
-        new = {(k, int(i), int(j)) for i, j in zip(edge.start, edge.end, strict=True)}
-        assert not new & looked_at, "an edge is looked at twice"
-        looked_at.update(new)
-        return good[k][edge.start, edge.end]
-
-    def direct(at_most: float, record: Record | None = None, *, asks: bool) -> LayerPath:
-        return cheapest_path(
-            [first if asks else nodes[0], *nodes[1:]],
-            lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
-            at_most=at_most, record=record,
-            allowed=(lambda k, reached: clear[k][reached]) if asks else None,
-            valid=(lambda k, e: good[k][e.start, e.end]) if asks else None,
-        )  # fmt: skip
-
-    first = np.where(clear[0], nodes[0], np.inf)
-    best = direct(np.inf, asks=True)
-    for at_most in (0.5 * len(sizes), 1.5 * len(sizes)):
-        record = Record()
-        way = direct(at_most, record, asks=False)
-        assert record.is_complete == (len(way.nodes) == len(sizes))
-        if not record.is_complete:
-            continue
-        looked_at.clear()
-        found = Candidates(record).cheapest(first, lambda k, reached: clear[k][reached], valid)
-        assert found.value == (pytest.approx(best.value) if best.value <= at_most else np.inf)
-
-
 def _of(link: Edges, alive: Array) -> Edges:
     keep = np.isin(link.start, alive)
     return Edges(link.start[keep], link.end[keep])
@@ -234,13 +186,17 @@ def test_the_widest_way_is_the_widest_of_all(seed: int) -> None:
         if all(link[a, b] for link, (a, b) in zip(links, itertools.pairwise(way), strict=True))
     ]
     edges = [Edges(*np.nonzero(link)) for link in links]
-    way = widest_path(widths, lambda k, alive: _of(edges[k], alive))
+    way = cheapest_path(
+        [-width for width in widths], lambda k, alive: _of(edges[k], alive), join=np.maximum
+    )
     if not every:
         assert way.value == np.inf
         assert len(way.nodes) < len(sizes)
     else:
-        assert way.value == pytest.approx(max(every))
-        assert min(w[i] for w, i in zip(widths, way.nodes, strict=True)) == pytest.approx(way.value)
+        assert way.value == pytest.approx(-max(every))
+        assert min(w[i] for w, i in zip(widths, way.nodes, strict=True)) == pytest.approx(
+            -way.value
+        )
 
 
 # ---------------------------------------------------------------- layers
@@ -350,7 +306,7 @@ def test_refining_is_as_good_as_a_general_optimiser(objective: object, step: flo
     limits = PathConstraints(
         ranges, np.full((5, 3), step), np.full((4, 3), np.inf), np.ones(5), fixed_start=False
     )
-    mine = refine(start, rows, limits, goal)
+    mine = refine(Problem(task, rows, limits, goal), start)
     positions = task.positions[:, :2]
 
     def joints(x: Array) -> Array:
@@ -794,12 +750,8 @@ def test_a_run_that_is_off_the_path_is_no_plan() -> None:
     far[40:] += 0.01  # which looks better than nothing, and is not on its waypoints
     ranges = qt.JointRanges.of(task.model)
     limits = motion_limits(task, ranges, None, fixed_start=True)
-    search = PlanSearch(
-        task, Objective.of(ranges, "centering"), limits, kept[0], lambda task, start: [far]
-    )
-    for trial in search._tried(kept[0]):
-        assert rows.errors(trial.q, count).max() < 1e-8
-    found = search.run()
+    problem = Problem(task, rows, limits, Objective.of(ranges, "centering"), kept[0])
+    found = PlanSearch(problem, lambda task, start: [far]).run()
     assert found.path is not None
     assert rows.errors(found.path.q, count).max() < 1e-8
 

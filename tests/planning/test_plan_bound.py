@@ -17,9 +17,9 @@ import qp_twist as qt
 from qp_twist.kinematics import frame_jacobian, frame_pose
 from qp_twist.paths import shipped_folder
 from qp_twist.planning.bound import pointwise_bound
+from qp_twist.planning.levels import Grid, Roadmap
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roadmap import Grid, Roadmap
 
 pytestmark = pytest.mark.numerical
 Array = np.ndarray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import qpsolvers
@@ -11,10 +11,8 @@ from scipy import sparse
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
-from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.path_constraints import PathConstraints
-from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem, block_diagonal
 
 _TIE_BREAK = 1e-6
 """Weight of the mean z as a tie-breaker of the objective."""
@@ -29,38 +27,58 @@ and constraints: along those that curve all further ones together would gain lit
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
 penalty."""
+_POINTS = 6
+"""Number of times that points of violations between waypoints are added."""
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedPath:
-    """A joint path and its largest violation.
+def smooth(
+    problem: Problem,
+    q: Array,
+    *,
+    iterations: int = ITERATIONS,
+    progress: Callable[[float], None] | None = None,
+    keep: Callable[[Array], None] = lambda q: None,
+) -> JudgedPath:
+    """The best path near q (N, nv) that satisfies the constraints at and between the waypoints.
 
-    Attributes:
-        q: The path, (N, nv).
-        value: Value of the objective.
-        excess: Largest violation of a constraint, rad or m; at most
-            :data:`~qp_twist.planning.hard_constraints.WITHIN` if there is none.
+    If a band is violated between two waypoints beyond the tolerance, the point of the largest
+    violation is added to the programs.
+
+    Args:
+        problem: The problem.
+        q: A path whose configurations are on their waypoints.
+        iterations: Largest number of programs.
+        progress: Called with the share done.
+        keep: Called with every better path that violates no constraint.
     """
-
-    q: Array
-    value: float
-    excess: float
-
-    @property
-    def feasible(self) -> bool:
-        """Whether it violates no constraint."""
-        return self.excess <= WITHIN
+    limits, begun, again = problem.limits.evaluated_along(q), q, False
+    for _ in range(1 + _POINTS):
+        found = refine(replace(problem, limits=limits), q, iterations, progress, keep)
+        if found.feasible:
+            keep(found.q)
+        if not problem.rows.hard or not (found.feasible or again):
+            break
+        if not found.feasible:  # the way to it led too far inside
+            q, again = begun, False
+            continue
+        q = found.q
+        beyond, share = limits.beyond_between(q)
+        left = np.flatnonzero((beyond > 0.0).any(axis=1))
+        if not len(left):
+            break
+        found = replace(found, excess=float(beyond.max()))
+        again = True
+        limits = limits.with_points(left, share[left])
+    return found
 
 
 def refine(
+    problem: Problem,
     q: Array,
-    rows: PathRows,
-    limits: PathConstraints,
-    objective: Objective,
-    progress: Callable[[float], None] | None = None,
     iterations: int = ITERATIONS,
-    keep: Callable[[Array], None] | None = None,
-) -> RefinedPath:
+    progress: Callable[[float], None] | None = None,
+    keep: Callable[[Array], None] = lambda q: None,
+) -> JudgedPath:
     r"""The best path near ``q`` (N, nv), whose configurations are on their waypoints.
 
     Sequential quadratic programming in the null space: with
@@ -80,14 +98,14 @@ def refine(
     of a polygon, so that it is kept in all directions. ``keep`` is called with every better path
     that violates no constraint.
     """
-    here, radius = judged(q, limits, objective), _FIRST
-    if not rows.freedom.any():  # no free direction
+    here, radius, objective = problem.judged(q), _FIRST, problem.objective
+    if not problem.freedom:  # no free direction
         return here
     stuck, before = 0, [np.inf] * _LAST
     for iteration in range(iterations):
         if progress is not None:
             progress(iteration / iterations)
-        there = _step(here, rows, limits, objective, radius)
+        there = _step(problem, here, radius)
         merit = _merit(here, objective)
         gain = -np.inf if there is None else merit - _merit(there, objective)
         stays = not here.feasible and gain < _STAYS * objective.penalty * here.excess
@@ -95,7 +113,7 @@ def refine(
         if stuck == _STUCK:
             break
         before = [*before[1:], merit if here.feasible else np.inf]
-        if rows.hard and before[0] - merit <= _SLOW * abs(merit):
+        if problem.rows.hard and before[0] - merit <= _SLOW * abs(merit):
             break
         settled = abs(gain) <= _SETTLED * abs(merit)
         if there is None or gain <= 0.0:
@@ -104,7 +122,7 @@ def refine(
                 break
             continue
         here, radius = there, min(2.0 * radius, _LARGEST)
-        if keep is not None and here.feasible:
+        if here.feasible:
             keep(here.q)
         if settled:
             break
@@ -112,44 +130,36 @@ def refine(
     for _ in range(_SETTLING):
         if here.feasible:
             break
-        there = _step(here, rows, limits, objective, _FIRST, settle=True)
+        there = _step(problem, here, _FIRST, settle=True)
         if there is None or there.excess >= here.excess:
             break
         here = there
     return here
 
 
-def judged(q: Array, limits: PathConstraints, objective: Objective) -> RefinedPath:
-    """A joint path (N, nv) with its value and its largest violation at waypoints and shares."""
-    return RefinedPath(q, objective.value(q), limits.excess(q))
-
-
-def _merit(path: RefinedPath, objective: Objective) -> float:
+def _merit(path: JudgedPath, objective: Objective) -> float:
     value = -path.value if objective.margin else path.value
     return value + objective.penalty * max(path.excess, 0.0)
 
 
 def _step(
-    here: RefinedPath,
-    rows: PathRows,
-    limits: PathConstraints,
-    objective: Objective,
-    radius: float,
-    *,
-    settle: bool = False,
-) -> RefinedPath | None:
-    """The path after one program; ``None`` where it has no solution or leaves the task."""
-    at = np.arange(len(here.q))
-    basis = rows.motions(here.q, at)
-    if limits.fixed_start:
+    problem: Problem, here: JudgedPath, radius: float, *, settle: bool = False
+) -> JudgedPath | None:
+    """The path after one program; ``None`` where it has no solution or leaves the task.
+
+    ``settle``: its steps are the shortest ones to a path inside, whatever the objective.
+    """
+    at, fixed_start = np.arange(len(here.q)), problem.limits.fixed_start
+    basis = problem.rows.motions(here.q, at)
+    if fixed_start:
         basis[0] = 0.0
-    u = _solved(here.q, basis, limits, objective, radius, settle)
+    u = _solved(here.q, basis, problem.limits, problem.objective, radius, settle)
     if u is None:
         return None
-    moved, arrived = rows.correct(here.q + (basis @ u[:, :, None])[:, :, 0], at)
-    if limits.fixed_start:
+    moved, arrived = problem.rows.correct(here.q + (basis @ u[:, :, None])[:, :, 0], at)
+    if fixed_start:
         moved[0] = here.q[0]
-    return judged(moved, limits, objective) if arrived.all() else None
+    return problem.judged(moved) if arrived.all() else None
 
 
 def _solved(
@@ -163,10 +173,7 @@ def _solved(
     """The solution u (N, d) of the program at a path q (N, nv)."""
     count, nv = q.shape
     free = basis.shape[2]
-    blocks = np.arange(count + 1)
-    move = sparse.csr_matrix(sparse.bsr_matrix((basis, blocks[:-1], blocks)))
-    change = move[nv:] - move[:-nv]
-    dq = np.diff(q, axis=0).ravel()
+    move = block_diagonal(basis)
     program = _Program(count * free, radius * np.sqrt(free))
     weight = np.tile(objective.ranges.weight**2, count) / count
     if settle:
@@ -178,7 +185,9 @@ def _solved(
                           share * (move.T @ (weight * offset)))  # fmt: skip
         if objective.travel:
             program.least_sum(
-                change, dq, np.tile(np.degrees(objective.travel * objective.joints), count - 1)
+                move[nv:] - move[:-nv],
+                np.diff(q, axis=0).ravel(),
+                np.tile(np.degrees(objective.travel * objective.joints), count - 1),
             )
         if objective.margin:
             program.least_largest(move, objective.ranges, q)

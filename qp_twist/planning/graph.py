@@ -1,0 +1,180 @@
+"""The cheapest path through layers of configurations, by dynamic programming."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.planning.layer import boxed
+
+_ROUNDS = 4
+"""Rounds in which only the best edge to each node is validated; then all remaining ones."""
+
+
+class Edges(NamedTuple):
+    """Edges between the configurations of two layers."""
+
+    start: Indices
+    """Index in the first layer, (E,)."""
+    end: Indices
+    """Index in the second layer, (E,)."""
+
+    def at(self, which: Indices | Mask) -> Edges:
+        """Some of the edges."""
+        return Edges(self.start[which], self.end[which])
+
+
+@dataclass(frozen=True, eq=False)
+class LayerPath:
+    """A path through the layers, possibly incomplete.
+
+    Attributes:
+        nodes: Index of the configuration in each layer; ends before the first layer that cannot be
+            reached.
+        value: Value of the whole path; infinite if it is incomplete.
+        first: The layer from which it was searched, whatever comes before.
+    """
+
+    nodes: list[int]
+    value: float
+    first: int = 0
+
+
+Connections = Callable[[int, Indices], Edges]
+"""Computes the edges from some nodes of a layer, by its index, to the next layer; all at once would
+fill memory."""
+Allowed = Callable[[int, Indices], Mask]
+"""Which nodes (K,) of a layer are allowed: evaluated only for those that a path may reach."""
+Valid = Callable[[int, Edges], Mask]
+"""Which edges to the next layer are valid, (E,): evaluated for the best edge to each node only."""
+
+
+def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
+    """Edges between configurations q (K, nv) and ``after`` (M, nv) that are one step apart.
+
+    Args:
+        q: Configurations.
+        after: Configurations at the next waypoint.
+        largest_step: Largest step of each joint, rad or m, (nv,).
+        period: 2π for joints whose whole turns do not matter, 0 for others, (nv,).
+    """
+    if not len(q) or not len(after):
+        none = np.zeros(0, dtype=np.intp)
+        return Edges(none, none)
+    # Skip configurations that are further than a step from all of q in some joint.
+    near = (after >= q.min(axis=0) - largest_step) & (after <= q.max(axis=0) + largest_step)
+    kept = np.flatnonzero((near | (period > 0.0)).all(axis=1))
+    box = period / largest_step
+    trees = [KDTree(boxed(points / largest_step, box), boxsize=box) for points in (q, after[kept])]
+    found = trees[0].sparse_distance_matrix(trees[1], 1.0 + 1e-9, p=np.inf, output_type="ndarray")
+    return Edges(found["i"], kept[found["j"]])
+
+
+def cheapest_path(
+    node_costs: Sequence[Array],
+    connections: Connections,
+    edge_cost: Callable[[int, Edges], Array] | None = None,
+    *,
+    at_most: float = np.inf,
+    allowed: Allowed | None = None,
+    valid: Valid | None = None,
+    join: np.ufunc = np.add,
+) -> LayerPath:
+    """The path of least cost: the sum of its nodes' and edges' costs, or the largest of them.
+
+    Args:
+        node_costs: For each layer, (K,); infinite where a node is not allowed.
+        connections: Computes the edges.
+        edge_cost: Costs (E,) of the edges from a layer, by its index, to the next; none if
+            ``None``.
+        at_most: A value known to be attainable. A node is dropped if the cost up to it and the
+            least costs of the remaining layers exceed it.
+        allowed: Decides about nodes lazily, if not all of them are allowed; about those of the
+            first layer their costs do.
+        valid: Validates edges lazily, if not all of them are valid.
+        join: ``np.add`` for the sum of the costs, ``np.maximum`` for the largest one.
+    """
+    least = [cost.min(initial=np.inf) for cost in node_costs]
+    ahead = join.accumulate(np.array([*least, 0.0 if join is np.add else -np.inf])[:0:-1])[::-1]
+    best = [_within(node_costs[0], join(node_costs[0], ahead[0]), at_most)]
+    came: list[Indices] = []
+    for layer in range(len(node_costs) - 1):
+        edge = connections(layer, np.flatnonzero(np.isfinite(best[-1])))
+        values = best[-1][edge.start]
+        if edge_cost is not None:
+            values = join(values, edge_cost(layer, edge))
+        costs = node_costs[layer + 1]
+        rest = join(costs, ahead[layer + 1])
+        kept = np.isfinite(_within(values, join(values, rest[edge.end]), at_most))
+        values, edge = values[kept], edge.at(kept)
+        if allowed is not None:
+            ends = np.zeros(len(costs), dtype=bool)
+            ends[edge.end] = True
+            nodes = np.flatnonzero(ends)
+            ends[nodes] = allowed(layer + 1, nodes)
+            kept = ends[edge.end]
+            values, edge = values[kept], edge.at(kept)
+        reached, before = _least(values, edge, len(costs), layer, valid)
+        came.append(before)
+        best.append(np.where(np.isfinite(reached), join(reached, costs), np.inf))
+        if not np.isfinite(best[-1]).any():
+            break
+    return _traced(best, came, len(node_costs))
+
+
+def _within(values: Array, costs: Array, most: float) -> Array:
+    """The values, infinite where the costs exceed ``most`` by more than rounding."""
+    within: Array = np.where(costs <= most + 1e-9 * max(abs(most), 1.0), values, np.inf)
+    return within
+
+
+def _least(
+    values: Array, edge: Edges, count: int, layer: int, valid: Valid | None
+) -> tuple[Array, Indices]:
+    """Least value (count,) over the valid edges to each node of the second layer, and their starts.
+
+    Validating every edge would take too long: only the best one to each node is validated, and if
+    it is invalid, the next best.
+    """
+    validated = np.zeros(len(values), dtype=bool)
+    values = values.copy()
+    for attempt in itertools.count():
+        reached = np.full(count, np.inf)
+        np.minimum.at(reached, edge.end, values)
+        before = np.zeros(count, dtype=np.intp)
+        giving = values == reached[edge.end]
+        before[edge.end[giving]] = edge.start[giving]
+        if valid is None:
+            break
+        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~validated
+        if attempt >= _ROUNDS:  # all edges to the nodes whose best edges are invalid
+            failing = np.zeros(count, dtype=bool)
+            failing[edge.end[chosen]] = True
+            chosen = failing[edge.end] & np.isfinite(values) & ~validated
+        validated |= chosen
+        which = np.flatnonzero(chosen)
+        ok = valid(layer, edge.at(which))
+        values[which[~ok]] = np.inf
+        if ok.all():
+            break
+    return reached, before
+
+
+def _traced(best: list[Array], came: list[Indices], count: int) -> LayerPath:
+    """Trace back from the best node of the last reached layer to the first layer."""
+    if not np.isfinite(best[-1]).any():
+        best = best[:-1]
+    if not best:
+        return LayerPath([], np.inf)
+    node = int(np.argmin(best[-1]))
+    value = float(best[-1][node]) if len(best) == count else np.inf
+    nodes = [node]
+    for before in reversed(came[: len(best) - 1]):
+        nodes.append(int(before[nodes[-1]]))
+    return LayerPath(nodes[::-1], value)

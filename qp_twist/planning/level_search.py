@@ -1,0 +1,244 @@
+"""The best path through the layers of a level, whose nodes and edges are checked when reached."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges
+from qp_twist.planning.hard_constraints import BETWEEN, SHARES
+from qp_twist.planning.layer import Layer
+from qp_twist.planning.levels import STAGES, Level, Levels, Progress
+from qp_twist.planning.problem import JudgedPath, Problem
+
+STRICTNESS = (1.0, 1e3)
+"""Factors of the price, in turn: first for the best path, then for a feasible one."""
+_PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
+"""Price of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
+_WITHIN = (0.05, 0.2, 0.6)
+"""Shares above the layers' least mean z, or below their largest margin, within which a path is
+searched first: few nodes are."""
+_DETOUR = (0.02, 0.2)
+"""The same for a window, in which the path gets around what it touches."""
+ABOUT = 20
+"""Number of waypoints on either side of a place that is searched by itself."""
+_LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
+"""Violation of a band allowed along an edge of the grid: the programs smooth the path later."""
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSearch:
+    """A search of the best path through a level.
+
+    Steps may exceed their limits by the grid's resolution, at a price: without it the path would
+    jump between branches where a longer step just reaches, and could not be corrected into the
+    limits. Nodes and edges are checked when a path reaches them.
+
+    Attributes:
+        problem: The problem.
+        levels: What is known of the nodes' clearance.
+        level: The level.
+        strict: Whether the price is that of a feasible path, not of the best one.
+        most: Largest motion of a joint from layer to layer, rad or m.
+        shares: Of some intervals, the shares at which their edges are evaluated.
+        progress: Called with the current phase and its share done.
+    """
+
+    problem: Problem
+    levels: Levels
+    level: Level
+    strict: bool
+    most: float
+    shares: Mapping[int, Sequence[float]]
+    progress: Progress
+
+    def best(self, known: float, within: Sequence[float] = _WITHIN) -> LayerPath:
+        """The best path that is better than a ``known`` value.
+
+        First those are searched that are little worse than the best of each layer by itself, by the
+        shares ``within`` in turn.
+        """
+        if not self.problem.objective.margin:
+            return self._cheapest(self._centering, known, within)
+        costs = [-self.problem.objective.margins(layer.q) for layer in self.level.layers]
+        costs[0] = np.where(self._first_clear, costs[0], np.inf)
+        # No path is wider than the narrowest layer.
+        narrowest = max(float(cost.min()) for cost in costs)
+        for share in (*within, np.inf):
+            at_most = -known if share == np.inf else min(-known, narrowest * (1.0 - share))
+            widest = cheapest_path(
+                costs, self._connections, at_most=at_most, allowed=self._allowed,
+                valid=self._valid, join=np.maximum,
+            )  # fmt: skip
+            if np.isfinite(widest.value):
+                break
+        else:
+            return widest
+        # Of many paths of equal width, take the most central.
+        pairs = zip(costs, self._centering, strict=True)
+        central = [np.where(cost > widest.value, np.inf, z) for cost, z in pairs]
+        return self._cheapest(central, np.inf, within)
+
+    def _cheapest(self, costs: list[Array], known: float, within: Sequence[float]) -> LayerPath:
+        least = sum(float(cost.min()) for cost in costs)
+        tried = [least * (1.0 + share) for share in within]
+        before = 0
+        for at_most in (*(value for value in tried if 0.0 < value < known), known):
+            way = cheapest_path(
+                costs, self._connections, self._edge_cost, at_most=at_most, allowed=self._allowed,
+                valid=self._valid,
+            )  # fmt: skip
+            ended, layers = len(way.nodes), self.level.layers
+            if ended == len(layers) or self.levels.is_blocked(self.problem, layers[ended]):
+                break
+            if at_most < known:
+                stopped = self._ended_about(way, far=ended == before)
+                if stopped is not None:
+                    return stopped
+            before = ended
+        return way
+
+    def _ended_about(self, way: LayerPath, *, far: bool) -> LayerPath | None:
+        """A path that ends around the place where another one has, from wherever it comes.
+
+        ``None`` if one passes, or the whole level is not much longer. Takes a fraction of the time
+        of a search of the whole level at any cost. Looks ``far`` back, too, twice as far each time:
+        a branch on which the place is passed may have begun there.
+        """
+        waypoints, ended = self.level.waypoints, len(way.nodes)
+        if not (self.problem.has_clearance and ended) or waypoints[-1] - waypoints[0] <= 4 * ABOUT:
+            return None
+        first, last = waypoints[ended - 1] - ABOUT, waypoints[ended] + ABOUT
+        while True:
+            part = replace(self, level=self.level.part(first, last))
+            found = part.best(-np.inf if self.problem.objective.margin else np.inf, ())
+            if len(found.nodes) < len(part.level.layers):
+                skipped = waypoints.index(part.level.waypoints[0])
+                return LayerPath([0] * skipped + found.nodes, np.inf, skipped)
+            if not far or first <= 0:
+                return None
+            first -= last - first
+
+    @cached_property
+    def _first_clear(self) -> Mask:
+        first = self.level.layers[0]
+        return self.levels.clear(self.problem, first, np.arange(len(first.q)))
+
+    @cached_property
+    def _weight(self) -> float:
+        """Weight of z at a waypoint."""
+        return (self.problem.objective.centering + self.problem.objective.margin) / len(
+            self.level.layers
+        )
+
+    @cached_property
+    def _centering(self) -> list[Array]:
+        ranges = self.problem.objective.ranges
+        costs = [self._weight * ranges.centring(layer.q) for layer in self.level.layers]
+        costs[0] = np.where(self._first_clear, costs[0], np.inf)
+        return costs
+
+    @cached_property
+    def _steps(self) -> list[Array]:
+        """Largest step of each joint from each layer to the next, (nv,) each."""
+        steps = self.problem.limits.steps
+        return [
+            np.minimum(steps[a:b].sum(axis=0), np.maximum(self.most, steps[a]))
+            for a, b in itertools.pairwise(self.level.waypoints)
+        ]
+
+    def _connections(self, number: int, alive: Indices) -> Edges:
+        level, grid = self.level, self.level.grid
+        self.progress(f"{grid}: steps", (number + 1) / len(level.layers))
+        q, after = level.layers[number].q[alive], level.layers[number + 1].q
+        found = edges(q, after, self._steps[number] + grid.joints, self.problem.period)
+        return Edges(alive[found.start], found.end)
+
+    def _edge_cost(self, number: int, edge: Edges) -> Array:
+        objective, layers = self.problem.objective, self.level.layers
+        price = _PRICE * self._weight + _PRICE_OF_TRAVEL * objective.travel
+        apart = layers[number + 1].q[edge.end] - layers[number].q[edge.start]
+        apart = np.abs(self.problem.unwound(apart))
+        share = (apart / self._steps[number]).T.copy()  # the largest of columns takes less time
+        beyond = np.maximum(share.max(axis=0) - 1.0, 0.0)
+        cost: Array = STRICTNESS[self.strict] * price * beyond
+        if objective.travel:
+            cost += objective.travel * np.degrees(apart @ objective.joints)
+        return cost
+
+    @property
+    def _allowed(self) -> Callable[[int, Indices], Mask] | None:
+        if not self.problem.has_clearance:
+            return None
+        return lambda k, nodes: self.levels.clear(self.problem, self.level.layers[k], nodes)
+
+    @property
+    def _valid(self) -> Callable[[int, Edges], Mask] | None:
+        return self._keeps_bands if self.problem.rows.hard else None
+
+    def _keeps_bands(self, number: int, edge: Edges) -> Mask:
+        """Which edges keep bands and constraints between waypoints, to the grid's resolution."""
+        at, after = self.level.waypoints[number : number + 2]
+        if after > at + 1:  # joints are not interpolated linearly there
+            return np.ones(len(edge.start), dtype=bool)
+        hard = self.problem.rows.hard
+        loose = {unit: allowed[int(self.strict)] for unit, allowed in _LOOSE.items()}
+        if hard.lazy and self.strict:  # no program leads around what an edge has passed through
+            loose["m"] = BETWEEN["m"]
+        begin = self.level.layers[number].q[edge.start]
+        end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
+        shares = self.shares.get(at, SHARES)
+        return hard.kept_between(begin, end, np.full(len(begin), at), loose, shares)
+
+
+def search_windows(
+    problem: Problem,
+    levels: Levels,
+    path: JudgedPath,
+    strict: bool,
+    shares: Mapping[int, Sequence[float]],
+    progress: Progress,
+) -> Array | None:
+    """The path with others on the finest grid around its violations; ``None`` if one has none."""
+    q, count = path.q.copy(), len(path.q)
+    windows = _windows(problem.limits.violated(q), count)
+    if not windows:  # the violation is between waypoints
+        return None
+    for first, last in windows:
+        waypoints = list(range(first, last + 1))
+        level = levels.at(STAGES[-1], problem.limits.steps, waypoints)
+        layers = list(level.layers)
+        for end, held in ((0, first > 0 or problem.start is not None), (-1, last < count - 1)):
+            if held:
+                layers[end] = Layer(q[waypoints[end]][None], np.full(1, -1), 1)
+        level = replace(level, layers=layers)
+        if level.has_gaps:
+            return None
+        way = LevelSearch(problem, levels, level, strict, np.inf, shares, progress).best(
+            -np.inf if problem.objective.margin else np.inf,
+            _DETOUR if problem.has_clearance else _WITHIN,
+        )
+        if len(way.nodes) < len(layers):
+            return None
+        nodes = level.corners(way.nodes)
+        nodes[1:] = nodes[0] + np.cumsum(problem.unwound(np.diff(nodes, axis=0)), axis=0)
+        q[last:] += nodes[-1] - q[last]
+        q[first : last + 1] = nodes
+    return q
+
+
+def _windows(violated: Indices, count: int) -> list[tuple[int, int]]:
+    """First and last waypoint of the intervals around some waypoints, without overlap."""
+    found: list[tuple[int, int]] = []
+    for index in violated.tolist():
+        first, last = max(0, index - ABOUT), min(count - 1, index + ABOUT)
+        if found and first <= found[-1][1]:
+            found[-1] = found[-1][0], last
+        else:
+            found.append((first, last))
+    return found

@@ -1,0 +1,378 @@
+"""What a joint path has to satisfy, and what it optimises."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from qp_twist.checks import Array, Indices, Mask, number
+from qp_twist.errors import InvalidInput
+from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.paths import PathTask
+from qp_twist.planning.hard_constraints import SHARES, WITHIN, HardConstraints
+from qp_twist.planning.layer import TURN
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.path_rows import PathRows
+
+Kind = Literal["position", "velocity", "acceleration", "band"]
+
+UNTIMED_STEP = np.radians(15.0)
+"""Largest step of a joint to the next waypoint without a limit, rad or m.
+
+Above it a step counts as a reconfiguration (the comparison's ``reconfigurations``).
+"""
+INSET = 1e-7
+"""Distance from every limit that the programs keep, for rounding, rad or m."""
+_FAR = 0.1
+"""Sum of the joints' motions between waypoints above which clearances are evaluated there, rad."""
+_BESIDE = 0.06
+"""Distance of the shares on both sides of a violation that are evaluated with it."""
+
+
+class Margins(NamedTuple):
+    """The margins of a joint path in one kind of constraint."""
+
+    kind: Kind
+    names: tuple[str, ...]
+    """Names of the joints, bands or constraints, (k)."""
+    units: tuple[str, ...]
+    """Units of the margins, ``"rad"`` or ``"m"``, (k)."""
+    values: Array
+    """Margins at each waypoint, nonnegative inside, ∞ without a constraint, (N, k)."""
+    between: bool = False
+    """Whether they belong to the interval before the waypoint."""
+
+    def violation(self) -> Violation:
+        """The largest violation."""
+        row, column = np.unravel_index(int(np.argmin(self.values)), self.values.shape)
+        excess, unit = -float(self.values[row, column]), self.units[column]
+        return Violation(self.kind, self.names[column], int(row), excess, unit, self.between)
+
+
+class Violation(NamedTuple):
+    """The largest violation of a joint path."""
+
+    kind: Kind
+    name: str
+    """Name of the joint, band or constraint."""
+    waypoint: int
+    """The waypoint, from 0; for a step, or between two waypoints, the second one."""
+    excess: float
+    """Violation, rad or m; between waypoints beyond the tolerance."""
+    unit: str
+    between: bool
+    """Whether it is between the waypoint and the one before it."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathConstraints:
+    """Constraints at and between the waypoints.
+
+    The task's own rows are not included: every path has been corrected onto its waypoints by
+    :meth:`~qp_twist.planning.path_rows.PathRows.correct`.
+
+    Attributes:
+        ranges: The joint ranges.
+        steps: Largest displacement of each joint between consecutive waypoints, rad or m, (N − 1,
+            nv).
+        speed_changes: Largest change of velocity at each waypoint but the first and last, rad/s or
+            m/s, (N − 2, nv); infinite without acceleration limits.
+        durations: Time between consecutive waypoints, s, (N − 1,).
+        fixed_start: Whether the first configuration is fixed.
+        hard: The hard bands and the constraints of the task, if there are any.
+        points: Points between waypoints at which these are evaluated: indices and shares of
+            intervals, (K,) each.
+        step_limit: What limits ``steps``, in words.
+    """
+
+    ranges: JointRanges
+    steps: Array
+    speed_changes: Array
+    durations: Array
+    fixed_start: bool
+    hard: HardConstraints | None = None
+    points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
+    step_limit: str = "the speed limits"
+
+    @cached_property
+    def _linear(self) -> list[tuple[Kind, sparse.csr_matrix, Array, Array]]:
+        """lower ≤ G q ≤ upper for ranges, steps, and changes of speed: (kind, G, lower, upper).
+
+        The rows of a step or a change of speed belong to its second waypoint. Changes of speed are
+        given as displacements in the shortest step.
+        """
+        count, nv = len(self.steps) + 1, len(self.ranges.names)
+        whole = sparse.identity(count * nv, format="csr")
+        change = whole[nv:] - whole[:-nv]
+        found: list[tuple[Kind, sparse.csr_matrix, Array, Array]] = [
+            ("position", whole, self.ranges.lower, self.ranges.upper),
+            ("velocity", change, -self.steps, self.steps),
+        ]
+        if np.isfinite(self.speed_changes).any():
+            shortest = self.durations.min()
+            speed = sparse.diags(shortest / np.repeat(self.durations, nv)) @ change
+            most = shortest * self.speed_changes
+            found.append(("acceleration", (speed[nv:] - speed[:-nv]).tocsr(), -most, most))
+        return found
+
+    def evaluated_along(self, q: Array) -> PathConstraints:
+        """With the points between waypoints that programs need at first near a path (N, nv).
+
+        Where the joints move little, a clearance is kept between waypoints almost as at them.
+        """
+        if not self.hard:
+            return self
+        moved = np.abs(np.diff(q, axis=0)).sum(axis=1)
+        return self._with_shares(np.flatnonzero(moved > (_FAR if self.hard.lazy else -1.0)))
+
+    def with_points(self, intervals: Indices, shares: Array) -> PathConstraints:
+        """With further points at shares of some intervals, (K,), at which a margin is violated."""
+        more = self._with_shares(np.setdiff1d(intervals, self.points[0]))
+        at, share = more.points
+        beside = np.clip(shares + _BESIDE * np.array([[-1.0], [0.0], [1.0]]), 0.0, 1.0)
+        points = np.concatenate([at, np.tile(intervals, 3)]), np.append(share, beside)
+        return replace(self, points=points)
+
+    def _with_shares(self, intervals: Indices) -> PathConstraints:
+        at, share = self.points
+        at = np.concatenate([at, np.repeat(intervals, len(SHARES))])
+        return replace(self, points=(at, np.concatenate([share, np.tile(SHARES, len(intervals))])))
+
+    def margins(self, q: Array) -> list[Margins]:
+        """The margins of a joint path q (N, nv), at its waypoints and at points between."""
+        found = []
+        for kind, G, lower, upper in self._linear:
+            values = (G @ q.ravel()).reshape(-1, q.shape[1])
+            first = 0 if kind == "position" else 1
+            margins = np.full(q.shape, np.inf)
+            margins[first : first + len(values)] = np.minimum(values - lower, upper - values)
+            found.append(Margins(kind, self.ranges.names, self.ranges.units, margins))
+        if self.hard:
+            own = self.hard.margins(q, np.arange(len(q)))
+            found.append(Margins("band", self.hard.names, self.hard.units, own))
+        at, share = self.points
+        if self.hard and len(at):
+            own = self.hard.margins_between(q[at], q[at + 1], at, share) + self.hard.between_allowed
+            least = np.full((len(q), own.shape[1]), np.inf)
+            np.minimum.at(least, at + 1, own)
+            found.append(Margins("band", self.hard.names, self.hard.units, least, between=True))
+        return found
+
+    def rows(self, q: Array) -> Iterator[tuple[sparse.csr_matrix, Array]]:
+        """Linear rows that keep the margins above 0: rows · Δq ≤ rooms, Δq (N·nv,).
+
+        Between waypoints half of the tolerance is kept for the points that are not evaluated.
+        """
+        nv = q.shape[1]
+        for _, G, lower, upper in self._linear:
+            values = (G @ q.ravel()).reshape(-1, nv)
+            rooms = np.ravel([upper - values, values - lower]) - INSET
+            yield sparse.vstack([G, -G], format="csr"), rooms
+        if self.hard:
+            rows, rooms, of = self.hard.rows(q, np.arange(len(q)))
+            inset = np.minimum(INSET, 0.25 * self.hard.halves)
+            yield block_diagonal(rows), (rooms - inset[of]).ravel()
+        at, share = self.points
+        if self.hard and len(at):
+            rows, rooms, of = self.hard.rows_between(q, at, share)
+            joints = (nv * at[:, None] + np.arange(nv)).ravel()
+            whole = sparse.identity(q.size, format="csr")
+            of_end = sparse.diags(np.repeat(share, nv))
+            moved = whole[joints] + of_end @ (whole[joints + nv] - whole[joints])
+            yield (
+                block_diagonal(rows) @ moved,
+                (rooms + 0.5 * self.hard.between_allowed[of]).ravel(),
+            )
+
+    def pace(self, q: Array) -> tuple[float, int, str]:
+        """How many times slower a path (N, nv) has to be for its steps and changes of speed.
+
+        Returns:
+            The factor; the waypoint before the step that needs it, from 0; and the joint. In a time
+            f times as long a step may be f times as large, a change of speed f² times.
+        """
+        change = np.diff(q, axis=0)
+        needs = [np.abs(change) / self.steps]
+        if np.isfinite(self.speed_changes).any():
+            speeds = np.diff(change / self.durations[:, None], axis=0)
+            needs.append(np.sqrt(np.abs(speeds) / self.speed_changes))
+        need = max(needs, key=lambda values: float(values.max(initial=0.0)))
+        waypoint, joint = np.unravel_index(int(np.argmax(need)), need.shape)
+        return float(need.max()), int(waypoint), self.ranges.names[int(joint)]
+
+    def excess(self, q: Array) -> float:
+        """Largest violation of a path (N, nv), rad or m; at most 0 if there is none."""
+        return -min(float(margins.values.min(initial=np.inf)) for margins in self.margins(q))
+
+    def violated(self, q: Array) -> Indices:
+        """Waypoints, from 0, at which a path (N, nv) violates a constraint; of steps the second."""
+        least = [margins.values.min(axis=1, initial=np.inf) for margins in self.margins(q)]
+        return np.flatnonzero(np.min(least, axis=0) < -WITHIN)
+
+    def beyond_between(self, q: Array) -> tuple[Array, Array]:
+        """Proven violation of a path between waypoints, beyond the tolerance.
+
+        Joint ranges, speeds and changes of speed hold between waypoints if they hold at them, since
+        joints are interpolated linearly.
+
+        Returns:
+            The violation in each interval and of each band, rad or m, (N − 1, k), at most 0 if
+            proved; and the share of each interval at which it is largest, (N − 1,).
+        """
+        if not self.hard:
+            return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
+        excess, share = self.hard.between(q)
+        return excess - self.hard.between_allowed, share
+
+    def worst(self, q: Array) -> Violation:
+        """The largest violation of a path (N, nv), at its waypoints or else between them."""
+        worst = max((margins.violation() for margins in self.margins(q)), key=lambda v: v.excess)
+        if worst.excess > WITHIN or not self.hard:
+            return worst
+        none = np.full((1, len(self.hard.names)), np.inf)
+        margins = np.vstack([none, -self.beyond_between(q)[0]])
+        return Margins("band", self.hard.names, self.hard.units, margins, True).violation()
+
+
+def block_diagonal(blocks: Array) -> sparse.csr_matrix:
+    """Blocks (K, m, n) as a block-diagonal matrix, (K·m, K·n)."""
+    at = np.arange(len(blocks) + 1)
+    return sparse.csr_matrix(sparse.bsr_matrix((blocks, at[:-1], at)))
+
+
+def motion_limits(
+    path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
+) -> PathConstraints:
+    """Constraints of a joint path along the task, at and between its waypoints."""
+    count = len(path_task.waypoints)
+    given = path_task.durations
+    if given is not None and len(given) != count:
+        raise InvalidInput(
+            f"{path_task.name}: durations: expected one for each of the {count} waypoints, got "
+            f"{len(given)}; replace them with the waypoints, or by None."
+        )
+    durations = np.ones(count - 1) if given is None else given[1:]
+    steps = np.full((count - 1, path_task.model.nv), np.inf)
+    step_limit = f"the largest step without a feed, {np.degrees(UNTIMED_STEP):g}°"
+    if given is not None:
+        steps, step_limit = path_task.velocity_limits * durations[:, None], "the speed limits"
+    if max_step_deg is not None:
+        steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
+        largest = f"the largest step, max_step_deg = {max_step_deg:g}"
+        step_limit = largest if given is None else f"{step_limit} or {largest}"
+    steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
+    # A turn by more than half a turn has the same end as a shorter one in the other direction. A
+    # joint with a range may not have that choice; a joint without a range never needs the longer
+    # turn.
+    endless = ranges.hinge & ~ranges.limited
+    steps[:, endless] = np.minimum(steps[:, endless], np.pi)
+    # Velocities are constant between waypoints, and change at the waypoints.
+    times = 0.5 * (durations[1:] + durations[:-1])
+    speed_changes = path_task.acceleration_limits * times[:, None]
+    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    bands = HardConstraints(path_task, chain)
+    return PathConstraints(
+        ranges, steps, speed_changes, durations, fixed_start, bands, step_limit=step_limit
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedPath:
+    """A joint path and its largest violation.
+
+    Attributes:
+        q: The path, (N, nv).
+        value: Value of the objective.
+        excess: Largest violation of a constraint, rad or m; at most
+            :data:`~qp_twist.planning.hard_constraints.WITHIN` if there is none.
+    """
+
+    q: Array
+    value: float
+    excess: float
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it violates no constraint."""
+        return self.excess <= WITHIN
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A path, its constraints, and the objective of its motion.
+
+    Attributes:
+        path_task: The path.
+        rows: Its task rows.
+        limits: Constraints at and between the waypoints.
+        objective: The objective.
+        start: The first configuration, on the first waypoint, (nv,), or ``None``.
+    """
+
+    path_task: PathTask
+    rows: PathRows
+    limits: PathConstraints
+    objective: Objective
+    start: Array | None = None
+
+    @cached_property
+    def free(self) -> Problem:
+        """The problem without clearances; itself if it has none."""
+        if not self.has_clearance:
+            return self
+        task = self.path_task.without_clearance()
+        rows = PathRows(task)
+        return Problem(task, rows, replace(self.limits, hard=rows.hard), self.objective, self.start)
+
+    @property
+    def has_clearance(self) -> bool:
+        """Whether the path has a clearance."""
+        return bool(self.path_task.clearances)
+
+    @property
+    def freedom(self) -> int:
+        """Largest dimension of the null space at a waypoint."""
+        return int(self.rows.freedom.max())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the hard bands and constraints."""
+        return self.rows.hard.names
+
+    def judged(self, q: Array) -> JudgedPath:
+        """A joint path (N, nv) with its value and its largest violation."""
+        return JudgedPath(q, self.objective.value(q), self.limits.excess(q))
+
+    def clear(self, q: Array) -> Mask:
+        """Which configurations q (K, nv) keep the clearances, (K,)."""
+        clear = np.ones(len(q), dtype=bool)
+        for clearance in self.path_task.clearances:
+            clear[clear] = clearance.inside(q[clear], WITHIN)
+        return clear
+
+    @cached_property
+    def period(self) -> Array:
+        """2π for hinges without limits, whose whole turns do not matter; 0 for others, (nv,)."""
+        ranges = self.limits.ranges
+        return np.where(ranges.hinge & ~np.isfinite(ranges.upper - ranges.lower), TURN, 0.0)
+
+    def unwound(self, difference: Array) -> Array:
+        """Differences of configurations (…, nv), modulo whole turns that do not matter."""
+        unwound: Array = difference - self.period * np.round(difference / TURN)
+        return unwound
+
+    def interpolated(self, corners: Array, waypoints: list[int]) -> Array | None:
+        """The path (N, nv) through configurations at some waypoints; ``None`` if it leaves it."""
+        steps = self.unwound(np.diff(corners, axis=0))
+        corners = corners[0] + np.vstack([np.zeros(corners.shape[1]), np.cumsum(steps, axis=0)])
+        at = np.arange(len(self.path_task.waypoints))
+        between = np.array([np.interp(at, waypoints, joint) for joint in corners.T]).T
+        path, arrived = self.rows.correct(between, at)
+        if self.start is not None:
+            path[0] = self.start
+        return path if arrived.all() else None
