@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
+from html import escape
+from typing import NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.drawing.palette import BLUE, GRID, INK, ORANGE, QUIET, RED
 from qp_twist.kinematics import JointRanges
 from qp_twist.pages.near_pairs import TOO_NEAR, NearPair, distance_text
 from qp_twist.viewing.short_names import short_names
@@ -22,8 +24,66 @@ _OVER = 0.08
 """Space drawn beyond either end, as a share of the range."""
 _CLEAR_MM, _AT_CLEARANCE = 50.0, 1e-5
 """Range of the bar of the clearance, mm; margin below which a pair is at the asked distance, m."""
-INK, QUIET, TRACK = "#1f2937", "#6b7280", "#e5e7eb"
-FREE, HELD, LOST = "#0072B2", "#E69F00", "#D00000"
+_COLOURS = {"free": BLUE, "held": ORANGE, "at limit": ORANGE, "outside": RED}
+TICK = "#9ca3af"
+
+
+class _Bar(NamedTuple):
+    """A row: a name, a track with a mark, and a value. Places are shares of the track."""
+
+    name: str
+    value: str
+    state: str
+    word: str = ""
+    """Said below the value, unless it is free."""
+    place: float | None = None
+    """Of the mark; ``None`` without a track."""
+    origin: float = 0.0
+    """Where the thick part begins."""
+    ticks: Sequence[tuple[float, float, str]] = ()
+    """Place, half height and colour."""
+    labels: Sequence[tuple[float, str, str]] = ()
+    """Place, text and anchor."""
+
+    @property
+    def x(self) -> float | None:
+        """Horizontal place of the mark."""
+        return None if self.place is None else _at(float(np.clip(self.place, -_OVER, 1.0 + _OVER)))
+
+    def svg(self, y: float) -> str:
+        """The row with its middle at a height."""
+        weight, end = (400 if self.state == "free" else 700), _LEFT + _WIDTH + _RIGHT
+        parts = [
+            f'<text x="0" y="{y + 4:g}">{self.name}</text><text x="{end:g}" y="{y + 4:g}" '
+            f'text-anchor="end" font-weight="{weight}">{self.value}</text>'
+        ]
+        x = self.x
+        if x is not None:
+            left, begin, colour = _at(0.0), _at(self.origin), _COLOURS[self.state]
+            parts.append(
+                f'<rect x="{left:g}" y="{y - 4:g}" width="{_at(1.0) - left:g}" height="8" rx="2" '
+                f'fill="{GRID}"/>'
+            )
+            parts += [
+                f'<line x1="{_at(place):g}" x2="{_at(place):g}" y1="{y - half:g}" '
+                f'y2="{y + half:g}" stroke="{stroke}" stroke-width="{1.4 if half > 3 else 0.8}"/>'
+                for place, half, stroke in self.ticks
+            ]
+            parts.append(
+                f'<rect x="{min(x, begin):.2f}" y="{y - 2:g}" width="{abs(x - begin):.2f}" '
+                f'height="4" fill="{colour}"/>{_mark(x, y, self.state, colour)}'
+            )
+            parts += [
+                f'<text x="{_at(place):g}" y="{y + 15:g}" font-size="8" text-anchor="{anchor}" '
+                f'fill="{QUIET}">{text}</text>'
+                for place, text, anchor in self.labels
+            ]
+        if self.state != "free":
+            parts.append(
+                f'<text x="{end:g}" y="{y + 15:g}" font-size="9" font-weight="700" '
+                f'text-anchor="end">{self.word}</text>'
+            )
+        return "".join(parts)
 
 
 def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> str:
@@ -37,35 +97,34 @@ def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> st
         q: Configuration, rad or m, (nq,).
         binding: Names of the active limits, each beginning with the joint's name.
     """
-    positions = ranges.positions(q)
-    margins = ranges.margins(q)
-    rows = []
-    shown = short_names(ranges.names, _NAME)
-    for dof, name in enumerate(ranges.names):
+    positions, margins = ranges.positions(q), ranges.margins(q)
+    rows, described = "", []
+    for dof, (name, shown) in enumerate(
+        zip(ranges.names, short_names(ranges.names, _NAME), strict=True)
+    ):
+        hinge, position = bool(ranges.hinge[dof]), float(positions[dof])
+        lower, upper = float(ranges.lower[dof]), float(ranges.upper[dof])
         held = [limit for limit in binding if limit.startswith(f"{name} (")]
-        rows.append(
-            _row(
-                dof,
-                name,
-                shown[dof],
-                (float(ranges.lower[dof]), float(ranges.upper[dof])),
-                float(positions[dof]),
-                float(margins[dof]),
-                bool(ranges.hinge[dof]),
-                held,
-            )
+        state = _state(float(margins[dof]), held)
+        bar = _Bar(
+            f"{escape(shown)}<title>{escape(name)}</title>", _value(position, hinge), state,
+            " ".join(_kinds(held)) or state,
+        )  # fmt: skip
+        if np.isfinite(margins[dof]) and upper > lower:
+            ends = [_value(limit, hinge, digits=0 if hinge else 2) for limit in (lower, upper)]
+            bar = bar._replace(
+                place=(position - lower) / (upper - lower), origin=0.5,
+                ticks=[(k / 4, 3.0 if k % 4 else 6.0, TICK) for k in range(5)],
+                labels=[(0.0, ends[0], "start"), (1.0, ends[1], "end")],
+            )  # fmt: skip
+        place = "" if bar.x is None else f' data-x="{bar.x:.2f}"'
+        rows += (
+            f'<g data-joint="{escape(name)}" data-state="{state}"{place}>'
+            f"{bar.svg(_ROW * dof + 11.0)}</g>"
         )
-    width, height = _LEFT + _WIDTH + _RIGHT, _ROW * len(rows) + 4.0
-    described = ", ".join(
-        f"{name} {_value(float(p), bool(h))}"
-        for name, p, h in zip(ranges.names, positions, ranges.hinge, strict=True)
-    )
-    return (
-        '<svg class="qt-bars" style="box-sizing:border-box;padding:4px 12px" role="img" '
-        f'aria-label="{html.escape(described)}" '
-        f'viewBox="0 0 {width:g} {height:g}" width="100%" '
-        f'font-family="inherit" font-size="11" fill="{INK}">{"".join(rows)}</svg>'
-    )
+        described.append(f"{name} {bar.value}")
+    attributes = 'class="qt-bars"'
+    return _drawing(attributes, ", ".join(described), _ROW * len(ranges.names) + 4.0, rows)
 
 
 def clearance_bar(near: NearPair) -> str:
@@ -78,106 +137,28 @@ def clearance_bar(near: NearPair) -> str:
     full = max(_CLEAR_MM, 4.0 * asked)
     margin = near.distance - near.asked
     state = "outside" if margin < -TOO_NEAR else "held" if margin < _AT_CLEARANCE else "free"
-    colour = {"free": FREE, "held": HELD, "outside": LOST}[state]
     word = {"free": "", "held": "at limit", "outside": "too near"}[state]
     if near.distance < -TOO_NEAR:
         word = "overlap"
-    y, width = 11.0, _LEFT + _WIDTH + _RIGHT
-    x = _at(float(np.clip(distance / full, -_OVER, 1.0)))
-    parts = [
-        f'<text x="0" y="{y + 4:g}">clearance</text>',
-        f'<text x="{width:g}" y="{y + 4:g}" text-anchor="end" '
-        f'font-weight="{400 if state == "free" else 700}">{_mm(distance)}</text>',
-        f'<rect x="{_at(0.0):g}" y="{y - 4:g}" width="{_at(1.0) - _at(0.0):g}" height="8" rx="2" '
-        f'fill="{TRACK}"/>',
-    ]
-    for value in dict.fromkeys((0.0, asked, full)):
-        at = _at(value / full)
-        parts.append(
-            f'<line x1="{at:g}" x2="{at:g}" y1="{y - 6:g}" y2="{y + 6:g}" '
-            f'stroke="{LOST if value == asked else "#9ca3af"}" stroke-width="1.4"/>'
-        )
-    parts.append(
-        f'<rect x="{min(x, _at(0.0)):.2f}" y="{y - 2:g}" width="{abs(x - _at(0.0)):.2f}" '
-        f'height="4" fill="{colour}"/>'
-    )
-    parts.append(_mark(x, y, state, colour))
-    for value, anchor in ((asked, "middle"), (full, "end")):
-        parts.append(
-            f'<text x="{_at(value / full):g}" y="{y + 15:g}" font-size="8" text-anchor="{anchor}" '
-            f'fill="{QUIET}">{value:g} mm</text>'
-        )
-    if word:
-        parts.append(
-            f'<text x="{width:g}" y="{y + 15:g}" font-size="9" font-weight="700" '
-            f'text-anchor="end">{word}</text>'
-        )
-    name = html.escape(near.name if len(near.name) <= 44 else near.name[:43] + "…")
-    parts.append(
-        f'<text x="{_at(0.0):g}" y="{y + 28:g}" font-size="9.5" fill="{INK}">{name}</text>'
-    )
-    described = html.escape(f"{near.name}: {distance_text(near.distance)}, {word or 'clear'}")
+    value = f"{round(distance, 1) + 0.0:.1f} mm".replace("-", "−")
+    bar = _Bar(
+        "clearance", value, state, word, min(distance / full, 1.0),
+        ticks=[(v / full, 6.0, RED if v == asked else TICK) for v in {0.0, asked, full}],
+        labels=[(asked / full, f"{asked:g} mm", "middle"), (1.0, f"{full:g} mm", "end")],
+    )  # fmt: skip
+    name = escape(near.name if len(near.name) <= 44 else near.name[:43] + "…")
+    below = f'<text x="{_at(0.0):g}" y="39" font-size="9.5">{name}</text>'
+    described = f"{near.name}: {distance_text(near.distance)}, {word or 'clear'}"
+    attributes = f'class="qt-clearance" data-state="{state}" data-x="{bar.x:.2f}"'
+    return _drawing(attributes, described, 45.0, bar.svg(11.0) + below)
+
+
+def _drawing(attributes: str, described: str, height: float, content: str) -> str:
     return (
-        f'<svg class="qt-clearance" data-state="{state}" data-x="{x:.2f}" role="img" '
-        f'style="box-sizing:border-box;padding:0 12px 4px" aria-label="{described}" '
-        f'viewBox="0 0 {width:g} {y + 34.0:g}" width="100%" font-family="inherit" font-size="11" '
-        f'fill="{INK}">{"".join(parts)}</svg>'
+        f'<svg {attributes} style="box-sizing:border-box;padding:4px 12px" role="img" '
+        f'aria-label="{escape(described)}" viewBox="0 0 {_LEFT + _WIDTH + _RIGHT:g} {height:g}" '
+        f'width="100%" font-family="inherit" font-size="11" fill="{INK}">{content}</svg>'
     )
-
-
-def _row(
-    dof: int,
-    name: str,
-    shown: str,
-    limits: tuple[float, float],
-    position: float,
-    margin: float,
-    hinge: bool,
-    held: Sequence[str],
-) -> str:
-    y = _ROW * dof + 11.0
-    state = _state(margin, held)
-    colour = {"free": FREE, "held": HELD, "at limit": HELD, "outside": LOST}[state]
-    parts = [
-        f'<text x="0" y="{y + 4:g}">{html.escape(shown)}<title>{html.escape(name)}</title></text>',
-        f'<text x="{_LEFT + _WIDTH + _RIGHT:g}" y="{y + 4:g}" text-anchor="end" '
-        f'font-weight="{400 if state == "free" else 700}">{_value(position, hinge)}</text>',
-    ]
-    lower, upper = limits
-    x = None
-    if np.isfinite(margin) and upper > lower:
-        share = (position - lower) / (upper - lower)
-        x = _at(float(np.clip(share, -_OVER, 1.0 + _OVER)))
-        left, right = _at(0.0), _at(1.0)
-        parts.append(
-            f'<rect x="{left:g}" y="{y - 4:g}" width="{right - left:g}" height="8" rx="2" '
-            f'fill="{TRACK}"/>'
-        )
-        for at in (0.0, 0.25, 0.5, 0.75, 1.0):
-            tall = 6 if at in (0.0, 1.0) else 3
-            parts.append(
-                f'<line x1="{_at(at):g}" x2="{_at(at):g}" y1="{y - tall:g}" y2="{y + tall:g}" '
-                f'stroke="#9ca3af" stroke-width="{1.4 if tall == 6 else 0.8}"/>'
-            )
-        middle = _at(0.5)
-        parts.append(
-            f'<rect x="{min(x, middle):.2f}" y="{y - 2:g}" width="{abs(x - middle):.2f}" '
-            f'height="4" fill="{colour}"/>'
-        )
-        parts.append(_mark(x, y, state, colour))
-        for value, where, anchor in ((lower, left, "start"), (upper, right, "end")):
-            parts.append(
-                f'<text x="{where:g}" y="{y + 15:g}" font-size="8" text-anchor="{anchor}" '
-                f'fill="{QUIET}">{_value(value, hinge, digits=0 if hinge else 2)}</text>'
-            )
-    word = state if not held else " ".join(_kinds(held))
-    if state != "free":
-        parts.append(
-            f'<text x="{_LEFT + _WIDTH + _RIGHT:g}" y="{y + 15:g}" font-size="9" '
-            f'font-weight="700" text-anchor="end">{word}</text>'
-        )
-    place = "" if x is None else f' data-x="{x:.2f}"'
-    return f'<g data-joint="{html.escape(name)}" data-state="{state}"{place}>{"".join(parts)}</g>'
 
 
 def _state(margin: float, held: Sequence[str]) -> str:
@@ -198,11 +179,9 @@ def _kinds(held: Sequence[str]) -> list[str]:
 
 
 def _mark(x: float, y: float, state: str, colour: str) -> str:
+    """A disc, a cross outside, else a diamond."""
     if state == "free":
-        return (
-            f'<circle cx="{x:.2f}" cy="{y:g}" r="4.5" fill="{colour}" stroke="white" '
-            'stroke-width="1"/>'
-        )
+        return f'<circle cx="{x:.2f}" cy="{y:g}" r="4.5" fill="{colour}" stroke="white"/>'
     if state == "outside":
         return (
             f'<path d="M{x - 5:.2f} {y - 5:g} l10 10 m0 -10 l-10 10" stroke="{colour}" '
@@ -218,10 +197,6 @@ def _at(share: float) -> float:
     """Horizontal position of a share of the range."""
     inner = _WIDTH / (1.0 + 2.0 * _OVER)
     return _LEFT + inner * (_OVER + share)
-
-
-def _mm(distance: float) -> str:
-    return f"{round(distance, 1) + 0.0:.1f} mm".replace("-", "−")
 
 
 def _value(position: float, hinge: bool, digits: int | None = None) -> str:

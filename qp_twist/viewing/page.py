@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import math
 import threading
@@ -10,16 +11,17 @@ from typing import Any
 
 import mink
 import numpy as np
+import numpy.typing as npt
 import viser
+from PIL import Image
 
 from qp_twist.pages.local_server import LocalServer
-from qp_twist.pages.roadmap import applies_to
+from qp_twist.pages.roadmap import applies_to, roadmap_figure
 from qp_twist.paths import METHODS
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.one_run import Moment, Run
 from qp_twist.viewing.projectors import projector_choices
 from qp_twist.viewing.readings import LEGEND, NEAR_LEGEND, heading, note, readings, sentence
-from qp_twist.viewing.roadmap import roadmap_pixels
 from qp_twist.viewing.session import Session
 from qp_twist.viewing.settings import WEIGHTS, method_choices, solver_choices
 from qp_twist.viewing.stage import Stage
@@ -293,7 +295,7 @@ class Page:
             return
         self._roadmap.disabled, self._roadmap.label = True, "Drawing the roadmap"
         try:
-            problem, pixels = "", roadmap_pixels(run)
+            problem, pixels = "", _roadmap_pixels(run)
         except mink.MinkError as error:
             problem = str(error)
         gui = self.server.gui
@@ -361,6 +363,17 @@ class Page:
         """End the server and the session's worker."""
         self.session.close()
         self.server.stop()
+
+
+def _roadmap_pixels(run: Run) -> npt.NDArray[np.uint8]:
+    """Picture of the roadmap with a run, (height, width, 3).
+
+    For the present placement of the workpiece and the run's projector.
+    """
+    trajectory, buffer = run.trajectory, io.BytesIO()
+    figure = roadmap_figure(trajectory.path_task, {trajectory.method: trajectory})
+    figure.savefig(buffer, format="png", dpi=100)
+    return np.asarray(Image.open(buffer).convert("RGB"))
 
 
 def _set(handle: Any, value: object) -> None:

@@ -11,14 +11,14 @@ import viser
 from mjviser import ViserMujocoScene
 
 from qp_twist.checks import Array
+from qp_twist.drawing.palette import BLUE, RED, rgb
 from qp_twist.drawing.sight import sight
 from qp_twist.geometry import ProjectorKind
 from qp_twist.pages.near_pairs import CARRIER, LitPairs, NearPair, NearPairs
 from qp_twist.pages.recordings import move_carrier
 from qp_twist.paths import PathTask
 
-PATH_RGB = (208, 0, 0)
-TRACE_RGB = (0, 114, 178)
+PATH_RGB, TRACE_RGB = rgb(RED), rgb(BLUE)
 _WIDTH_PX = 4.0
 _FURTHER = 1.4
 """Factor of the camera distance, since the panels leave a narrow picture."""

@@ -20,11 +20,10 @@ from qp_twist.pages.local_server import LocalServer
 from qp_twist.pages.near_pairs import NearPair, NearPairs
 from qp_twist.viewing import LiveArm, PageSettings, Session, free_port, projector_choices, run_once
 from qp_twist.viewing.bars import clearance_bar, joint_bars
-from qp_twist.viewing.dial import roll_dial
 from qp_twist.viewing.one_run import Run
 from qp_twist.viewing.page import Page
 from qp_twist.viewing.projectors import with_projector
-from qp_twist.viewing.readings import readings, sentence
+from qp_twist.viewing.readings import readings, roll_dial, sentence
 from qp_twist.viewing.roll import Roll
 from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import method_choices
