@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -73,7 +72,6 @@ def report(
     file: str = "",
     position_tolerance: float | None = None,
     axis_tolerance_deg: float | None = None,
-    progress: Callable[[str], None] | None = None,
 ) -> MotionReport:
     """Write ``report.html``: one motion in one page that needs no network and no other file.
 
@@ -88,33 +86,23 @@ def report(
         file: Name of the trajectory's file, for the facts.
         position_tolerance: As of the check: largest linear task error that passes, m.
         axis_tolerance_deg: Likewise, degrees.
-        progress: Called with what is done next.
 
     Raises:
         InvalidInput: If the trajectory cannot be checked (:func:`~qp_twist.check_trajectory`).
     """
-    say = progress or (lambda _: None)
-    say("checking")
     check = check_trajectory(
         trajectory,
         path_task,
         position_tolerance=position_tolerance,
         axis_tolerance_deg=axis_tolerance_deg,
     )
-    return write_report(path_task, check, out, file=file, progress=progress)
+    return write_report(path_task, check, out, file=file)
 
 
 def write_report(
-    path_task: PathTask,
-    check: Check,
-    out: str | Path,
-    *,
-    file: str = "",
-    progress: Callable[[str], None] | None = None,
+    path_task: PathTask, check: Check, out: str | Path, *, file: str = ""
 ) -> MotionReport:
     """Write the page of a motion that is checked already; see :func:`report`."""
-    say = progress or (lambda _: None)
-    say("drawing the scene")
     bad = _widened(failing_intervals(path_task, check))
     slow = _widened(slower_intervals(path_task, check))
     colours = np.where(bad, RED, np.where(slow, ORANGE, BLUE)).tolist()
@@ -126,7 +114,6 @@ def write_report(
         path_rgb=np.array([rgb(colour) for colour in colours], dtype=np.uint8),
     )
     picture, remark = _picture(path_task, check, colours)
-    say("drawing the curves")
     page = _page(path_task, check, scene, picture, file, colours)
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)
 

@@ -76,9 +76,7 @@ def check_applies(path_task: PathTask) -> None:
         )
 
 
-def roadmap_figure(
-    path_task: PathTask, trajectories: Mapping[str, Trajectory], *, seed: int = 0
-) -> Figure:
+def roadmap_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) -> Figure:
     """The configurations inside the limits along the path, with each method.
 
     For six hinges with a closed form and a free roll :func:`roll_figure`. For a planar arm one
@@ -93,7 +91,7 @@ def roadmap_figure(
         return roll_figure(RollMap.of(path_task), trajectories)
     ranges, count = JointRanges.of(path_task.model), len(path_task.waypoints)
     drawn = range(0, count, max(1, count // _DRAWN))
-    found = manifolds(path_task, drawn, rng=np.random.default_rng(seed))
+    found = manifolds(path_task, drawn, rng=np.random.default_rng(0))
     curves = [(i + 1, own) for i, own in zip(drawn, found, strict=True)]
     positions = {name: ranges.positions(t.q) for name, t in trajectories.items()}
     with mpl.rc_context(RC):
