@@ -52,6 +52,8 @@ Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
+Metres = Annotated[float | None, tyro.conf.arg(metavar="M")]
+Degrees = Annotated[float | None, tyro.conf.arg(metavar="DEG")]
 Count = Annotated[int, tyro.conf.arg(metavar="N")]
 OptionalCount = Annotated[int | None, tyro.conf.arg(metavar="N")]
 
@@ -65,6 +67,9 @@ SHARED = {
     "gain": "Of the secondary objective, instead of the task file's or the method's own.",
     "weight": "Of a centering secondary, likewise.",
     "path": "Toolpath to follow instead of the task's own, e.g. path.csv.",
+    "position_tolerance": "Largest linear task error that passes, m; if omitted, as the task file "
+    "states it in [study], else 1e-4.",
+    "axis_tolerance_deg": "Largest angular task error that passes, degrees; likewise, else 0.05.",
     "robot": "For a program: the robot's name in the table of known robots, or a file with a table "
     "of its own (.toml); if omitted, as the task file states it, or recognised by name and "
     "geometry.",
