@@ -12,6 +12,7 @@ from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+from qp_twist.planning.certificate import amount_of
 from qp_twist.referee import Tolerances, motion_limits, speeds_or_default
 
 _INSIDE = Tolerances().band
@@ -147,10 +148,7 @@ class JointMoves:
             least = float(margins[row, k])
             if least < min(worst, -_INSIDE):
                 worst = least
-                name = constraint.names[k]
-                amount = f"{np.degrees(-least):.3g}°"
-                if constraint.units[k] == "m":
-                    amount = f"{-1e3 * least:.3g} mm"
+                name, amount = constraint.names[k], amount_of(-least, constraint.units[k])
                 text = f"{name} would be outside {constraint.kind} by {amount}"
         if not text and not self._within(q).all():
             room = self.ranges.room(q)

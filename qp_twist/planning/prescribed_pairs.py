@@ -49,7 +49,7 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
     moving_plane = (planes & (carrier == 1)).any(axis=1)
     between = (carrier.min(axis=1) == 0) & (carrier.max(axis=1) == 1)
     chosen = np.flatnonzero(between & ~moving_plane)
-    at = [k for k in range(len(path_task.waypoints)) if _prescribes(path_task, k)]
+    at = [k for k in range(len(path_task.waypoints)) if RollGrid.applies(path_task, k)]
     if not len(chosen) or not at:
         return None
     axis = _axis(path_task, at[0])
@@ -168,12 +168,6 @@ def _carriers(path_task: PathTask) -> Indices:
     welded = model.body_weldid[model.geom_bodyid]
     own = welded_to(model, path_task.frame_name, path_task.frame_type)
     return np.where(welded == 0, 0, np.where(welded == own, 1, 2))
-
-
-def _prescribes(path_task: PathTask, index: int) -> bool:
-    projector = path_task.in_force[index]
-    whole = projector.linear.kind is ProjectorKind.FULL
-    return whole and projector.angular.kind in (ProjectorKind.FULL, ProjectorKind.PLANE)
 
 
 def _axis(path_task: PathTask, index: int) -> Array:

@@ -339,11 +339,6 @@ class Problem:
         """Largest dimension of the null space at a waypoint."""
         return int(self.rows.freedom.max())
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the hard bands and constraints."""
-        return self.rows.hard.names
-
     def judged(self, q: Array) -> JudgedPath:
         """A joint path (N, nv) with its value and its largest violation."""
         return JudgedPath(q, self.objective.value(q), self.limits.excess(q))

@@ -19,6 +19,7 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, SerialChain, TwistTask
 from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.central import CentralConfiguration, central_configurations
+from qp_twist.planning.certificate import amount_of
 from qp_twist.planning.layer import centred, forbidding_bands
 from qp_twist.planning.path_rows import REACHED, PathRows
 
@@ -236,7 +237,7 @@ def what_forbids(path_task: PathTask, index: int = 0) -> str:
         return _outside_bands(rows, q[ranges.inside(q)], index)
     always = np.flatnonzero((beyond > 0.0).all(axis=0))
     violations = " and ".join(
-        f"{ranges.names[dof]} by {_amount(beyond[nearest, dof], bool(ranges.hinge[dof]))}"
+        f"{ranges.names[dof]} by {amount_of(beyond[nearest, dof], ranges.units[dof])}"
         for dof in over
     )
     text = (
@@ -276,7 +277,7 @@ def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
         if name in forbidding
     )
     violations = " and ".join(
-        f"{name} by {_amount(-margin, unit == 'rad')}" for margin, name, unit in outside[:_NAMED]
+        f"{name} by {amount_of(-margin, unit)}" for margin, name, unit in outside[:_NAMED]
     )
     if len(outside) > _NAMED:
         violations += f" and {len(outside) - _NAMED} more"
@@ -289,10 +290,6 @@ def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
         f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
         f"and {what}; the nearest one inside the limits is outside {violations}{hint}"
     )
-
-
-def _amount(beyond: float, hinge: bool) -> str:
-    return f"{np.degrees(beyond):.3g}°" if hinge else f"{1e3 * beyond:.3g} mm"
 
 
 def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
