@@ -8,7 +8,6 @@ from qp_twist.shipped import shipped_tasks as shipped_tasks
 
 from .arcs import ARC_ERROR as ARC_ERROR
 from .arcs import ArcAxis as ArcAxis
-from .assemble import UnitQuestion as UnitQuestion
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
@@ -42,6 +41,7 @@ from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve
 from .toolpath import Lines as Lines
 from .toolpath import Toolpath as Toolpath
+from .toolpath_builder import UnitQuestion as UnitQuestion
 from .toolpath_columns import ColumnChoice as ColumnChoice
 from .toolpath_columns import Orientation as Orientation
 from .toolpath_columns import UnclearColumns as UnclearColumns

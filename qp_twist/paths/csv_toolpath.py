@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,9 +15,14 @@ from qp_twist.files import (
     columns_named,
     split_unit,
 )
-from qp_twist.paths.assemble import RawCurve, assembled
 from qp_twist.paths.suggested_columns import suggested
 from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath_builder import (
+    Row,
+    RowsOfCurve,
+    ToolpathFormat,
+    toolpath_of,
+)
 from qp_twist.paths.toolpath_columns import (
     LOOKED_AT,
     ColumnChoice,
@@ -30,7 +36,7 @@ from qp_twist.paths.toolpath_columns import (
 from qp_twist.paths.toolpath_options import ReadingOptions
 
 
-def read_csv(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
+def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
     """The toolpath of a table.
 
     A blank line, a line of text between rows, or a new entry in the curve column begins another
@@ -41,12 +47,8 @@ def read_csv(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolp
         UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
     """
     choice = options.columns or ColumnChoice()
-    by_name = [
-        column
-        for columns in vars(choice).values()
-        for column in (columns if isinstance(columns, tuple) else (columns,))
-        if isinstance(column, str)
-    ]
+    chosen = [c if isinstance(c, tuple) else (c,) for c in vars(choice).values()]
+    by_name = [column for columns in chosen for column in columns if isinstance(column, str)]
     table = Table(
         lines,
         least=3,
@@ -64,12 +66,13 @@ def read_csv(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolp
             raise
         raise UnclearColumns(error.message, suggested(table.sample(LOOKED_AT))) from None
     unit, in_file = unit_of(table, "length_unit", where.position, options.length_unit, LENGTHS)
-    scale, angle, feed = LENGTHS[unit], 1.0, 1.0
+    call = ", ".join(table.call(i) for i in where.direction)
     notes = [where.note] if where.note else []
+    angle, feed = 1.0, 1.0
     if where.orientation in ("rpy", "rotation_vector"):
-        own = options.angle_unit or (
-            None if _states_unit(table, where.direction) else where.angle_unit
-        )
+        names = [table.names[i] for i in where.direction if table.names]
+        by_numbers = None if any(split_unit(name)[1] for name in names) else where.angle_unit
+        own = options.angle_unit or by_numbers
         stated, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
         angle = ANGLES[stated]
         if not in_header and options.angle_unit is None:
@@ -79,65 +82,58 @@ def read_csv(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolp
     if where.feed is not None:
         feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), options.feed_unit, FEEDS)[0]]
     problems = Problems()
-    curves = _curves(table, where, problems)
-    for rows in curves:
-        rows.positions = [tuple(scale * v for v in p) for p in rows.positions]
-        rows.feeds = [feed * v for v in rows.feeds]
-        if angle != 1.0:
-            rows.directions = [tuple(angle * v for v in d) for d in rows.directions]
-    used = {*where.numbers, *(() if where.curve is None else (where.curve,))}
+    curves = _curves(table, where, (LENGTHS[unit], angle, feed), problems)
+    used = {*where.numbers, where.curve}
     unused = [table.call(i) for i in range(table.width) if i not in used]
     notes += [f"not used: {', '.join(unused)}."] if unused else []
-    notes += _of_feeds(table, where)
-    call = ", ".join(table.call(i) for i in where.direction)
-    return assembled(
+    speeds = usual(table.names).get("feed", {}).get(0, [])
+    if where.feed is None and speeds:
+        notes.append(
+            f"{' and '.join(table.call(i) for i in speeds)} may state feeds, but not in which unit;"
+            ' write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to '
+            "[path]."
+        )
+    return toolpath_of(
         path, where.orientation, curves, call, notes, problems, unit=unit, unit_in_file=in_file
     )
 
 
-def _states_unit(table: Table, columns: Sequence[int]) -> bool:
-    """Whether the header has the unit of one of some columns."""
-    return bool(table.names) and any(split_unit(table.names[i])[1] for i in columns)
+CSV = ToolpathFormat(lambda suffix, lines: True, _read, {})
+"""Tables."""
 
 
-def _of_feeds(table: Table, where: ColumnRoles) -> list[str]:
-    """Columns that are named like a feed but not used."""
-    if where.feed is not None:
-        return []
-    named = usual(table.names).get("feed", {}).get(0, [])
-    if not named:
-        return []
-    return [
-        f"{' and '.join(table.call(i) for i in named)} may state feeds, but not in which unit; "
-        'write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to [path].'
-    ]
-
-
-def _curves(table: Table, where: ColumnRoles, problems: Problems) -> list[RawCurve]:
-    """The rows of all curves, checked one by one; invalid entries are problems."""
-    curves = [RawCurve(table.title)]
-    label: str | None = None
-    for row in table.rows(where.numbers, problems):
-        if row.numbers is None:
-            if curves[-1].positions:
-                curves.append(RawCurve())
-            curves[-1].name = " ".join(filter(None, row.fields)) or curves[-1].name
-            continue
-        if where.curve is not None:
-            name = row.fields[where.curve]
-            if label is not None and name != label and curves[-1].positions:
-                curves.append(RawCurve())
-            label = name
-            curves[-1].name = name
-        rows = curves[-1]
-        rows.positions.append(row.numbers[:3])
-        rows.directions.append(row.numbers[3 : 3 + len(where.direction)])
-        rows.lines.append(row.line)
+def _curves(
+    table: Table, where: ColumnRoles, units: tuple[float, float, float], problems: Problems
+) -> list[RowsOfCurve]:
+    """The rows of all curves, in units of length, angle and feed; invalid entries are problems."""
+    curves: list[list[Row]] = [[]]
+    name, label = table.title, None
+    of_length, of_angle, of_feed = units
+    for line, fields, numbers in table.rows(where.numbers, problems):
+        entry = None if numbers is None or where.curve is None else fields[where.curve]
+        if numbers is None or (label is not None and entry != label):
+            if curves[-1]:
+                curves.append([])
+                name = ""
+            if numbers is None:
+                name = " ".join(filter(None, fields)) or name
+                continue
+        label, name = entry, name if entry is None else entry
+        feed = math.nan
         if where.feed is not None:
-            value = row.numbers[-1]
-            rows.feeds.append(value)
             # No motion leads to the first point of a curve; tables often have 0 there.
-            if value <= 0.0 and len(rows.positions) > 1:
-                what = f"expected a feed above 0, got {value:g}"
-                problems.add(row.line, what, table.call(where.feed))
-    return curves
+            if numbers[-1] <= 0.0 and curves[-1]:
+                what = f"expected a feed above 0, got {numbers[-1]:g}"
+                problems.add(line, what, table.call(where.feed))
+            feed = of_feed * numbers[-1]
+        direction = numbers[3 : 3 + len(where.direction)]
+        curves[-1].append(
+            Row(
+                tuple(of_length * v for v in numbers[:3]),
+                tuple(of_angle * v for v in direction),
+                line,
+                feed,
+                name=name,
+            )
+        )
+    return [RowsOfCurve(rows, [], []) for rows in curves if rows]

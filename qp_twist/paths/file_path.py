@@ -12,7 +12,6 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector
-from qp_twist.paths.assemble import UnitQuestion
 from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
 from qp_twist.paths.orientation import lean_turns
 from qp_twist.paths.read_toolpath import read_toolpath
@@ -20,6 +19,7 @@ from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
 from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Lines, Toolpath, lifts
+from qp_twist.paths.toolpath_builder import UnitQuestion
 from qp_twist.paths.turning import angles_between, turns_between
 
 Part = Literal["approach", "contact", "retreat", "transfer"]

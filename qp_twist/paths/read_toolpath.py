@@ -8,13 +8,16 @@ from pathlib import Path
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
-from qp_twist.paths.apt_toolpath import read_apt
-from qp_twist.paths.csv_toolpath import read_csv
-from qp_twist.paths.gcode_toolpath import SUFFIXES, read_gcode
+from qp_twist.paths.apt_toolpath import APT
+from qp_twist.paths.csv_toolpath import CSV
+from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
-from qp_twist.paths.toolpath_options import ReadingOptions
+from qp_twist.paths.toolpath_builder import ToolpathFormat
+from qp_twist.paths.toolpath_options import Format, ReadingOptions
 
+FORMATS: dict[Format, ToolpathFormat] = {"apt": APT, "gcode": GCODE, "csv": CSV}
+"""The formats; a file is of the first one that it matches."""
 _OTHER_PROGRAMS = {
     "a RAPID program (ABB)": r"%%%$|\s*(?:LOCAL\s+)?MODULE\s+\w+",
     "a URScript program (Universal Robots)": r"\s*def\s+\w+\s*\(.*\)\s*:\s*$",
@@ -62,29 +65,17 @@ def read_toolpath(
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:
     """The toolpath of a file in its format."""
-    format = options.format
-    if format is None:
-        goto = any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
-        format = "apt" if goto else "gcode" if path.suffix.lower() in SUFFIXES else "csv"
-    if format == "csv":
-        try:
-            return read_csv(path, lines, options)
-        except InvalidInput:
+    formats = (each for each in FORMATS.values() if each.matches(path.suffix.lower(), lines))
+    found = FORMATS[options.format] if options.format else next(formats)
+    for names, why in found.refused.items():
+        if any(getattr(options, name) is not None for name in names):
+            raise InvalidInput(why)
+    try:
+        return found.read(path, lines, options)
+    except InvalidInput:
+        if found is CSV:
             _refuse_other_programs(lines)
-            raise
-    if options.columns is not None:
-        raise InvalidInput("an APT or G-code file has no columns; leave columns out.")
-    if options.feed_unit is not None:
-        raise InvalidInput(
-            "an APT or G-code file states the unit of a feed itself; leave feed_unit out."
-        )
-    if format == "gcode":
-        return read_gcode(path, lines, options)
-    if options.rotary is not None or options.rollover is not None:
-        raise InvalidInput(
-            "an APT file states tool axes as vectors; leave rotary and rollover out."
-        )
-    return read_apt(path, lines, options)
+        raise
 
 
 def _refuse_other_programs(lines: Sequence[str]) -> None:

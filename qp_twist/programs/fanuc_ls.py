@@ -13,8 +13,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
@@ -23,12 +22,12 @@ from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
     Act,
-    Course,
-    Rules,
-    check_callers,
+    Procedure,
+    Program,
+    Statements,
     check_identifier,
-    number_of,
     refuse,
+    shown,
 )
 
 LONGEST = 9999
@@ -123,74 +122,63 @@ _POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL |
 _FIELD = re.compile(
     rf"GP(\d)\s*:|(UF|UT)\s*:\s*\w+|([JE]\d)\s*=\s*({NUMBER}|\*+)\s*(\w*)", re.ASCII
 )
-_PASSED = r"(?:DO|RO|GO|AO|SO|F|M|R|SR|TIMER)\s*\[[^\]]*\]\s*=.*|MESSAGE\s*\[.*\]"
+_MOVE = (
+    rf"J\s+P\[\s*(\d+)\s*(?::[^\]]*)?\]\s+({NUMBER})\s*(%|sec|msec)\s+(FINE|CNT\s*\d+)"
+    r"(\s+ACC\s*\d+)?"
+)
+_PAUSES = (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)")
+_SPEED = rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%"
+_SETTINGS = (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]")
+_PASSED = (
+    r"(DO|RO|GO|AO|SO|F|M|R|SR|TIMER)\s*\[([^\]]*\]\s*=.*)", r"(MESSAGE)\s*\[.*\]",
+)  # fmt: skip
 """Outputs, flags, registers, timers and messages: no move that is read depends on them."""
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
-    comments: list[str] = []
-    course = Course()
-    reader = _Reader(beside, comments, course)
-    reader.run(reader.read(text))
-    return course.moves(read_header(comments))
+    program = _Tp(beside)
+    program.run(program.read(text))
+    return program.course.moves(read_header(program.comments))
 
 
-class _Program(NamedTuple):
-    """A program that was read.
+class _Tp(Program):
+    """A program, and those that it calls.
 
     Attributes:
-        name: As in /PROG.
-        acts: What its statements do, each with its line.
-        points: Joint angles by number.
+        comments: Remarks.
     """
 
-    name: str
-    acts: list[tuple[int, Act, re.Match[str]]]
-    points: dict[int, list[float]]
+    reads = "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other"
 
+    def __init__(self, beside: Beside) -> None:
+        super().__init__()
+        self.comments: list[str] = []
+        self._beside = beside
+        self._points: dict[str, dict[int, dict[str, float]]] = {}
 
-class _Reader:
-    """Reads a program, and those that it calls."""
-
-    def __init__(self, beside: Beside, comments: list[str], course: Course) -> None:
-        self._beside, self._comments, self._course = beside, comments, course
-        self._programs: dict[str, _Program] = {}
-        self._running: list[_Program] = []
-        self._external: dict[tuple[str, int], dict[str, float]] = {}
-
-        def has(pattern: str) -> re.Pattern[str]:
-            return re.compile(pattern, re.IGNORECASE | re.ASCII)
-
-        self._rules = Rules(
-            (
-                (re.compile(r"(?:!|//|--).*|"), lambda number, match: None),
-                (
-                    has(
-                        rf"J\s+P\[\s*(\d+)\s*(?::[^\]]*)?\]\s+({NUMBER})\s*(%|sec|msec)"
-                        r"\s+(FINE|CNT\s*\d+)(\s+ACC\s*\d+)?"
-                    ),
-                    self._move,
-                ),
-                (has(r"CALL\s+(\w+)"), self._call),
-                (has(rf"WAIT\s+({NUMBER})\s*\(sec\)"), self._wait),
-                (
-                    has(r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*|(PAUSE)"),
-                    lambda number, match: course.pause(number, match[1] or match[2]),
-                ),
-                (has(r"(ABORT)"), self._abort),
-                (has(r"END"), lambda number, match: True),
-                (has(rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%"), self._with(course.speed)),
-                (
-                    has(r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+|(PAYLOAD)\s*\[\s*\d+\s*\]"),
-                    self._with(course.setting),
-                ),
-                (has(rf"(?=(\w+))(?:{_PASSED})"), self._with(course.passed)),
-            ),
-            "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other",
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Remarks, moves, calls, waits, and what does not move."""
+        course = self.course
+        return (
+            (r"(?:!|//|--).*|", lambda number, match: None),
+            (_MOVE, self._move),
+            (r"CALL\s+(\w+)", self._call),
+            (rf"WAIT\s+({NUMBER})\s*\(sec\)", self.wait),
+            *((pattern, self._pause) for pattern in _PAUSES),
+            (r"(ABORT)", self.end),
+            (r"END", self.leave),
+            (_SPEED, self.noting(course.speed)),
+            *((pattern, self.noting(course.setting)) for pattern in _SETTINGS),
+            *((pattern, self.noting(course.passed)) for pattern in _PASSED),
         )
 
-    def read(self, text: str) -> _Program:
-        """Read a program."""
+    def check(self, number: int, statement: str, text: str) -> None:
+        """Expressions call by words."""
+        if re.search(r"\b(CALL|RUN|JMP)\b", text, re.I):
+            raise refuse(number, statement, "calls something in an expression.")
+
+    def read(self, text: str, called: str = "") -> str:
+        """Read a program; the name under which it runs."""
         parts, found = {"": ""}, [""]
         for line in text.split("\n"):
             if match := _SECTION.fullmatch(line):
@@ -213,123 +201,101 @@ class _Reader:
             )
         for number, statement in statements:
             self._remark(number, statement)
-        tail = first + parts["MN"].count("\n") - 1
-        points = self._points(name[1].upper(), parts["POS"].partition("\n")[2], tail + 1)
-        program = _Program(name[1], self._rules.read(statements), points)
-        used = {int(match[1]) for _, act, match in program.acts if act == self._move}
+        key = called or name[1].upper()
+        tail = first + parts["MN"].count("\n")
+        points = self._points[key] = _points(parts["POS"].partition("\n")[2], tail)
+        acts = self.parse(key, Procedure(name[1], first, statements))
+        used = {int(match[1]) for _, act, match in acts if act == self._move}
         if unused := sorted(set(points) - used):
             raise InvalidInput(
                 f"{name[1]}: no line moves to P[{unused[0]}]; a line was lost, or the point is "
                 "left over."
             )
-        return program
-
-    def run(self, program: _Program) -> None:
-        """Execute a program."""
-        check_callers([each.name.upper() for each in (*self._running, program)])
-        self._running.append(program)
-        left = 0
-        for number, act, match in program.acts:
-            if left:
-                raise InvalidInput(
-                    f"this never runs, since line {left} ends {program.name}.", line=number
-                )
-            self._course.step(number)
-            left = number if act(number, match) else 0
-        self._running.pop()
+        return key
 
     def _remark(self, number: int, statement: str) -> None:
         """Collect a remark; one that continues the remark above is joined with it."""
         if re.match("!|//|--", statement):
             text = statement.lstrip("!/-")
-            if text.startswith(_MORE) and self._comments:
-                self._comments[-1] += " " + text.removeprefix(_MORE)
+            if text.startswith(_MORE) and self.comments:
+                self.comments[-1] += " " + text.removeprefix(_MORE)
             else:
-                self._comments.append(text)
+                self.comments.append(text)
         elif not statement.isascii():
             raise refuse(number, statement, "expected ASCII characters outside remarks.")
 
     def _move(self, number: int, match: re.Match[str]) -> None:
-        point, program = int(match[1]), self._running[-1]
-        if point not in program.points:
+        point, points = int(match[1]), self._points[self.running]
+        if point not in points:
             raise refuse(number, match[0], f"there is no P[{point}] under /POS.")
         if match[4].upper() not in ("FINE", "CNT0"):
-            self._course.rounds(number, match[4])
+            self.course.rounds(number, match[4])
         if match[5]:
-            self._course.speed(number, "ACC")
-        self._course.external(number, self._external[program.name.upper(), point])
+            self.course.speed(number, "ACC")
+        axes = points[point]
+        external = {axis: value for axis, value in axes.items() if axis[0] == "E"}
+        self.course.external(number, external)
         value, unit = float(match[2]), match[3].lower()
         seconds = {"%": None, "sec": value, "msec": 1e-3 * value}[unit]
-        self._course.move(number, program.points[point], seconds)
+        self.course.move(number, [axes[axis] for axis in LS.axis_names], seconds)
 
-    def _wait(self, number: int, match: re.Match[str]) -> None:
-        self._course.wait(number, float(match[1]))
-
-    def _abort(self, number: int, match: re.Match[str]) -> bool:
-        self._course.ends(number, match[1])
-        return True
-
-    def _with(self, note: Callable[[int, str], None]) -> Act:
-        """A statement that does not move the robot: its expressions call nothing."""
-
-        def act(number: int, match: re.Match[str]) -> None:
-            word = next(group for group in match.groups() if group)
-            if word.upper() != "MESSAGE" and re.search(r"\b(CALL|RUN|JMP)\b", match[0], re.I):
-                raise refuse(number, match[0], "calls something in an expression.")
-            note(number, word)
-
-        return act
+    def _pause(self, number: int, match: re.Match[str]) -> None:
+        self.course.pause(number, match[1])
 
     def _call(self, number: int, match: re.Match[str]) -> None:
         name = match[1].upper()
-        if name not in self._programs:
+        if name not in self.procedures:
             content = self._beside(f"{match[1]}.ls")
             if content is None:
                 raise refuse(number, match[0], f"there is no {match[1]}.ls beside the file.")
             with of_file(f"{match[1]}.ls"):
-                self._programs[name] = self.read("\n".join(text_lines(content)))
+                self.read("\n".join(text_lines(content)), name)
         with of_file(f"{match[1]}.ls"):
-            self.run(self._programs[name])
+            self.run(name)
 
-    def _points(self, name: str, tail: str, first: int) -> dict[int, list[float]]:
-        """The joint angles of the points by number."""
-        found: dict[int, list[float]] = {}
-        for match in _POINT.finditer(tail):
-            number = first + tail.count("\n", 0, match.start())
-            point, inside = int(match[1]), match[2]
+
+def _points(tail: str, first: int) -> dict[int, dict[str, float]]:
+    """The angles of the axes of the points by number, external ones included."""
+    found: dict[int, dict[str, float]] = {}
+    for match in _POINT.finditer(tail):
+        point, inside = int(match[1]), match[2]
+        try:
             if point in found:
-                raise InvalidInput(f"P[{point}] stands twice.", line=number)
-            if re.search(r"\b[XYZ]\s*=", inside):
-                raise InvalidInput(
-                    f"P[{point}] is Cartesian; only joint angles J1 to J6 can be checked.",
-                    line=number,
-                )
-            axes: dict[str, float] = {}
-            for group, _, axis, value, unit in _FIELD.findall(inside):
-                if group and group != "1":
-                    raise InvalidInput(f"P[{point}] moves more than one motion group.", line=number)
-                if axis and unit not in ("deg", *(["mm"] if axis[0] == "E" else [])):
-                    raise InvalidInput(
-                        f"P[{point}], {axis}: the unit is {unit or 'missing'!r}; expected deg.",
-                        line=number,
-                    )
-                if axis in axes:
-                    raise InvalidInput(f"P[{point}]: {axis} stands twice.", line=number)
-                if axis:
-                    axes[axis] = number_of(number, value, f"an angle of {axis}")
-            if left := _FIELD.sub("", inside).replace(",", " ").strip():
-                raise InvalidInput(f"P[{point}]: {left[:60]!r} is not read.", line=number)
-            if sorted(axis for axis in axes if axis[0] == "J") != list(LS.axis_names):
-                raise InvalidInput(f"P[{point}]: expected J1 to J{AXES}.", line=number)
-            found[point] = [axes[axis] for axis in LS.axis_names]
-            self._external[name, point] = {axis: axes[axis] for axis in axes if axis[0] == "E"}
-        left = _POINT.sub("", tail).strip()
-        if left:
-            raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
-        return found
+                raise InvalidInput(f"P[{point}] stands twice.")
+            found[point] = _axes(f"P[{point}]", inside)
+        except InvalidInput as error:
+            error.line = first + tail.count("\n", 0, match.start())
+            raise
+    if left := _POINT.sub("", tail).strip():
+        raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
+    return found
 
 
-def _statements(body: str, first: int) -> list[tuple[int, str]]:
+def _axes(point: str, inside: str) -> dict[str, float]:
+    """The angles of the axes of a point."""
+    axes: dict[str, float] = {}
+    if re.search(r"\b[XYZ]\s*=", inside):
+        raise InvalidInput(f"{point} is Cartesian; only joint angles J1 to J6 can be checked.")
+    for group, _, axis, value, unit in _FIELD.findall(inside):
+        if group and group != "1":
+            raise InvalidInput(f"{point} moves more than one motion group.")
+        if not axis:
+            continue
+        if unit not in ("deg", *(["mm"] if axis[0] == "E" else [])):
+            raise InvalidInput(f"{point}, {axis}: the unit is {unit or 'missing'!r}; expected deg.")
+        if axis in axes:
+            raise InvalidInput(f"{point}: {axis} stands twice.")
+        if value.startswith("*") or not math.isfinite(float(value)):
+            raise InvalidInput(f"{shown(value)}: expected an angle of {axis}.")
+        axes[axis] = float(value)
+    if left := _FIELD.sub("", inside).replace(",", " ").strip():
+        raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
+    if sorted(axis for axis in axes if axis[0] == "J") != list(LS.axis_names):
+        raise InvalidInput(f"{point}: expected J1 to J{AXES}.")
+    return axes
+
+
+def _statements(body: str, first: int) -> Statements:
     """The statements of a program, each with its line in the file.
 
     A statement ends with a semicolon, and stands on one line or, except a remark, on several.
@@ -337,7 +303,7 @@ def _statements(body: str, first: int) -> list[tuple[int, str]]:
     Raises:
         InvalidInput: If a number or a semicolon is missing.
     """
-    found: list[tuple[int, str]] = []
+    found: Statements = []
     numbered, open_ = 0, False
     for number, line in enumerate(body.split("\n"), start=first):
         if not line.strip():

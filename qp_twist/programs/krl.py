@@ -12,7 +12,7 @@ in seconds, the other in percent of the whole, so parts are read as shares of ``
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Sequence
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import text_lines
@@ -21,12 +21,10 @@ from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
     Act,
-    Calls,
-    Course,
     Procedure,
-    Rules,
+    Program,
+    Statements,
     check_identifier,
-    check_no_call,
     number_of,
     refuse,
     split,
@@ -76,30 +74,52 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 _NAME = r"[A-Za-z]\w*"
 _TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
-_DECLARED = re.compile(
+_DECLARED = (
     rf"(?:GLOBAL\s+)?(?:DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?({_NAME})|({_TYPES}))\s+"
-    rf"({_NAME})((?:\s*\[[\d\s,]*\])?(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(.*))?",
-    re.IGNORECASE | re.ASCII,
+    rf"({_NAME})((?:\s*\[[\d\s,]*\])?(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(.*))?"
 )
-_ASSIGNMENT = re.compile(
-    rf"({_NAME})((?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(.*)", re.IGNORECASE | re.ASCII
-)
-_PASSED = (
-    r"\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART|\$APO(?:\.\w+)?"
-    r"|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS"
-)
-"""Variables of the controller: outputs, flags, timers, and how far from a point rounding begins."""
-_SETTINGS = (
-    r"\$TOOL|\$BASE|\$LOAD|\$ACT_TOOL|\$ACT_BASE|\$IPO_MODE|(?:TOOL|BASE|LOAD)_DATA\s*\[\d+\]"
-    r"|FDAT_ACT"
-)
-_SPEEDS = (
-    r"\$VEL(?:\.\w+)?|\$ACC(?:\.\w+)?|\$(?:VEL|ACC)_AXIS\s*\[\d+\]|\$GEAR_JERK\s*\[\d+\]"
-    r"|\$OV_PRO|[PL]DAT_ACT"
-)
+_ASSIGNMENT = rf"({_NAME})((?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(.*)"
+_AXES = ("AXIS", "E6AXIS")
+"""Types of the data that say where an axis move leads."""
+_WHERE_IT_IS = ("$AXIS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT")
+"""Targets that are where the robot is: it stays there."""
 _WORDS = {"BAS", "SET_CD_PARAMS", "IR_STOPM", "FDAT_ACT", "PDAT_ACT", "LDAT_ACT"}
 """Names to which a program may not give another meaning."""
 _PULSE = r"PULSE\s*\(\s*\$OUT\s*\[\w+\]\s*,\s*\w+\s*,\s*[\d.]+\s*\)"
+_TRIGGER = (
+    r"(TRIGGER)\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*=\s*[-\d.]+\s+DO"
+    rf"\s+(?:\$OUT\s*\[\w+\]\s*=\s*\w+|{_PULSE})"
+)
+_PASSED = (
+    r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART|\$APO(?:\.\w+)?"
+    r"|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS)\s*=(?!=)(.*)",
+    rf"(?=(PULSE)){_PULSE}",
+    r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
+    rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
+    rf"(SIGNAL)\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?",
+)
+"""Outputs, flags, timers, names for them, and how far from a point rounding begins."""
+_SETTINGS = (
+    rf"(BAS)\s*\(\s*#(?:TOOL|BASE|FRAMES)\s*(?:,\s*{NUMBER}\s*)?\)",
+    r"(\$TOOL|\$BASE|\$LOAD|\$ACT_TOOL|\$ACT_BASE|\$IPO_MODE|(?:TOOL|BASE|LOAD)_DATA\s*\[\d+\]"
+    r"|FDAT_ACT)\s*=(?!=)(.*)",
+)
+_SPEEDS = (
+    r"(BAS)\s*\(\s*#(?:(?:VEL|ACC)_(?:PTP|CP)|(?:PTP|CP)_(?:DAT|PARAMS))\s*"
+    rf"(?:,\s*{NUMBER}\s*)?\)",
+    r"(\$VEL(?:\.\w+)?|\$ACC(?:\.\w+)?|\$(?:VEL|ACC)_AXIS\s*\[\d+\]|\$GEAR_JERK\s*\[\d+\]"
+    r"|\$OV_PRO|[PL]DAT_ACT)\s*=(?!=)(.*)",
+)
+_PAUSES = (r"(WAIT)\s+(?:SEC|FOR)\b(.*)", r"(HALT)")
+_BEGIN = (
+    r"GLOBAL INTERRUPT DECL 3 WHEN \$STOPMESS\s*==\s*TRUE DO IR_STOPM\s*\(\s*\)"
+    r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
+)
+"""What a controller's programs begin with."""
+_MOVE = (
+    rf"(S?PTP)\s*(?<=[P\s])(\{{[^{{}}]*\}}|(?<=\s)(?:{_NAME}|\$\w+))((?:\s*\bC_\w+)*)"
+    r"(?:\s+WITH\s+(.*))?"
+)
 _WITH = re.compile(
     r"\$(?:TOOL|BASE|LOAD|IPO_MODE|APO|(?:VEL|ACC)_AXIS\[\d\]|GEAR_JERK\[\d\]"
     r"|COLLMON_TOL_PRO\[\d\])\s*=\s*(?:(?:SVEL_JOINT|SACC_JOINT|SJERK|STOOL2|STOOL|SBASE|SLOAD"
@@ -107,137 +127,104 @@ _WITH = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 """What an SPTP may have after WITH, also as the maker's inline forms write it."""
-_READS = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
     comments: list[str] = []
-    statements: list[tuple[int, str]] = []
+    statements: Statements = []
     for number, line in enumerate(text.split("\n"), start=1):
         code, comment = without_texts(number, line, '"', ";")
         comments.append(comment)
         if code:
             statements.append((number, code))
-    course = Course()
-    reader = _Reader(course, beside)
-    reader.execute(statements)
+    program = _Krl()
+    program.execute(statements, beside)
     header = read_header(comments)
-    if header and reader.shares:
+    if header and program.shares:
         raise InvalidInput(
             f"the parts of the time block are not {header['seconds']} s together, as the header "
             "says; a time was changed. Export it again, or remove the header."
         )
-    return course.moves(header)
+    return program.course.moves(header)
 
 
-class _Reader:
-    """Reads the statements of a program.
+class _Krl(Program):
+    """The programs of a file.
 
     Attributes:
-        course: The points so far.
-        rules: The grammar.
-        spline: Whether a spline has begun and not ended.
-        block: Points of a time block that is not closed, with their lines.
         shares: Whether the parts of the time block are shares, not seconds.
     """
 
-    def __init__(self, course: Course, beside: Beside) -> None:
-        self.course = course
-        self.spline = False
-        self.block: list[tuple[int, list[float]]] | None = None
+    reads = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
+
+    def __init__(self) -> None:
+        super().__init__()
         self.shares = False
-        self._beside = beside
-        self._targets: dict[str, str] = {}
-        self._assigned: dict[str, list[str]] = {}
-        self._procedures: dict[str, Procedure] = {}
-        self._calls: Calls | None = None
+        self._spline = self._timed = False
+        self._block: list[tuple[int, list[float]]] | None = None  # points of an open time block
         self._parts: list[float] = []
-        self._timed = False
 
-        def has(pattern: str) -> re.Pattern[str]:
-            return re.compile(pattern, re.IGNORECASE | re.ASCII)
-
-        self.rules = Rules(
-            (
-                (has(r"PTP_SPLINE(?:\s+WITH\s+(.*))?"), self._begin_spline),
-                (has(r"ENDSPLINE"), self._end_spline),
-                (has(r"TIME_BLOCK\s+START"), self._begin),
-                (has(rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})"), self._part),
-                (has(rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})"), self._end),
-                (
-                    has(
-                        rf"(S?PTP)\s*(?<=[P\s])(\{{[^{{}}]*\}}|(?<=\s)(?:{_NAME}|\$\w+))"
-                        r"((?:\s*\bC_\w+)*)(?:\s+WITH\s+(.*))?"
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Splines and their times, moves; what may not stand in a spline."""
+        course = self.course
+        return (
+            (r"ENDSPLINE", self._end_spline),
+            (r"TIME_BLOCK\s+START", self._begin_block),
+            (rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", self._part),
+            (rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", self._end_block),
+            (_MOVE, self._move),
+            (_TRIGGER, self.noting(course.passed)),
+            *(
+                (pattern, self._outside(act))
+                for pattern, act in (
+                    (r"PTP_SPLINE(?:\s+WITH\s+(.*))?", self._begin_spline),
+                    (rf"WAIT\s+SEC\s+({NUMBER})", self.wait),
+                    (r"RETURN", self.leave),
+                    (_BEGIN, lambda number, match: None),
+                    *((pattern, self.noting(course.pause)) for pattern in _PAUSES),
+                    *((pattern, self.noting(course.setting)) for pattern in _SETTINGS),
+                    *((pattern, self.noting(course.speed)) for pattern in _SPEEDS),
+                    *((pattern, self.noting(course.passed)) for pattern in _PASSED),
+                    (_DECLARED, self._declare),
+                    (_ASSIGNMENT, self._assign),
+                    (
+                        rf"({_NAME})\s*\(\s*\)",
+                        self.calling("calls something that the file does not have."),
                     ),
-                    self._move,
-                ),
-                (
-                    has(
-                        r"TRIGGER\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*="
-                        rf"\s*[-\d.]+\s+DO\s+(?:\$OUT\s*\[\w+\]\s*=\s*\w+|{_PULSE})"
-                    ),
-                    self._pass("TRIGGER", course.passed, in_spline=True),
-                ),
-                (has(rf"WAIT\s+SEC\s+({NUMBER})"), self._wait),
-                (has(r"WAIT\s+(?:SEC|FOR)\b(.*)"), self._pass("WAIT", course.pause)),
-                (has(r"HALT"), self._pass("HALT", course.pause)),
-                (has(r"RETURN"), self._return),
-                (
-                    has(
-                        r"GLOBAL INTERRUPT DECL 3 WHEN \$STOPMESS\s*==\s*TRUE DO IR_STOPM\s*\(\s*\)"
-                        r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
-                    ),
-                    self._pass("", lambda number, word: None),
-                ),
-                (
-                    has(rf"BAS\s*\(\s*#(?:TOOL|BASE|FRAMES)\s*(?:,\s*{NUMBER}\s*)?\)"),
-                    self._pass("BAS", course.setting),
-                ),
-                (
-                    has(
-                        r"BAS\s*\(\s*#(?:(?:VEL|ACC)_(?:PTP|CP)|(?:PTP|CP)_(?:DAT|PARAMS))\s*"
-                        rf"(?:,\s*{NUMBER}\s*)?\)"
-                    ),
-                    self._pass("BAS", course.speed),
-                ),
-                (has(rf"(?:{_PASSED})\s*=(?!=)(.*)"), self._pass("", course.passed)),
-                (has(rf"(?:{_SETTINGS})\s*=(?!=)(.*)"), self._pass("", course.setting)),
-                (has(rf"(?:{_SPEEDS})\s*=(?!=)(.*)"), self._pass("", course.speed)),
-                (has(rf"{_PULSE}"), self._pass("PULSE", course.passed)),
-                (
-                    has(r"SET_CD_PARAMS\s*\(\s*\d+\s*\)"),
-                    self._pass("SET_CD_PARAMS", course.passed),
-                ),
-                (has(rf"EXT\s+{_NAME}\s*\([^()]*\)"), self._pass("EXT", course.passed)),
-                (has(rf"SIGNAL\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?"),
-                 self._pass("SIGNAL", course.passed)),
-                (_DECLARED, self._declare),
-                (_ASSIGNMENT, self._assign),
-                (has(rf"({_NAME})\s*\(\s*\)"), self._call),
+                )
             ),
-            _READS,
-        )  # fmt: skip
+        )
 
-    def execute(self, statements: list[tuple[int, str]]) -> None:
+    def _outside(self, act: Act) -> Act:
+        """The act of a statement that is refused in a spline, which has only segments and times."""
+
+        def checked(number: int, match: re.Match[str]) -> bool | None:
+            if self._spline:
+                raise refuse(number, match[0], "expected SPTP and TIME_BLOCK in a spline.")
+            return act(number, match)
+
+        return checked
+
+    def execute(self, statements: Statements, beside: Beside) -> None:
         """Execute a file: its first program, and those of the file that this one calls."""
-        name = self._nested(statements)
+        name = self._sort(statements)
         if name:
-            self._read_data_file(name)
-            lines = self._procedures[name].statements
+            self._read_data_file(self.procedures[name].name, beside)
+            lines = self.procedures[name].statements
             if [statement for _, statement in lines[: len(_FRAME)]] == _FRAME:
                 del lines[: len(_FRAME)]
-        for procedure in self._procedures.values():
+        for procedure in self.procedures.values():
             for number, statement in procedure.statements:
                 self._count(f"{number}", statement)
-        self._calls = Calls(self.rules, self.course, self._procedures)
+        self.parse_all()
         if not name:
             raise InvalidInput("this is no KRL program: expected DEF NAME( ) … END.")
-        self._calls.run(name)
-        if self.spline:
+        self.run(name)
+        if self._spline:
             raise InvalidInput("the spline has no end (ENDSPLINE); a line was lost.")
-        self._calls.note_numbers()
+        self.note_calls()
 
-    def _nested(self, statements: list[tuple[int, str]]) -> str:
+    def _sort(self, statements: Statements) -> str:
         """Sort statements into programs; the name of the first."""
         inside = ""
         for number, statement in statements:
@@ -246,130 +233,123 @@ class _Reader:
             )
             if match and not inside:
                 inside = match[1].upper()
-                if inside in _WORDS or inside in self._procedures:
+                if inside in _WORDS or inside in self.procedures:
                     raise refuse(number, statement, "this name has a meaning already.")
-                self._procedures[inside] = Procedure(match[1], number, [])
+                self.procedures[inside] = Procedure(match[1], number, [])
             elif statement.upper() == "END" and inside:
                 inside = ""
             elif inside and not match:
-                self._procedures[inside].statements.append((number, statement))
+                self.procedures[inside].statements.append((number, statement))
             elif inside or not re.fullmatch(r"&\w+.*", statement):
                 raise refuse(
                     number, statement, "expected programs (DEF NAME( ) … END), and this in them."
                 )
         if inside:
             raise InvalidInput(f"the program {inside} has no END; a line was lost.")
-        return next(iter(self._procedures), "")
+        return next(iter(self.procedures), "")
 
-    def _read_data_file(self, name: str) -> None:
+    def _read_data_file(self, name: str, beside: Beside) -> None:
         """The axes that the program's data file declares, if there is one."""
-        name = self._procedures[name].name
-        content = self._beside(f"{name}.dat")
-        if content is None:
-            return
-        for number, line in enumerate(text_lines(content), start=1):
+        content = beside(f"{name}.dat")
+        for number, line in enumerate([] if content is None else text_lines(content), start=1):
             code = line.partition(";")[0].strip()
             self._count(f"{number} of {name}.dat", code)
-            if (match := _DECLARED.fullmatch(code)) and match[5]:
-                self._targets[match[3].upper()] = match[5].strip()
+            match = re.fullmatch(_DECLARED, code, self.flags)
+            if match and match[5]:
+                self.values[match[3].upper()] = match[5].strip()
 
     def _count(self, place: str, statement: str) -> None:
         """Remember where a name gets a value."""
-        match = _DECLARED.fullmatch(statement)
-        name, value = (match[3], match[5]) if match else ("", None)
-        if not match and (match := _ASSIGNMENT.fullmatch(statement)):
+        if match := re.fullmatch(_DECLARED, statement, self.flags):
+            name, value = match[3], match[5]
+        elif match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
             name, value = match[1], match[3]
-        if value is not None:
-            self._assigned.setdefault(name.upper(), []).append(place)
+        if match and value is not None:
+            self.assign(place, name.upper())
 
     def _declare(self, number: int, match: re.Match[str]) -> None:
-        self._outside(number, match[0])
         kind = (match[1] or match[2]).upper()
         if match[5] is not None:
-            check_no_call(number, match[0], match[5], _READS)
-            self._targets[match[3].upper()] = match[5].strip()
+            self.check(number, match[0], match[5])
+            self.values[match[3].upper()] = match[5].strip()
         if kind not in _AXES:
             self.course.passed(number, kind)
 
     def _assign(self, number: int, match: re.Match[str]) -> None:
-        self._outside(number, match[0])
-        check_no_call(number, match[0], match[2] + match[3], _READS)
+        self.check(number, match[0], match[2] + match[3])
         if match[1].upper() in _WORDS:
             raise refuse(number, match[0], "this name has a meaning already.")
         if not match[2]:
-            self._targets[match[1].upper()] = match[3].strip()
+            self.values[match[1].upper()] = match[3].strip()
         if match[2] or "{" not in match[3]:
             self.course.passed(number, match[1])
 
-    def _constant(self, number: int, name: str) -> str:
-        """The value of a variable that is assigned once, before this line is executed."""
-        places = self._assigned.get(name.upper(), [])
-        if len(places) > 1:
-            raise refuse(
-                number, name,
-                f"is assigned in lines {', '.join(places)}; only targets that are assigned once "
-                "can be checked.",
-            )  # fmt: skip
-        if name.upper() not in self._targets:
-            raise refuse(
-                number, name,
-                f"there are no axes of {name}, in the program or in "
-                f"{next(iter(self._procedures.values())).name}.dat.",
-            )  # fmt: skip
-        return self._targets[name.upper()]
-
     def _begin_spline(self, number: int, match: re.Match[str]) -> None:
-        self._outside(number, match[0])
         self._check_with(number, match[0], match[1])
-        self.spline = True
+        self._spline = True
 
     def _end_spline(self, number: int, match: re.Match[str]) -> None:
-        if not self.spline or self.block is not None:
+        if not self._spline or self._block is not None:
             raise refuse(
                 number, match[0],
                 "expected a spline before it, and the end of its time block (TIME_BLOCK END = …).",
             )  # fmt: skip
-        self.spline = False
+        self._spline = False
 
-    def _begin(self, number: int, match: re.Match[str]) -> None:
-        if self._timed or not self.spline:
+    def _begin_block(self, number: int, match: re.Match[str]) -> None:
+        if self._timed or not self._spline:
             raise refuse(number, match[0], "expected one time block, in a spline.")
-        self._timed, self.block = True, []
+        self._timed, self._block = True, []
 
     def _part(self, number: int, match: re.Match[str]) -> None:
         self._parts.append(float(match[1]))
-        if self.block is None or len(self._parts) != len(self.block):
+        if self._block is None or len(self._parts) != len(self._block):
             raise refuse(
                 number, match[0],
                 "expected TIME_BLOCK START, then one segment before each part; a line was lost or "
                 "added.",
             )  # fmt: skip
 
-    def _end(self, number: int, match: re.Match[str]) -> None:
-        if self.block is None:
+    def _end_block(self, number: int, match: re.Match[str]) -> None:
+        """The end of a time block: each segment takes its part's share of the whole time."""
+        if self._block is None:
             raise refuse(number, match[0], "expected TIME_BLOCK START before it.")
-        block, self.block = self.block, None
-        self.shares = abs(sum(self._parts) - float(match[1])) > 0.6e-5
-        _end_block(self.course, number, block, self._parts, float(match[1]))
+        (block, self._block), parts, whole = (self._block, None), self._parts, float(match[1])
+        if len(parts) != len(block) or not block:
+            raise InvalidInput(
+                f"the time block has {len(block)} segments and {len(parts)} parts; a line was lost "
+                "or added.",
+                line=number,
+            )
+        total = sum(parts)
+        self.shares = abs(total - whole) > 0.6e-5
+        if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
+            raise InvalidInput("a time of the time block is not positive.", line=number)
+        for (line, point), part in zip(block, parts, strict=True):
+            self.course.move(line, point, part * whole / total)
 
     def _move(self, number: int, match: re.Match[str]) -> None:
         word, target = match[1].upper(), match[2]
-        if self.spline and word == "PTP":
+        if self._spline and word == "PTP":
             raise refuse(number, match[0], "expected SPTP in a spline.")
         self._check_with(number, match[0], match[4])
         if target[0] == "$":
-            if self.spline or target.upper() not in _WHERE_IT_IS:
+            if self._spline or target.upper() not in _WHERE_IT_IS:
                 raise refuse(number, match[0], f"{target} is not read as a target.")
             self.course.note(f"line {number} moves to where the robot is ({target.upper()})")
             return
-        text = target if target[0] == "{" else self._constant(number, target)
+        text = target
+        if target[0] != "{":
+            first = next(iter(self.procedures.values())).name
+            lacks = f"there are no axes of {target}, in the program or in {first}.dat."
+            text = self.constant(number, target, target.upper(), lacks)
         point = self._target(number, text)
         if match[3].strip():
             self.course.rounds(number, match[3].strip())
-        if self.block is None:
+        if self._block is None:
             self.course.move(number, point, None)
         else:
-            self.block.append((number, point))
+            self._block.append((number, point))
 
     def _target(self, number: int, text: str) -> list[float]:
         """The axes of an aggregate such as ``{E6AXIS: A1 0, A2 -90, …}``."""
@@ -399,65 +379,6 @@ class _Reader:
                 speed = re.match(r"\$(VEL|ACC|GEAR)", part, re.I)
                 note = self.course.speed if speed else self.course.setting
                 note(number, part.partition("=")[0].strip())
-
-    def _wait(self, number: int, match: re.Match[str]) -> None:
-        self._outside(number, match[0])
-        self.course.wait(number, float(match[1]))
-
-    def _return(self, number: int, match: re.Match[str]) -> bool:
-        self._outside(number, match[0])
-        return True
-
-    def _pass(self, word: str, note: Callable[[int, str], None], *, in_spline: bool = False) -> Act:
-        """A statement of the controller: its expressions call nothing."""
-
-        def act(number: int, match: re.Match[str]) -> None:
-            if not in_spline:
-                self._outside(number, match[0])
-            if match.re.groups:
-                check_no_call(number, match[0], match[1], _READS)
-            note(number, word or match[0].partition("=")[0].strip())
-
-        return act
-
-    def _call(self, number: int, match: re.Match[str]) -> None:
-        self._outside(number, match[0])
-        if match[1].upper() not in self._procedures:
-            raise refuse(number, match[0], "calls something that the file does not have.")
-        assert self._calls is not None
-        self._calls.run(match[1].upper())
-
-    def _outside(self, number: int, statement: str) -> None:
-        """Refuse a statement in a spline, which has only segments and times."""
-        if self.spline:
-            raise refuse(number, statement, "expected SPTP and TIME_BLOCK in a spline.")
-
-
-_AXES = ("AXIS", "E6AXIS")
-"""Types of the data that say where an axis move leads."""
-_WHERE_IT_IS = ("$AXIS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT")
-"""Targets that are where the robot is: it stays there."""
-
-
-def _end_block(
-    course: Course,
-    number: int,
-    block: list[tuple[int, list[float]]],
-    parts: list[float],
-    whole: float,
-) -> None:
-    """The segments of a time block: each takes its part's share of the whole time."""
-    if len(parts) != len(block) or not block:
-        raise InvalidInput(
-            f"the time block has {len(block)} segments and {len(parts)} parts; "
-            "a line was lost or added.",
-            line=number,
-        )
-    total = sum(parts)
-    if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
-        raise InvalidInput("a time of the time block is not positive.", line=number)
-    for (line, point), part in zip(block, parts, strict=True):
-        course.move(line, point, part * whole / total)
 
 
 KRL = Dialect(

@@ -9,7 +9,7 @@ Source: ABB, *Technical reference manual, RAPID Instructions, Functions and Data
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.header import read_header
@@ -17,12 +17,10 @@ from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
     Act,
-    Calls,
-    Course,
     Procedure,
-    Rules,
+    Program,
+    Statements,
     check_identifier,
-    check_no_call,
     number_of,
     refuse,
     six,
@@ -68,14 +66,11 @@ _BLOCK = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 _TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*(?:\[([^\[\]]*)\]|(\w+))\s*\]", re.ASCII)
-_DATA = re.compile(
+_DATA = (
     rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+({_NAME})\s+({_NAME})((?:\s*\{{[\d\s,]*\}})?)"
-    r"\s*(?::=(.*))?",
-    re.IGNORECASE | re.ASCII | re.DOTALL,
+    r"\s*(?::=(.*))?"
 )
-_ASSIGNMENT = re.compile(
-    rf"({_NAME})((?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(.*)", re.ASCII | re.DOTALL
-)
+_ASSIGNMENT = rf"({_NAME})((?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(.*)"
 _PASSED = (
     "ConfJ", "ConfL", "SingArea", "Set", "Reset", "SetDO", "SetAO", "SetGO", "PulseDO", "InvertDO",
     "TPWrite", "TPErase", "ClkStart", "ClkStop", "ClkReset", "MotionSup",
@@ -93,88 +88,85 @@ _TARGETS = ("jointtarget", "extjoint")
 """Types of the data that say where a move leads."""
 _OPTIONS = (("id", "noeoffs"), ("v", "t"), ("z", "inpos"), ("wobj", "tload"))
 """Options of the four arguments of MoveAbsJ: target, speed, zone, tool."""
-_READS = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
     del beside  # a module is one file
     comments: list[str] = []
-    course = Course()
-    _Reader(course).execute(_statements(text, comments))
-    return course.moves(read_header(comments))
+    module = _Module()
+    module.execute(_statements(text, comments))
+    return module.course.moves(read_header(comments))
 
 
-class _Reader:
-    """Reads the statements of a module.
+class _Module(Program):
+    """A module: data and procedures."""
 
-    Attributes:
-        course: The points so far.
-        rules: The grammar.
-    """
+    reads = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
+    twice = "assigned or declared", "targets"
 
-    def __init__(self, course: Course) -> None:
-        self.course = course
+    def __init__(self) -> None:
+        super().__init__()
         self._types: dict[str, str] = {}
-        self._values: dict[str, str] = {}
-        self._assigned: dict[str, list[int]] = {}
-        self._procedures: dict[str, Procedure] = {}
-        self._calls: Calls | None = None
-        self.rules = Rules(
+
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Moves, data, assignments, waits, instructions of the controller, and calls."""
+        course = self.course
+        return (
+            (r"MoveAbsJ\b(.*)", self._move),
+            (_DATA, self._declare),
+            (_ASSIGNMENT, self._assign),
+            (rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait),
+            (r"(EXIT)", self.end),
+            (r"RETURN", self.leave),
+            (_beginning(_PASSED), self.noting(course.passed)),
+            (_beginning(_PAUSES), self.noting(course.pause)),
+            (_beginning(_SPEEDS), self.noting(course.speed)),
+            (_beginning(_SETTINGS), self.noting(course.setting)),
             (
-                (re.compile(r"MoveAbsJ\b(.*)", re.I | re.S | re.A), self._move),
-                (_DATA, self._declare),
-                (_ASSIGNMENT, self._assign),
-                (
-                    re.compile(rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", re.I | re.A),
-                    self._wait,
-                ),
-                (re.compile(r"(EXIT)", re.I), self._exit),
-                (re.compile(r"RETURN", re.I), lambda number, match: True),
-                (_beginning(_PASSED), self._with(course.passed)),
-                (_beginning(_PAUSES), self._with(course.pause)),
-                (_beginning(_SPEEDS), self._with(course.speed)),
-                (_beginning(_SETTINGS), self._with(course.setting)),
-                (re.compile(rf"({_NAME})", re.ASCII), self._call),
+                rf"({_NAME})",
+                self.calling("{} is not read here; the file has no procedure of this name."),
             ),
-            _READS,
         )
 
-    def execute(self, statements: list[tuple[int, str]]) -> None:
+    def name_of(self, name: str) -> str:
+        """Capitals do not count."""
+        return name.lower()
+
+    def execute(self, statements: Statements) -> None:
         """Execute a module: its procedure main, or the only one that no other calls."""
-        self._nested(statements)
-        every = [each for procedure in self._procedures.values() for each in procedure.statements]
-        for number, statement in every:
-            if match := _DATA.fullmatch(statement):
-                name = match[2].lower()
-                if match[4] is not None or name in self._types:
-                    self._assigned.setdefault(name, []).append(number)
-                self._types[name] = match[1].lower()
-            elif match := _ASSIGNMENT.fullmatch(statement):
-                self._assigned.setdefault(match[1].lower(), []).append(number)
-        data = self._procedures.pop("")
-        self._calls = Calls(self.rules, self.course, {"": data, **self._procedures})
-        self._calls.run("")
+        self._sort(statements)
+        for procedure in self.procedures.values():
+            for number, statement in procedure.statements:
+                if match := re.fullmatch(_DATA, statement, self.flags):
+                    name = match[2].lower()
+                    if match[4] is not None or name in self._types:
+                        self.assign(number, name)
+                    self._types[name] = match[1].lower()
+                elif match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
+                    self.assign(number, match[1].lower())
+        self.parse_all()
+        self.run("")
+        del self.procedures[""]
         called = {
             statement.lower()
-            for name, procedure in self._procedures.items()
+            for name, procedure in self.procedures.items()
             for _, statement in procedure.statements
             if statement.lower() != name  # one that calls itself is refused where it does
         }
-        first = [name for name in self._procedures if name not in called]
-        if "main" in self._procedures or len(first) == 1:
-            self._calls.run("main" if "main" in self._procedures else first[0])
-        else:
+        first = [name for name in self.procedures if name not in called]
+        if "main" not in self.procedures and len(first) != 1:
             raise InvalidInput(
-                f"the module has the procedures {', '.join(self._procedures) or 'none'}, and "
+                f"the module has the procedures {', '.join(self.procedures) or 'none'}, and "
                 "nothing says which one runs; expected one main, or one that calls the others."
             )
-        self._calls.note_numbers()
+        self.run("main" if "main" in self.procedures else first[0])
+        self.note_calls()
 
-    def _nested(self, statements: list[tuple[int, str]]) -> None:
+    def _sort(self, statements: Statements) -> None:
         """Sort statements into procedures; data of the module are in the one without a name."""
         inside: list[str] = []
         modules = 0
-        self._procedures[""] = Procedure("the module", 1, [])
+        self.procedures[""] = Procedure("the module", 1, [])
         for number, statement in statements:
             match = _BLOCK.fullmatch(statement)
             word = "" if match is None else (match[4] or match[1]).split()[-1].upper()
@@ -188,14 +180,14 @@ class _Reader:
                 name = match[2].lower()
                 if not re.fullmatch(r"\(\s*\)", match[3] or ""):
                     raise refuse(number, statement, "expected a procedure without parameters.")
-                if name in _WORDS or name in self._procedures:
+                if name in _WORDS or name in self.procedures:
                     raise refuse(number, statement, "this name has a meaning already.")
-                self._procedures[name] = procedure = Procedure(match[2], number, [])
+                self.procedures[name] = procedure = Procedure(match[2], number, [])
                 inside.append(word)
             elif inside == ["MODULE", "PROC"]:
                 procedure.statements.append((number, statement))
-            elif inside == ["MODULE"] and _DATA.fullmatch(statement):
-                self._procedures[""].statements.append((number, statement))
+            elif inside == ["MODULE"] and re.fullmatch(_DATA, statement, self.flags):
+                self.procedures[""].statements.append((number, statement))
             else:
                 raise refuse(
                     number, statement,
@@ -205,39 +197,40 @@ class _Reader:
         if inside:
             raise InvalidInput(f"there is no END{inside[-1]} at the end; a line was lost.")
 
+    def check(self, number: int, statement: str, text: str) -> None:
+        """Options of instructions are given by ``:=``."""
+        instructions = (*_PASSED, *_PAUSES, *_SPEEDS, *_SETTINGS)
+        if re.match(_beginning(instructions), statement, self.flags):
+            text = text.replace(":=", "=")
+        super().check(number, statement, text)
+
     def _declare(self, number: int, match: re.Match[str]) -> None:
         value = "" if match[4] is None else match[4].strip()
-        check_no_call(number, match[0], value, _READS)
+        self.check(number, match[0], value)
         if value:
-            self._values[match[2].lower()] = "" if match[3] else value
+            self.values[match[2].lower()] = "" if match[3] else value
         if match[1].lower() not in _TARGETS:
             self.course.passed(number, match[1])
 
     def _assign(self, number: int, match: re.Match[str]) -> None:
         name = match[1].lower()
-        check_no_call(number, match[0], match[2] + match[3], _READS)
+        self.check(number, match[0], match[2] + match[3])
         target = self._types.get(name) in _TARGETS
         if target and match[2]:
             raise refuse(
                 number, match[0],
                 "changes a part of a target; only targets that are assigned once can be checked.",
             )  # fmt: skip
-        self._values[name] = match[3].strip()
+        self.values[name] = match[3].strip()
         if not target:
             self.course.passed(number, match[1])
 
-    def _constant(self, number: int, name: str, kind: str) -> str:
-        """The value of data that are assigned once, before this line is executed."""
-        lines = self._assigned.get(name.lower(), [])
-        if self._types.get(name.lower()) != kind or name.lower() not in self._values:
-            raise refuse(number, name, f"there is no {kind} {name} above it.")
-        if len(lines) > 1:
-            raise refuse(
-                number, name,
-                f"is assigned or declared in lines {', '.join(map(str, lines))}; only targets "
-                "that are assigned once can be checked.",
-            )  # fmt: skip
-        return self._values[name.lower()]
+    def _data(self, number: int, name: str, kind: str) -> str:
+        """The value of data of a type."""
+        unknown = f"there is no {kind} {name} above it."
+        if self._types.get(name.lower()) != kind or name.lower() not in self.values:
+            raise refuse(number, name, unknown)
+        return self.constant(number, name, name.lower(), unknown)
 
     def _move(self, number: int, match: re.Match[str]) -> None:
         arguments = split(match[1])
@@ -259,7 +252,7 @@ class _Reader:
         target, _, zone, tool = bases
         if tool.lower() != _TOOL:
             self.course.setting(number, tool)
-        text = target if target[0] == "[" else self._constant(number, target, "jointtarget")
+        text = target if target[0] == "[" else self._data(number, target, "jointtarget")
         point = self._target(number, text)
         seconds = number_of(number, given["t"], "a time in s") if "t" in given else None
         if zone.lower() not in ("fine", "z0") or "z" in given:
@@ -272,45 +265,20 @@ class _Reader:
             raise refuse(number, text, "expected a jointtarget, [[6 angles],[6 external axes]].")
         axes = match[2]
         if match[3]:
-            axes = self._constant(number, match[3], "extjoint").strip("[] ")
+            axes = self._data(number, match[3], "extjoint").strip("[] ")
         external = zip("abcdef", six(number, axes.split(",")), strict=True)
         given = {f"eax_{axis}": value for axis, value in external if value != float(_NONE)}
         self.course.external(number, given)
         return six(number, [part.strip() for part in match[1].split(",")])
 
-    def _wait(self, number: int, match: re.Match[str]) -> None:
-        self.course.wait(number, float(match[1]))
 
-    def _exit(self, number: int, match: re.Match[str]) -> bool:
-        self.course.ends(number, match[1])
-        return True
-
-    def _with(self, note: Callable[[int, str], None]) -> Act:
-        """An instruction of the controller: its arguments call nothing."""
-
-        def act(number: int, match: re.Match[str]) -> None:
-            check_no_call(number, match[0], match[2].replace(":=", "="), _READS)
-            note(number, match[1])
-
-        return act
-
-    def _call(self, number: int, match: re.Match[str]) -> None:
-        if match[1].lower() not in self._procedures:
-            raise refuse(
-                number, match[0],
-                f"{match[1]} is not read here; the file has no procedure of this name.",
-            )  # fmt: skip
-        assert self._calls is not None
-        self._calls.run(match[1].lower())
+def _beginning(names: Sequence[str]) -> str:
+    return rf"({'|'.join(names)})\b(.*)"
 
 
-def _beginning(names: Sequence[str]) -> re.Pattern[str]:
-    return re.compile(rf"({'|'.join(names)})\b(.*)", re.IGNORECASE | re.DOTALL | re.ASCII)
-
-
-def _statements(text: str, comments: list[str]) -> list[tuple[int, str]]:
+def _statements(text: str, comments: list[str]) -> Statements:
     """The statements with the lines on which they begin; comments are collected."""
-    found: list[tuple[int, str]] = []
+    found: Statements = []
     rest, begun = "", 0
     lines = text.split("\n")
     for number, line in enumerate(lines[_heading(lines) :], start=_heading(lines) + 1):

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,21 +66,6 @@ def split(text: str) -> list[str]:
             parts.append(text[start:place].strip())
             start = place + 1
     return [*parts, text[start:].strip()]
-
-
-def check_no_call(line: int, statement: str, text: str, reads: str) -> None:
-    """Refuse an expression that calls a function, which might move the robot.
-
-    Args:
-        line: Its number.
-        statement: The whole statement.
-        text: The expression.
-        reads: What is read, for the message.
-    """
-    if re.search(r"[\w\])}]\s*\(", text, re.ASCII) or ":=" in text:
-        raise refuse(
-            line, statement, f"a call in an expression is not read; only {reads} can be checked."
-        )
 
 
 def without_texts(line: int, text: str, quotes: str, comment: str) -> tuple[str, str]:
@@ -295,73 +281,71 @@ def _listed(words: Mapping[str, Collection[int]]) -> str:
 
 Act = Callable[[int, "re.Match[str]"], "bool | None"]
 """What a statement does, from its line and its match; ``True`` if it ends its procedure."""
-
-
-class Rules(NamedTuple):
-    """The grammar of a language.
-
-    Attributes:
-        acts: Patterns of whole statements, and what each does; the first that fits counts.
-        reads: What is read, for messages.
-    """
-
-    acts: Sequence[tuple[re.Pattern[str], Act]]
-    reads: str
-
-    def read(self, statements: Iterable[tuple[int, str]]) -> list[tuple[int, Act, re.Match[str]]]:
-        """What statements do, each with its line.
-
-        Raises:
-            InvalidInput: At a statement that the grammar does not have.
-        """
-        found = []
-        for number, statement in statements:
-            for pattern, act in self.acts:
-                if match := pattern.fullmatch(statement):
-                    found.append((number, act, match))
-                    break
-            else:
-                word = re.match(r"[\w$/]+", statement, re.ASCII)
-                what = f"{word[0]} is not read" if word else "is not understood"
-                raise refuse(number, statement, f"{what}; only {self.reads} can be checked.")
-        return found
+Statements = list[tuple[int, str]]
+"""Statements with their lines."""
 
 
 class Procedure(NamedTuple):
-    """A procedure without arguments.
-
-    Attributes:
-        name: Its name, as messages show it.
-        line: Where it begins.
-        statements: Its statements with their lines.
-    """
+    """A procedure without arguments: its name in messages, its first line, its statements."""
 
     name: str
     line: int
-    statements: list[tuple[int, str]]
+    statements: Statements
 
 
-class Calls:
-    """Executes procedures in the order of their calls."""
+class Program:
+    """A program while it is read: its grammar, constants, and procedures in the order of calls.
 
-    def __init__(self, rules: Rules, course: Course, procedures: Mapping[str, Procedure]) -> None:
-        """Read the statements of all procedures, called or not.
+    A language is a subclass with its grammar. The first group of a pattern is the statement's word.
 
-        Args:
-            rules: The grammar.
-            course: Where the moves go.
-            procedures: By the names with which :meth:`run` is called.
+    Attributes:
+        course: The points so far.
+        procedures: By the names with which they are called.
+        values: Texts of variables, as far as they are assigned.
+    """
+
+    reads = ""
+    """What is read, for messages."""
+    flags = re.IGNORECASE | re.ASCII | re.DOTALL
+    twice = "assigned", "targets"
+    """What a variable is at several lines that is therefore not read, and what it would be."""
+
+    def __init__(self) -> None:
+        self.course = Course()
+        self.procedures: dict[str, Procedure] = {}
+        self.values: dict[str, str] = {}
+        self._assigned: dict[str, list[str]] = {}
+        self._acts: dict[str, list[tuple[int, Act, re.Match[str]]]] = {}
+        self._running: list[str] = []
+        self._called: Counter[str] = Counter()
+
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Patterns of whole statements, and what each does; the first that fits counts."""
+        raise NotImplementedError
+
+    def parse(self, name: str, procedure: Procedure) -> list[tuple[int, Act, re.Match[str]]]:
+        """Add a procedure; what its statements do, each with its line.
 
         Raises:
             InvalidInput: At a statement that the grammar does not have.
         """
-        self._course = course
-        self._procedures = procedures
-        self._acts = {
-            name: rules.read(procedure.statements) for name, procedure in procedures.items()
-        }
-        self._running: list[str] = []
-        self._called: dict[str, int] = {}
+        rules = [(re.compile(pattern, self.flags), act) for pattern, act in self.grammar()]
+        self.procedures[name] = procedure
+        self._acts[name] = found = []
+        for number, statement in procedure.statements:
+            fits = ((act, pattern.fullmatch(statement)) for pattern, act in rules)
+            act, match = next(((act, match) for act, match in fits if match), (None, None))
+            if act is None or match is None:
+                word = re.match(r"[\w$/]+", statement, re.ASCII)
+                what = f"{word[0]} is not read" if word else "is not understood"
+                raise refuse(number, statement, f"{what}; only {self.reads} can be checked.")
+            found.append((number, act, match))
+        return found
+
+    def parse_all(self) -> None:
+        """Parse all procedures, called or not."""
+        for name, procedure in self.procedures.items():
+            self.parse(name, procedure)
 
     def run(self, name: str) -> None:
         """Execute a procedure.
@@ -370,10 +354,19 @@ class Calls:
             InvalidInput: If procedures call each other in a circle, too deep or too often, or a
                 statement stands where it never runs.
         """
-        procedure = self._procedures[name]
+        procedure = self.procedures[name]
         if name in self._running or len(self._running) >= _DEEPEST:
-            check_callers([*(self._procedures[k].name for k in self._running), procedure.name])
-        self._called[name] = self._called.get(name, 0) + 1
+            names = [*(self.procedures[k].name for k in self._running), procedure.name]
+            if names[-1:] == names[-2:-1]:
+                raise InvalidInput(f"{names[-1]} calls itself, so never ends.")
+            if len(set(names)) < len(names):
+                raise InvalidInput(
+                    f"{' calls '.join(names)}: programs call each other in a circle."
+                )
+            raise InvalidInput(
+                f"{' calls '.join(names[:3])} …: more than {_DEEPEST} calls inside each other."
+            )
+        self._called[name] += 1
         self._running.append(name)
         left = 0
         for number, act, match in self._acts[name]:
@@ -383,29 +376,93 @@ class Calls:
                     "before it; remove one of them.",
                     line=number,
                 )
-            self._course.step(number)
+            self.course.step(number)
             left = number if act(number, match) else 0
         self._running.pop()
 
-    def note_numbers(self) -> None:
+    @property
+    def running(self) -> str:
+        """The procedure that runs."""
+        return self._running[-1]
+
+    def note_calls(self) -> None:
         """Note procedures that were not called once."""
-        for name, procedure in self._procedures.items():
-            times = self._called.get(name, 0)
+        for name, procedure in self.procedures.items():
+            times = self._called[name]
             if times != 1:
                 often = f"is called {times} times" if times else "is never called, so does not move"
-                self._course.note(f"{procedure.name} (line {procedure.line}) {often}")
+                self.course.note(f"{procedure.name} (line {procedure.line}) {often}")
 
+    def assign(self, place: int | str, name: str) -> None:
+        """Remember a line at which a variable gets a value."""
+        self._assigned.setdefault(name, []).append(str(place))
 
-def check_callers(names: Sequence[str]) -> None:
-    """Refuse programs that call each other in a circle, or too deep."""
-    if names[-1:] == names[-2:-1]:
-        raise InvalidInput(f"{names[-1]} calls itself, so never ends.")
-    if len(set(names)) < len(names):
-        raise InvalidInput(f"{' calls '.join(names)}: programs call each other in a circle.")
-    if len(names) > _DEEPEST:
-        raise InvalidInput(
-            f"{' calls '.join(names[:3])} …: more than {_DEEPEST} calls inside each other."
-        )
+    def constant(self, number: int, shown: str, name: str, unknown: str) -> str:
+        """The text of a variable that is assigned once, before this line is executed.
+
+        Args:
+            number: The line.
+            shown: The variable as the line has it.
+            name: Its name in ``values``.
+            unknown: What is wrong if it has no value.
+        """
+        places, (how, what) = self._assigned.get(name, []), self.twice
+        if name not in self.values and len(places) < 2:
+            raise refuse(number, shown, unknown)
+        if len(places) > 1:
+            raise refuse(
+                number,
+                shown,
+                f"is {how} in lines {', '.join(places)}; only {what} that are assigned once can be "
+                "checked.",
+            )
+        return self.values[name]
+
+    def check(self, number: int, statement: str, text: str) -> None:
+        """Refuse an expression that calls a function, which might move the robot."""
+        if re.search(r"[\w\])}]\s*\(", text, re.ASCII) or ":=" in text:
+            raise refuse(
+                number,
+                statement,
+                f"a call in an expression is not read; only {self.reads} can be checked.",
+            )
+
+    def noting(self, note: Callable[[int, str], None]) -> Act:
+        """A statement that does not move the robot: its expressions, in group 2, call nothing."""
+
+        def act(number: int, match: re.Match[str]) -> None:
+            self.check(number, match[0], match[2] if match.re.groups > 1 else "")
+            note(number, match[1])
+
+        return act
+
+    def calling(self, unknown: str) -> Act:
+        """A call of a procedure; ``unknown`` is what is wrong if there is none."""
+
+        def act(number: int, match: re.Match[str]) -> None:
+            name = match[1] if match[1] in self.procedures else self.name_of(match[1])
+            if name not in self.procedures:
+                raise refuse(number, match[0], unknown.format(match[1]))
+            self.run(name)
+
+        return act
+
+    def name_of(self, name: str) -> str:
+        """A name as it stands in ``procedures``; most languages ignore capitals."""
+        return name.upper()
+
+    def end(self, number: int, match: re.Match[str]) -> bool:
+        """A statement that ends the program."""
+        self.course.ends(number, match[1])
+        return True
+
+    def leave(self, number: int, match: re.Match[str]) -> bool:
+        """A statement that ends the procedure."""
+        return True
+
+    def wait(self, number: int, match: re.Match[str]) -> None:
+        """A wait of as many seconds as group 1 has."""
+        self.course.wait(number, float(match[1]))
 
 
 def check_identifier(name: str, title: str, longest: int, what: str) -> None:

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
-    Calls,
-    Course,
+    Act,
     Procedure,
-    Rules,
+    Program,
+    Statements,
     check_identifier,
-    check_no_call,
     number_of,
     refuse,
     six,
@@ -141,7 +141,6 @@ _WORDS = {
 """Names to which a script may not give another meaning."""
 _BACKWARDS = "the functions that move the robot are not those that qp_twist writes; export the "
 _READS = "joint moves (movej, servoj) to literals or constants, one after the other,"
-_Statements = list[tuple[int, str]]
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
@@ -149,17 +148,19 @@ def _decode(text: str, beside: Beside) -> JointMoves:
     lines = [line.rstrip() for line in text.split("\n")]
     header = read_header([line.strip()[1:] for line in lines if line.strip().startswith("#")])
     first = _own_functions(lines)
-    statements: _Statements = []
+    statements: Statements = []
     for number, line in enumerate(lines, start=1):
         if first is None or not first[0] <= number - 1 < first[1]:
             code = without_texts(number, line, "\"'", "#")[0]
             statements += [(number, part.strip()) for part in code.split(";") if part.strip()]
-    course = Course()
+    script: _Script | _OwnScript
     if first is None:
-        _Reader(course).execute(statements)
+        script = _Script()
+        script.execute(statements)
     else:
-        _read_own(statements, course, first[2])
-    return course.moves(header)
+        script = _OwnScript(statements[0][1][len("def ") : -len("():")], first[2])
+        script.execute(statements)
+    return script.course.moves(header)
 
 
 def _own_functions(lines: list[str]) -> tuple[int, int, str] | None:
@@ -178,22 +179,62 @@ def _own_functions(lines: list[str]) -> tuple[int, int, str] | None:
     return None
 
 
-def _read_own(statements: _Statements, course: Course, kind: str) -> None:
+class _Calculating(Program):
+    """URScript's expressions: numbers, ``d2r(90)``, lists of six."""
+
+    reads = _READS
+    flags = re.ASCII | re.DOTALL  # capitals count
+    twice = "assigned", "constants"
+
+    def check(self, number: int, statement: str, text: str) -> None:
+        """Refuse a call other than ``d2r``."""
+        super().check(number, statement, re.sub(rf"\bd2r\(\s*{NUMBER}\s*\)", "0", text))
+
+    def name_of(self, name: str) -> str:
+        """Capitals count."""
+        return name
+
+
+class _OwnScript(_Calculating):
     """A script with the functions of this package: start, moves, finish, and nothing between.
 
     The functions remember where they are and how late. Only outputs and messages may stand between
     them: those neither take time nor write to their variables.
-
-    Raises:
-        InvalidInput: At any other statement.
     """
-    name = statements[0][1][len("def ") : -len("():")]
-    if name in {*_WORDS, *_OWN, "at_q", "at_w", "late"}:
-        raise refuse(*statements[0], "a name of the functions below; export it under another.")
-    expected = ["start"]
 
-    def move(number: int, match: re.Match[str]) -> None:
+    reads = "start, the moves and finish, as they were written, with outputs between them"
+
+    def __init__(self, name: str, kind: str) -> None:
+        super().__init__()
+        self._name, self._kind = name, kind
+        self._expected = ["start"]
+
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Calls of the functions, the end, and outputs."""
+        return (
+            (rf"({'|'.join((*_OWN, self._name))})\s*\((.*)\)", self._move),
+            (r"(end)()", self._move),
+            (_call_of(_PASSED), self._pass),
+        )
+
+    def execute(self, statements: Statements) -> None:
+        """Read the whole script.
+
+        Raises:
+            InvalidInput: At any other statement.
+        """
+        name = self._name
+        if name in {*_WORDS, *_OWN, "at_q", "at_w", "late"}:
+            raise refuse(*statements[0], "a name of the functions below; export it under another.")
+        self.parse("", Procedure(name, 1, statements[1:]))
+        self.run("")
+        if name not in self._expected and self._expected:
+            last = self._expected[-1]
+            raise InvalidInput(f"the script has no {last} at its end; a line was lost.")
+
+    def _move(self, number: int, match: re.Match[str]) -> None:
         word, arguments = match[1], [each for each in split(match[2]) if each]
+        name, expected = self._name, self._expected
         if not expected:
             often = f"a script of export calls its function at most once; remove this {name}()."
             raise refuse(
@@ -201,103 +242,80 @@ def _read_own(statements: _Statements, course: Course, kind: str) -> None:
             )
         if word not in expected:
             raise refuse(number, match[0], f"expected {' or '.join(expected)} here.")
-        count = {"start": 2, "cubic": 3, "line": 2, "finish": 0, "end": 0, name: 0}[word]
+        count = {"start": 2, "cubic": 3, "line": 2}.get(word, 0)
         if len(arguments) != count:
             raise refuse(number, match[0], f"expected {count} arguments.")
         following = {"finish": ["end"], "end": [name], name: []}
-        expected[:] = following.get(word, [kind, "finish"])
+        self._expected = following.get(word, [self._kind, "finish"])
         if word not in following:
             point = six(number, _elements(number, arguments[0]))
-            rates = six(number, _elements(number, arguments[1])) if kind == "cubic" else None
+            cubic = self._kind == "cubic"
+            rates = six(number, _elements(number, arguments[1])) if cubic else None
             seconds = None if word == "start" else number_of(number, arguments[-1])
-            course.move(number, point, seconds, rates)
+            self.course.move(number, point, seconds, rates)
 
-    def pass_over(number: int, match: re.Match[str]) -> None:
-        if name in expected or not expected:
-            raise refuse(number, match[0], f"expected nothing after {name}.")
-        _pass(course, number, match)
-
-    rules = Rules(
-        (
-            (re.compile(rf"({'|'.join((*_OWN, name))})\s*\((.*)\)", re.ASCII), move),
-            (re.compile(r"(end)()"), move),
-            (_call_of(_PASSED), pass_over),
-        ),
-        "start, the moves and finish, as they were written, with outputs between them",
-    )
-    for number, act, match in rules.read(statements[1:]):
-        course.step(number)
-        act(number, match)
-    if name not in expected and expected:
-        raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
+    def _pass(self, number: int, match: re.Match[str]) -> None:
+        if self._name in self._expected or not self._expected:
+            raise refuse(number, match[0], f"expected nothing after {self._name}.")
+        self.noting(self.course.passed)(number, match)
 
 
-def _call_of(names: tuple[str, ...]) -> re.Pattern[str]:
-    return re.compile(rf"({'|'.join(names)})\s*\((.*)\)", re.ASCII)
+def _call_of(names: tuple[str, ...]) -> str:
+    return rf"({'|'.join(names)})\s*\((.*)\)"
 
 
-def _pass(course: Course, number: int, match: re.Match[str]) -> None:
-    _simple(number, match[0], match[2])
-    course.passed(number, match[1])
+_ASSIGNMENT = rf"(?:(?:global|local)\s+)?({_NAME})((?:\s*\[[^\]]*\])*)\s*=(?!=)(.+)"
 
 
-class _Reader:
-    """Reads the statements of a script.
+class _Script(_Calculating):
+    """A script of anyone."""
 
-    Attributes:
-        course: The points so far.
-        rules: The grammar.
-    """
-
-    def __init__(self, course: Course) -> None:
-        self.course = course
-        self._values: dict[str, list[float] | float] = {}
-        self._assigned: dict[str, list[int]] = {}
-        self._functions: dict[str, Procedure] = {}
-        self._calls: Calls | None = None
+    def __init__(self) -> None:
+        super().__init__()
         self._blended = False
-        self.rules = Rules(
+
+    def grammar(self) -> Sequence[tuple[str, Act]]:
+        """Moves, waits, settings, outputs, constants and calls."""
+        course = self.course
+        return (
+            (r"(movej|servoj)\s*\((.*)\)", self._move),
             (
-                (re.compile(r"(movej|servoj)\s*\((.*)\)", re.ASCII), self._move),
-                (re.compile(r"sleep\s*\((.*)\)"), self._sleep),
-                (re.compile(r"(sync|popup)\s*\((.*)\)"), self._pause),
-                (re.compile(r"(halt)(?:\s*\(\s*\))?"), self._halt),
-                (_call_of(("stopj",)), self._stop),
-                (_call_of(_SETTINGS), self._setting),
-                (_call_of(_PASSED), lambda number, match: _pass(course, number, match)),
-                (_ASSIGNMENT, self._assign),
-                (re.compile(rf"({_NAME})\s*\(\s*\)", re.ASCII), self._call),
+                r"sleep\s*\((.*)\)",
+                lambda number, match: course.wait(number, self._value(number, match[1])),
             ),
-            _READS,
+            (_call_of(("sync", "popup")), self.noting(course.pause)),
+            (r"(halt)(?:\s*\(\s*\))?", self.end),
+            (_call_of(("stopj",)), self._stop),
+            (_call_of(_SETTINGS), self.noting(course.setting)),
+            (_call_of(_PASSED), self.noting(course.passed)),
+            (_ASSIGNMENT, self._assign),
+            (rf"({_NAME})\s*\(\s*\)", self.calling("calls something that the file does not have.")),
         )
 
-    def execute(self, statements: _Statements) -> None:
+    def execute(self, statements: Statements) -> None:
         """Execute a script: its statements outside functions, or else its only function."""
-        top = self._nested(statements)
-        for procedure in self._functions.values():
+        top = self._sort(statements)
+        for procedure in self.procedures.values():
             for number, statement in procedure.statements:
-                match = _ASSIGNMENT.fullmatch(statement)
-                if match:
-                    self._assigned.setdefault(match[1], []).append(number)
-        main = self._functions.pop("")
-        if main.statements:
-            self._functions[""] = main
-            first = ""
-        elif len(top) == 1:
+                if match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
+                    self.assign(number, match[1])
+        first = ""
+        if not self.procedures[""].statements:
+            del self.procedures[""]
+            if len(top) != 1:
+                raise InvalidInput(
+                    f"the script defines {', '.join(top) or 'nothing'} and calls nothing, so that "
+                    "nothing says what runs; add a call at its end."
+                )
             first = top[0]
-        else:
-            raise InvalidInput(
-                f"the script defines {', '.join(top) or 'nothing'} and calls nothing, so that "
-                "nothing says what runs; add a call at its end."
-            )
-        self._calls = Calls(self.rules, self.course, self._functions)
-        self._calls.run(first)
-        self._calls.note_numbers()
+        self.parse_all()
+        self.run(first)
+        self.note_calls()
 
-    def _nested(self, statements: _Statements) -> list[str]:
+    def _sort(self, statements: Statements) -> list[str]:
         """Sort statements into functions; the names of those that stand in no other."""
         top: list[str] = []
-        self._functions[""] = Procedure("the script", 1, [])
+        self.procedures[""] = Procedure("the script", 1, [])
         inside = [""]
         for number, statement in statements:
             if match := re.fullmatch(rf"def\s+({_NAME})\s*\((.*)\)\s*:", statement, re.ASCII):
@@ -306,9 +324,9 @@ class _Reader:
                     raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
                 if match[2].strip():
                     raise refuse(number, statement, "functions with arguments are not read.")
-                if name in _WORDS or name in self._functions:
+                if name in _WORDS or name in self.procedures:
                     raise refuse(number, statement, "this name has a meaning already.")
-                self._functions[name] = Procedure(name, number, [])
+                self.procedures[name] = Procedure(name, number, [])
                 if len(inside) == 1:
                     top.append(name)
                 inside.append(name)
@@ -319,45 +337,24 @@ class _Reader:
             elif re.match(r"(?:start|cubic|line)\s*\(.*,", statement):
                 raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
             else:
-                self._functions[inside[-1]].statements.append((number, statement))
+                self.procedures[inside[-1]].statements.append((number, statement))
         if len(inside) > 1:
             raise InvalidInput(f"the function {inside[-1]} has no end; a line was lost.")
         return top
 
-    def _call(self, number: int, match: re.Match[str]) -> None:
-        if match[1] not in self._functions:
-            raise refuse(number, match[0], "calls something that the file does not have.")
-        assert self._calls is not None
-        self._calls.run(match[1])
-
     def _assign(self, number: int, match: re.Match[str]) -> None:
         """A variable: a number or a list of them is a constant if it is assigned only here."""
         name, part, text = match[1], match[2], match[3].strip()
-        if name in _WORDS or name in self._functions:
+        if name in _WORDS or name in self.procedures:
             raise refuse(number, match[0], "this name has a meaning already.")
-        _simple(number, match[0], part + text)
-        elements = split(text[1:-1]) if re.fullmatch(r"\[[^\[\]]*\]", text) else []
-        if not part and _is_number(text):
-            self._values[name] = self._value(number, text)
-        elif not part and len(elements) == AXES and all(map(_is_number, elements)):
-            self._values[name] = [self._value(number, element) for element in elements]
+        self.check(number, match[0], part + text)
+        listed = re.fullmatch(r"\[([^\[\]]*)\]", text)
+        elements = split(listed[1]) if listed else [text]
+        count = AXES if listed else 1
+        if not part and len(elements) == count and all(map(_is_number, elements)):
+            self.values[name] = text
         else:
             self.course.passed(number, name)
-
-    def _constant(self, number: int, name: str) -> list[float] | float:
-        """The value of a variable that is assigned once, before this line is executed."""
-        lines = self._assigned.get(name, [])
-        if len(lines) > 1:
-            raise refuse(
-                number, name,
-                f"is assigned in lines {', '.join(map(str, lines))}; only constants that are "
-                "assigned once can be checked.",
-            )  # fmt: skip
-        if name not in self._values:
-            raise refuse(
-                number, name, "expected a number or joint positions, [q1, …, q6], assigned above."
-            )
-        return self._values[name]
 
     def _move(self, number: int, match: re.Match[str]) -> None:
         """A ``movej`` or ``servoj``, with arguments by position or by name."""
@@ -381,13 +378,12 @@ class _Reader:
     def _target(self, number: int, target: str) -> list[float]:
         if target.startswith(("p[", "get_inverse_kin")):
             raise refuse(number, target, "a pose; only joint positions [q1, …, q6] can be checked.")
+        text = target
         if re.fullmatch(_NAME, target, re.ASCII):
-            value = self._constant(number, target)
-            if isinstance(value, float):
+            text = self.constant(number, target, target, _NO_CONSTANT)
+            if _is_number(text):
                 raise refuse(number, target, "a number; expected joint positions, [q1, …, q6].")
-            point = value
-        else:
-            point = [self._value(number, value) for value in _elements(number, target)]
+        point = [self._value(number, value) for value in _elements(number, text)]
         if max(map(abs, point)) > 4.0 * math.pi:
             raise refuse(number, target, "more than two turns; URScript takes rad, not degrees.")
         return point
@@ -395,45 +391,20 @@ class _Reader:
     def _value(self, number: int, text: str) -> float:
         """A number, also as ``d2r(90)`` or by name."""
         text = text.strip()
+        if re.fullmatch(_NAME, text, re.ASCII):
+            value = self.constant(number, text, text, _NO_CONSTANT)
+            text = value if _is_number(value) else text
         if match := re.fullmatch(r"d2r\((.*)\)", text):
             return math.radians(number_of(number, match[1]))
-        if re.fullmatch(_NAME, text, re.ASCII):
-            value = self._constant(number, text)
-            if isinstance(value, float):
-                return value
         return number_of(number, text)
 
-    def _sleep(self, number: int, match: re.Match[str]) -> None:
-        self.course.wait(number, self._value(number, match[1]))
-
-    def _pause(self, number: int, match: re.Match[str]) -> None:
-        _simple(number, match[0], match[2])
-        self.course.pause(number, match[1])
-
-    def _halt(self, number: int, match: re.Match[str]) -> bool:
-        self.course.ends(number, match[1])
-        return True
-
     def _stop(self, number: int, match: re.Match[str]) -> None:
-        _simple(number, match[0], match[2])
+        self.noting(self.course.passed)(number, match)
         if self._blended:
             raise refuse(number, match[0], "stops the robot before it is where it was sent (r>0).")
-        self.course.passed(number, match[1])
-
-    def _setting(self, number: int, match: re.Match[str]) -> None:
-        _simple(number, match[0], match[2])
-        self.course.setting(number, match[1])
 
 
-_ASSIGNMENT = re.compile(
-    rf"(?:(?:global|local)\s+)?({_NAME})((?:\s*\[[^\]]*\])*)\s*=(?!=)(.+)", re.ASCII
-)
-
-
-def _simple(number: int, statement: str, text: str) -> None:
-    """Refuse an expression that calls a function other than ``d2r``: it might move the robot."""
-    without_numbers = re.sub(rf"\bd2r\(\s*{NUMBER}\s*\)", "0", text)
-    check_no_call(number, statement, without_numbers, _READS)
+_NO_CONSTANT = "expected a number or joint positions, [q1, …, q6], assigned above."
 
 
 def _is_number(text: str) -> bool:

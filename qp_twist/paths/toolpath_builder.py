@@ -1,0 +1,468 @@
+"""What the readers of all formats share: options, rows, units, arcs, sizes, problems and notes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Mask
+from qp_twist.errors import InvalidInput
+from qp_twist.files import LENGTHS, LengthUnit, Problems
+from qp_twist.paths.arcs import MOST_POINTS, arc_points
+from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Meaning, Toolpath
+from qp_twist.paths.toolpath_columns import Orientation
+from qp_twist.paths.toolpath_options import ReadingOptions
+from qp_twist.paths.turning import angles_between, turns_between
+
+LARGEST_COORDINATE = 100.0
+"""Coordinates beyond it, m, indicate a wrong unit."""
+LARGEST_FEED = 100.0
+"""Feeds above it, m/s, indicate a wrong unit."""
+
+
+class ToolpathFormat(NamedTuple):
+    """A format of toolpath files.
+
+    Attributes:
+        matches: Whether a file is of this format, by its suffix (lower case) and its lines.
+        read: (file, lines, options) to the toolpath.
+        refused: Why it has no use for some options, by their names.
+    """
+
+    matches: Callable[[str, Sequence[str]], bool]
+    read: Callable[[Path, Sequence[str], ReadingOptions], Toolpath]
+    refused: Mapping[tuple[str, ...], str]
+
+
+STATED_BY_PROGRAMS: dict[tuple[str, ...], str] = {
+    ("columns",): "an APT or G-code file has no columns; leave columns out.",
+    ("feed_unit",): "an APT or G-code file states the unit of a feed itself; leave feed_unit out.",
+}
+"""Options that programs of machine tools have no use for, and why."""
+
+
+class ProgramWords(NamedTuple):
+    """What messages call the parts of a machine tool's program, and what they say without one."""
+
+    title: str
+    axis: str
+    rapid: str
+    no_axis: str
+    no_unit: str
+    new_unit: str
+    no_point: str
+    no_cut: str
+
+
+class Row(NamedTuple):
+    """A point of a file and the motion that leads to it.
+
+    Attributes:
+        position: m.
+        direction: Three or four numbers, or none.
+        line: Line of the file, from 1.
+        feed: m/s; NaN without one.
+        rapid: Whether the tool gets there in rapid motion.
+        begins: Whether it is unknown where the tool comes from.
+        name: Name of the part of the file.
+    """
+
+    position: tuple[float, ...]
+    direction: tuple[float, ...]
+    line: int
+    feed: float = math.nan
+    rapid: bool = False
+    begins: bool = False
+    name: str = ""
+
+
+class RowsOfCurve(NamedTuple):
+    """The rows of a curve, and those that lead to it, or away from it, in rapid motion."""
+
+    rows: list[Row]
+    before: list[Row]
+    after: list[Row]
+
+
+class TooManyPoints(InvalidInput):
+    """The rest of a file is not read."""
+
+
+def toolpath_of(
+    path: Path,
+    orientation: Orientation,
+    curves: Sequence[RowsOfCurve],
+    call: str,
+    notes: Iterable[str],
+    problems: Problems,
+    *,
+    unit: LengthUnit,
+    unit_in_file: bool,
+) -> Toolpath:
+    """The toolpath of some curves, with the checks common to all formats.
+
+    Args:
+        path: The file.
+        orientation: Meaning of the directions; angles in radians, a quaternion's w first.
+        curves: Their rows.
+        call: Name of the direction's columns in messages.
+        notes: Notes of the reader.
+        problems: Those of the reader; raised here together with those of the rows.
+        unit: Of the file's positions.
+        unit_in_file: Whether the file states it.
+
+    Raises:
+        InvalidInput: If there is no row, a row is too far away or too fast, or a direction is zero.
+    """
+    if not curves:
+        problems.refuse()
+        raise InvalidInput("there is no point in it.")
+    rows = [row for curve in curves for part in (curve.before, *curve[:1], curve.after)
+            for row in part]  # fmt: skip
+    _refuse_far(rows, problems, unit, unit_in_file=unit_in_file)
+    found: list[Curve] = []
+    repeated: list[int] = []
+    for number, (main, *ways) in enumerate(curves, start=1):
+        name = next((row.name for row in main if row.name), str(number))
+        curve = _curve(orientation, main, name, call, problems, feeds=_feeds(main, problems))
+        again = _repeats(curve)
+        repeated += curve.lines[again].tolist()
+        before, after = (
+            _curve(orientation, way, "", call, problems) if way else None for way in ways
+        )
+        found.append(replace(curve.part(~again), before=before, after=after))
+    problems.refuse()
+    whole = orientation in ("quaternion", "rpy", "rotation_vector")
+    meaning: Meaning = "rotation" if whole else orientation  # type: ignore[assignment]
+    dropped = []
+    if len(repeated) == 1:
+        dropped = [f"a point that repeats the one before was dropped (line {repeated[0]})."]
+    elif repeated:
+        dropped = [
+            f"{len(repeated)} points that repeat the one before were dropped (the first in line "
+            f"{repeated[0]})."
+        ]
+    return Toolpath(path, meaning, tuple(found), (*notes, *dropped), unit, unit_in_file)
+
+
+class ProgramBuilder:
+    """A toolpath as it is read, line by line, from the program of a machine tool.
+
+    Attributes:
+        options: Of the reader.
+        words: Of the format.
+        problems: Those found so far.
+        line: Line that is being read.
+        unit: Unit of length that the file states.
+        name: Name of the part of the file that is being read.
+        rows: The points so far.
+    """
+
+    def __init__(self, options: ReadingOptions, words: ProgramWords) -> None:
+        if options.orientation not in (None, "axis", "none"):
+            raise InvalidInput(
+                f"orientation is {options.orientation!r}, but {words.title} has tool axes; leave it"
+                ' out or say "axis" or "none".'
+            )
+        self.options, self.words = options, words
+        self.problems = Problems()
+        self.line = 0
+        self.unit: LengthUnit | None = None
+        self.name = ""
+        self.rows: list[Row] = []
+        self._begins = False
+        self._passed: dict[str, list[int]] = {}
+        self._rapids = self._arcs = 0
+
+    def problem(self, what: str, column: str = "", **options: str | None) -> None:
+        """Add a problem of the current line; ``options`` settle it."""
+        self.problems.add(self.line, what, column, options)
+
+    def refuse(self, error: InvalidInput) -> None:
+        """Add what is wrong with the current line."""
+        self.problems.add(self.line, error.sentence, options=error.options)
+
+    def pass_over(self, word: str) -> None:
+        """Count a word that moves nothing."""
+        self._passed.setdefault(word, []).append(self.line)
+
+    def set_unit(self, unit: LengthUnit, *, moved: bool) -> None:
+        """The file states its unit of length."""
+        stated = self.options.length_unit
+        if stated not in (None, unit):
+            self.problem(
+                f"the file is in {unit}, length_unit of the task file says {stated}; correct one "
+                "of them"
+            )
+        if moved and unit != self.unit:
+            self.problem(self.words.new_unit)
+        self.unit = unit
+
+    @property
+    def length_unit(self) -> LengthUnit:
+        """The unit of length: that of the file, else the one asked for, else mm."""
+        return self.unit or self.options.length_unit or "mm"
+
+    def scale(self) -> float:
+        """Metres in the unit of length; if there is none, the first line that needs it is wrong."""
+        if self.unit is None and self.options.length_unit is None:
+            self.problem(
+                f'{self.words.no_unit}, or length_unit = "mm" or "inch" to [path] of the task file',
+                length_unit=None,
+            )
+            self.unit = "mm"
+        return LENGTHS[self.length_unit]
+
+    def begin_curve(self) -> None:
+        """The next point begins another curve: the motion to it is not known."""
+        self._begins = bool(self.rows)
+
+    def count_rapid(self) -> None:
+        """Count a rapid motion."""
+        self._rapids += 1
+
+    def add(
+        self, position: Array, direction: Sequence[float], feed: float, *, rapid: bool = False
+    ) -> None:
+        """Add a point, m, and the feed of the motion to it, m/s.
+
+        Raises:
+            TooManyPoints: If there are more than :data:`~qp_twist.paths.arcs.MOST_POINTS`.
+        """
+        if len(self.rows) >= MOST_POINTS:
+            raise TooManyPoints(
+                f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
+                "included; divide it into several files"
+            )
+        begins, self._begins = self._begins, False
+        feed = math.nan if rapid else feed
+        self.rows.append(
+            Row(tuple(position.tolist()), tuple(direction), self.line, feed, rapid, begins,
+                self.name)
+        )  # fmt: skip
+
+    def divide_arc(
+        self, start: Array, end: Array, centre: Array, axis: Array, sweep: float
+    ) -> tuple[Array, Array]:
+        """The ends of an arc's chords, and their shares of its angle."""
+        points = arc_points(start, end, centre, axis, sweep, self.options.arc_error)
+        self._arcs += 1
+        return points
+
+    def passed_over(self) -> list[str]:
+        """A note on the words that move nothing, if there are any."""
+        words = [
+            word if len(lines) == 1 else f"{word} ({len(lines)})"
+            for word, lines in self._passed.items()
+        ]
+        count = times(sum(map(len, self._passed.values())))
+        what = f"passed over, since they move nothing ({count}): {', '.join(words)}."
+        return [what] if words else []
+
+    def divided(self, sense: str = "") -> list[str]:
+        """A note on the arcs, if there are any."""
+        error = 1e3 * self.options.arc_error
+        what = f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them (arc_error)."
+        return [what] if self._arcs else []
+
+    def toolpath(self, path: Path, notes: Iterable[str], *, has_axis: bool) -> Toolpath:
+        """The whole toolpath.
+
+        Args:
+            path: The file.
+            notes: Notes of the format.
+            has_axis: Whether the file states a tool axis.
+
+        Raises:
+            InvalidInput: If there are problems, or nothing is cut.
+        """
+        curves = self._curves()
+        if not curves:
+            self.problems.refuse()
+            raise InvalidInput(self.words.no_cut if self.rows else self.words.no_point)
+        orientation = self.options.orientation
+        first = [] if orientation or has_axis else [self.words.no_axis]
+        return toolpath_of(
+            path,
+            orientation or "axis",
+            curves,
+            self.words.axis,
+            [*first, *self._rapid_notes(curves), *notes],
+            self.problems,
+            unit=self.unit or self.options.length_unit or "m",
+            unit_in_file=self.unit is not None,
+        )
+
+    def _curves(self) -> list[RowsOfCurve]:
+        """The curves: points with no rapid motion between them.
+
+        A point to which only rapid motion leads, and which only rapid motion leaves, belongs to no
+        curve: it is in ``before`` of the next one, or in ``after`` of the last.
+        """
+        runs: list[list[Row]] = []
+        for row in self.rows:
+            if not runs or row.rapid or row.begins:
+                runs.append([])
+            runs[-1].append(row)
+        found: list[RowsOfCurve] = []
+        waiting: list[Row] = []
+        for run in runs:
+            if len(run) == 1:
+                waiting += run
+            else:
+                found.append(RowsOfCurve(run, waiting, []))
+                waiting = []
+        if found:
+            found[-1].after.extend(waiting)
+        return found
+
+    def _rapid_notes(self, curves: Sequence[RowsOfCurve]) -> list[str]:
+        """Notes on rapid motions: their speed, and the points between them."""
+        notes, word = [], self.words.rapid
+        points = sum(len(curve.before) + len(curve.after) for curve in curves)
+        if points:
+            notes.append(
+                f"only {word} leads to {points} of the points and on: they are part of the path "
+                'with rapids = "keep" in [path], and left out otherwise.'
+            )
+        if self._rapids:
+            notes.append(
+                f"{word} ({times(self._rapids)}): the tool gets there at the speed of [feed], as in"
+                ' the file with rapids = "keep", else by [path.approach], [path.retreat] and '
+                "[path.transfer]."
+            )
+        return notes
+
+
+def times(count: int) -> str:
+    """``once``, or for example ``3 times``."""
+    return "once" if count == 1 else f"{count} times"
+
+
+def of_lines(numbers: Sequence[int]) -> str:
+    """Lines of a file for a message: the first one, and how many more there are."""
+    more = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    return f"line {numbers[0]}{more}"
+
+
+class UnitQuestion(NamedTuple):
+    """Whether a file is in another unit, in words, and the options that say so.
+
+    Attributes:
+        text: For a message, without a full stop.
+        likely: The unit in which it is small enough; ``None`` if there is none.
+        options: Options of the toolpath; none if the unit is to be changed in the file.
+    """
+
+    text: str
+    likely: LengthUnit | None
+    options: dict[str, str | None]
+
+    @classmethod
+    def of(cls, unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> UnitQuestion:
+        """About a file of a size (m) above ``most`` (m)."""
+        factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
+        likely = next((u for u, f in factors.items() if f < 1.0 and f * size <= most), None)
+        if likely is None:
+            return cls("in no unit that is known would it be small enough", None, {})
+        if unit_in_file:
+            how = f"the file says {unit}, so write {likely} there"
+            return cls(f"is the file in {likely}? {how}", likely, {})
+        how = f'if it is, say length_unit = "{likely}"'
+        return cls(f"is the file in {likely}? {how}", likely, {"length_unit": likely})
+
+
+def _refuse_far(
+    rows: Sequence[Row], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
+) -> None:
+    """Report all points that are too far away as one problem: a wrong unit."""
+    apart = np.abs([row.position for row in rows]).max(axis=1)
+    far = np.flatnonzero(apart > LARGEST_COORDINATE)
+    if len(far):
+        more = f", and {len(far) - 1} points more are as far" if len(far) > 1 else ""
+        question = UnitQuestion.of(
+            unit, float(apart.max()), LARGEST_COORDINATE, unit_in_file=unit_in_file
+        )
+        problems.add(
+            rows[far[0]].line,
+            f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than "
+            f"{LARGEST_COORDINATE:g} m{more}; {question.text}",
+            options=question.options,
+        )
+
+
+def _feeds(rows: Sequence[Row], problems: Problems) -> Array | None:
+    """Feeds of the motions to the points, NaN for the first one of a curve."""
+    feeds = np.array([row.feed for row in rows])
+    feeds[0] = np.nan
+    fast = np.flatnonzero(feeds > LARGEST_FEED)
+    if len(fast):
+        many = f" (and to {len(fast) - 1} points more)" if len(fast) > 1 else ""
+        problems.add(
+            rows[fast[0]].line,
+            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than "
+            f"{LARGEST_FEED:g} m/s; check its unit",
+        )
+    return feeds if np.isfinite(feeds).any() else None
+
+
+def _curve(
+    orientation: Orientation,
+    rows: Sequence[Row],
+    name: str,
+    call: str,
+    problems: Problems,
+    feeds: Array | None = None,
+) -> Curve:
+    lines = np.array([row.line for row in rows], dtype=np.int64)
+    vectors = rotations = None
+    values = np.array([row.direction for row in rows], dtype=np.float64)
+    if orientation == "rpy":
+        rotations = Rotation.from_euler("xyz", values).as_matrix()
+    elif orientation == "rotation_vector":
+        rotations = Rotation.from_rotvec(values).as_matrix()
+    elif orientation != "none":
+        vectors = _unit_vectors(orientation, values, lines.tolist(), call, problems)
+    if vectors is not None and orientation == "quaternion":
+        rotations, vectors = Rotation.from_quat(vectors, scalar_first=True).as_matrix(), None
+    positions = np.array([row.position for row in rows], dtype=np.float64)
+    return Curve(name, positions, vectors, rotations, lines, feeds)
+
+
+def _unit_vectors(
+    orientation: Orientation, values: Array, lines: list[int], call: str, problems: Problems
+) -> Array:
+    """The directions, normalised; those of length zero are problems."""
+    largest = np.abs(values).max(axis=1, keepdims=True)
+    nothing = largest[:, 0] < 1e-12
+    for k in np.flatnonzero(nothing):
+        problems.add(lines[k], f"the {orientation} is zero and has no direction", call)
+    units: Array = np.where(nothing[:, None], 1.0, values / np.where(nothing[:, None], 1, largest))
+    lengths = np.linalg.norm(units, axis=1)
+    units /= lengths[:, None]
+    if orientation == "quaternion":
+        lengths *= largest[:, 0]
+        for k in np.flatnonzero((np.abs(lengths - 1.0) > 0.01) & ~nothing):
+            problems.add(
+                lines[k],
+                f"the quaternion has the length {lengths[k]:.4g} instead of 1; check which columns "
+                "it is in",
+                call,
+            )
+    return units
+
+
+def _repeats(curve: Curve) -> Mask:
+    """Which points repeat the one before, (N,)."""
+    same = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1) < SAME_POINT
+    if curve.vectors is not None:
+        same &= angles_between(curve.vectors[:-1], curve.vectors[1:]) < SAME_DIRECTION
+    if curve.rotations is not None:
+        same &= turns_between(curve.rotations[:-1], curve.rotations[1:]) < SAME_DIRECTION
+    return np.concatenate([[False], same])
