@@ -15,10 +15,9 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import mujoco
 import numpy as np
@@ -37,8 +36,23 @@ Vector = tuple[Finite, Finite, Finite]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class _Entry(BaseModel):
-    """One table of the file."""
+class KnownRobot(BaseModel):
+    """A robot whose axes and joint speed limits are public: one table of the file.
+
+    Attributes:
+        name: Maker and model.
+        pattern: What a name of the model, its file or its bodies contains, lower case.
+        by_shape: Whether its axes alone tell it.
+        program: Language of its controller; ``None`` where it has none of those that are written.
+        axes: Directions of its axes where the controller shows zero for each; positive rotations.
+        points_mm: A point of each axis.
+        coupling: (i, j, factor): the controller shows for axis i, from 1, its angle to the link
+            before plus factor times axis j; ``None`` without.
+        speeds_deg: Largest joint speeds from the base on, degrees/s.
+        accelerations_deg: Largest joint accelerations, degrees/s²; ``None`` where none are public.
+        range_deg: Range of each axis before the coupling, degrees; ``None`` where unknown.
+        source: Source of the figures.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -55,7 +69,7 @@ class _Entry(BaseModel):
     source: Annotated[str, Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> _Entry:
+    def _one_of_each(self) -> Self:
         count = len(self.axes)
         for key in ("points_mm", "speeds_deg", "accelerations_deg", "range_deg"):
             value = getattr(self, key)
@@ -69,45 +83,13 @@ class _Entry(BaseModel):
             raise ValueError(f"coupling: expected [i, j, factor], axes 1 to {count}, j before i")
         return self
 
-
-@dataclass(frozen=True, eq=False)
-class KnownRobot:
-    """A robot whose axes and joint speed limits are public.
-
-    Attributes:
-        name: Maker and model.
-        pattern: What a name of the model, its file or its bodies contains, lower case.
-        by_shape: Whether its axes alone tell it.
-        program: Language of its controller: ``"urscript"``, ``"rapid"``, ``"krl"``, ``"ls"``;
-            ``None`` where it has none of them.
-        lines: Its axes where the controller shows zero for each; positive rotations.
-        coupling: (i, j, factor): the controller shows for axis i, from 1, its angle to the link
-            before plus factor times axis j; ``None`` without.
-        speeds_deg: Largest joint speeds from the base on, degrees/s.
-        accelerations_deg: Largest joint accelerations, degrees/s²; ``None`` where none are public.
-        range_deg: Range of each axis before the coupling, degrees; ``None`` where unknown.
-        source: Source of the figures.
-    """
-
-    name: str
-    pattern: str
-    by_shape: bool
-    program: str | None
-    lines: tuple[Line, ...]
-    coupling: tuple[int, int, float] | None
-    speeds_deg: tuple[float, ...]
-    accelerations_deg: tuple[float, ...] | None
-    range_deg: tuple[tuple[float, float], ...] | None
-    source: str
-
-    @classmethod
-    def _of(cls, entry: _Entry) -> KnownRobot:
-        lines = tuple(
+    @cached_property
+    def lines(self) -> tuple[Line, ...]:
+        """Its axes as lines, m."""
+        return tuple(
             Line(np.array(axis) / np.linalg.norm(axis), 1e-3 * np.array(point))
-            for axis, point in zip(entry.axes, entry.points_mm, strict=True)
+            for axis, point in zip(self.axes, self.points_mm, strict=True)
         )
-        fields = entry.model_dump(exclude={"axes", "points_mm"})
-        return cls(lines=lines, **fields)
 
     @property
     def speeds(self) -> Array:
@@ -146,7 +128,7 @@ def read_robots(path: Path) -> tuple[KnownRobot, ...]:
         robots = []
         for number, table in enumerate(tables, start=1):
             try:
-                robots.append(KnownRobot._of(_Entry.model_validate(table)))
+                robots.append(KnownRobot.model_validate(table))
             except ValidationError as error:
                 first = error.errors()[0]
                 key = ".".join(str(part) for part in first["loc"])

@@ -37,7 +37,7 @@ def read_urdf(
     joints = read_joints(root, file)
     shapes = len(root.findall("link/visual")) + len(root.findall("link/collision"))
     meshes = take_meshes(root, file, packages)
-    spec, model, compiling = compile_urdf(root, file, meshes, joints.mimics)
+    spec, model, compiling = compile_urdf(root, file, meshes)
     not_drawn = add_visuals(spec, meshes.visuals)
     add_room(spec, 0.0, collides=False)
     model = spec.compile()

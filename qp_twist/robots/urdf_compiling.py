@@ -7,11 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.stand_ins import add_rods
-from qp_twist.robots.urdf_joints import Mimic
 from qp_twist.robots.urdf_meshes import Meshes, mesh_shapes
 from qp_twist.robots.wording import listed
 
@@ -35,7 +33,7 @@ _TRIAL = """
 
 
 def compile_urdf(
-    root: ET.Element, file: Path, meshes: Meshes, mimics: Sequence[Mimic]
+    root: ET.Element, file: Path, meshes: Meshes
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
     """Compile a tree; refused parts are only searched if MuJoCo refuses the whole.
 
@@ -47,11 +45,11 @@ def compile_urdf(
         InvalidInput: If MuJoCo refuses what remains too.
     """
     try:
-        return *_seen(root, meshes.assets, mimics), []
+        return *_seen(root, meshes.assets), []
     except ValueError:
         unphysical, unreadable = _without_what_is_refused(root, meshes.assets)
     try:
-        spec, model = _seen(root, meshes.assets, mimics, token_inertia=True)
+        spec, model = _seen(root, meshes.assets, token_inertia=True)
     except ValueError as error:
         raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {_reason(error)}") from error
     left_out = []
@@ -75,21 +73,19 @@ def compile_urdf(
 def _seen(
     root: ET.Element,
     assets: Mapping[str, bytes],
-    mimics: Sequence[Mimic],
     *,
     token_inertia: bool = False,
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
     """Compile the model; if it has no shapes, add rods from joint to joint."""
-    spec, model = _compiled(root, assets, mimics, token_inertia=token_inertia)
+    spec, model = _compiled(root, assets, token_inertia=token_inertia)
     if model.ngeom:
         return spec, model
-    return _compiled(root, assets, mimics, token_inertia=token_inertia, rods=True)
+    return _compiled(root, assets, token_inertia=token_inertia, rods=True)
 
 
 def _compiled(
     root: ET.Element,
     assets: Mapping[str, bytes],
-    mimics: Sequence[Mimic] = (),
     *,
     token_inertia: bool = False,
     rods: bool = False,
@@ -104,16 +100,6 @@ def _compiled(
     spec.compiler.discardvisual = False
     if rods:
         add_rods(spec)
-    for mimic in mimics:
-        coupling = spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT,
-            objtype=mujoco.mjtObj.mjOBJ_JOINT,
-            name1=mimic.joint,
-            name2=mimic.leader,
-        )
-        data = np.zeros_like(coupling.data)
-        data[:2] = mimic.offset, mimic.ratio
-        coupling.data = data
     return spec, spec.compile()
 
 

@@ -1,4 +1,4 @@
-"""The joints of a URDF: types, ranges, speeds and mimic relations."""
+"""The joints of a URDF: types, ranges and speeds."""
 
 from __future__ import annotations
 
@@ -13,21 +13,10 @@ from qp_twist.robots.wording import listed
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
-class Mimic(NamedTuple):
-    r"""A joint that follows another, :math:`\theta = o + r\,\theta_{leader}`."""
-
-    joint: str
-    leader: str
-    ratio: float
-    offset: float
-    """rad or m."""
-
-
 class Joints(NamedTuple):
     """Data of a file's joints that MuJoCo's reader does not read."""
 
     velocity_limits: dict[str, float]
-    mimics: list[Mimic]
     left_out: list[str]
 
 
@@ -35,7 +24,7 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
     """Read the joints, and normalise the tree for all versions of MuJoCo.
 
     A continuous joint has no range, whatever its ``<limit>``. A range from 0 to 0 counts as none:
-    exporters write it for a missing range. ``<mimic>`` is removed.
+    exporters write it for a missing range.
 
     Raises:
         InvalidInput: If two links are the child of no joint, a joint has another type, its range is
@@ -47,7 +36,6 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
     _check_roots(root, joints, file)
     moving = [joint.get("name", "") for joint in joints if joint.get("type") in _MOVING]
     speeds: dict[str, float] = {}
-    mimics: list[Mimic] = []
     no_range: list[str] = []
     no_speed: list[str] = []
     for joint in joints:
@@ -55,9 +43,9 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
         where = f"{file}: joint {name!r}"
         _check_vectors(joint, where)
         mimic = joint.find("mimic")
-        if mimic is not None:
-            joint.remove(mimic)
         if kind == "fixed":
+            if mimic is not None:
+                joint.remove(mimic)
             continue
         if kind not in _MOVING:
             raise InvalidInput(
@@ -66,7 +54,7 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
                 "the robot to the world."
             )
         if mimic is not None:
-            mimics.append(_mimic(mimic, name, moving, where))
+            _check_mimic(mimic, name, moving, where)
         limit = joint.find("limit")
         if limit is None:
             limit = ET.SubElement(joint, "limit")
@@ -88,7 +76,7 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
         )
     if no_speed:
         left_out.append(f"No velocity limit: {listed('joint', no_speed)}. Only one above 0 counts.")
-    return Joints(speeds, mimics, left_out)
+    return Joints(speeds, left_out)
 
 
 def _check_names(joints: list[ET.Element], file: Path) -> None:
@@ -144,15 +132,15 @@ def _has_range(limit: ET.Element, where: str) -> bool:
     return lower < upper
 
 
-def _mimic(mimic: ET.Element, name: str, moving: list[str], where: str) -> Mimic:
+def _check_mimic(mimic: ET.Element, name: str, moving: list[str], where: str) -> None:
     leader = mimic.get("joint", "")
     if leader not in moving or leader == name:
         raise InvalidInput(
             f"{where}: it mimics {leader!r}, which is no other joint of this file that moves; name "
             f"one of {', '.join(other for other in moving if other != name) or 'several'}."
         )
-    ratio = _number(mimic, "multiplier", 1.0, where)
-    return Mimic(name, leader, ratio, _number(mimic, "offset", 0.0, where))
+    for key, default in (("multiplier", 1.0), ("offset", 0.0)):
+        mimic.set(key, repr(_number(mimic, key, default, where)))
 
 
 def _number(element: ET.Element, attribute: str, default: float, where: str) -> float:
