@@ -507,6 +507,6 @@ def test_arcs_of_a_file_have_a_bounded_number_of_points(
     arcs = "G21 G17 G90\nG0 X0 Y0 Z0\nG1 X1 F600\n" + 9 * "G2 X1 Y0 I90000 J0\n"
     with pytest.raises(InvalidInput, match="at most 1000000 points are read"):
         read(tmp_path, arcs, arc_error=1e-20)
-    monkeypatch.setattr("qp_twist.paths.motions.MOST_POINTS", 20_000)
+    monkeypatch.setattr("qp_twist.paths.toolpath_builder.MOST_POINTS", 20_000)
     with pytest.raises(InvalidInput, match="more than 20000 points"):
         read(tmp_path, arcs, arc_error=1e-5)
