@@ -18,11 +18,17 @@ from qp_twist.paths.read_toolpath import read_toolpath
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
-from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Lines, Toolpath, lifts
+from qp_twist.paths.toolpath import (
+    SAME_DIRECTION,
+    SAME_POINT,
+    Curve,
+    Lines,
+    Part,
+    Toolpath,
+    lifts,
+)
 from qp_twist.paths.toolpath_builder import UnitQuestion
 from qp_twist.paths.turning import angles_between, turns_between
-
-Part = Literal["approach", "contact", "retreat", "transfer"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +55,6 @@ class FileWaypoints:
     toolpath: Toolpath
     feeds: Array | None
     joint_moves: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """A section of the path; its curve has z of the frame as vectors, or rotations."""
-
-    part: Part
-    curve: Curve
-    by_joint_move: bool = False
-    """Whether a joint move leads to its first waypoint."""
 
 
 def file_waypoints(
@@ -93,7 +89,7 @@ def file_waypoints(
         )
     placement = section.placement or WorkpieceTable()
     turn, origin = _rotation(placement), np.array(placement.position)
-    pieces: list[_Piece] = []
+    pieces: list[Curve] = []
     before: Curve | None = None
     for read in toolpath.curves:
         _refuse_too_many(pieces, toolpath, section)
@@ -102,18 +98,19 @@ def file_waypoints(
         if keeps and section.joint_moves and before is not None:
             leaving, arriving, jumps = _ends_of_joint_move(before, placed)
             for way, leads in ((leaving, False), (arriving, jumps)):
-                for piece in _ways(section, way, more[0].curve, held, toolpath):
+                for piece in _ways(section, way, more[0], held, toolpath):
                     _extend(pieces, [replace(piece, by_joint_move=leads)], section)
             if jumps and arriving is None:
                 more[0] = replace(more[0], by_joint_move=True)
         elif keeps:
-            _extend(pieces, _ways(section, placed.before, more[0].curve, held, toolpath), section)
+            _extend(pieces, _ways(section, placed.before, more[0], held, toolpath), section)
         _extend(pieces, more, section, between_curves=not keeps)
         if keeps:
-            _extend(pieces, _ways(section, placed.after, more[-1].curve, held, toolpath), section)
+            _extend(pieces, _ways(section, placed.after, more[-1], held, toolpath), section)
         before = placed
     _refuse_too_many(pieces, toolpath, section)
     curve = _joined(pieces)
+    begins = np.cumsum([0, *map(len, pieces)]).tolist()
     if len(curve) < 2:
         raise InvalidInput(f"{toolpath.source.name}: a path needs at least two points.")
     return FileWaypoints(
@@ -121,10 +118,12 @@ def file_waypoints(
         axes=curve.vectors,
         rotations=curve.rotations,
         lines=curve.lines,
-        parts=tuple(piece.part for piece in pieces for _ in range(len(piece.curve))),
+        parts=tuple(piece.role for piece in pieces for _ in range(len(piece))),
         toolpath=toolpath,
         feeds=curve.feeds if section.feeds == "file" else None,
-        joint_moves=_joint_moves(pieces),
+        joint_moves=tuple(
+            begin for begin, p in zip(begins, pieces, strict=False) if p.by_joint_move
+        ),
     )
 
 
@@ -148,8 +147,8 @@ def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
     )
 
 
-def _refuse_too_many(pieces: list[_Piece], toolpath: Toolpath, section: FilePath) -> None:
-    count = sum(len(piece.curve) for piece in pieces)
+def _refuse_too_many(pieces: list[Curve], toolpath: Toolpath, section: FilePath) -> None:
+    count = sum(len(piece) for piece in pieces)
     if count > MOST:
         raise InvalidInput(
             f"{toolpath.source.name}: max_spacing = {section.max_spacing:g} m and max_turn_deg = "
@@ -232,14 +231,6 @@ def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:
     )
 
 
-def _joint_moves(pieces: list[_Piece]) -> tuple[int, ...]:
-    """Indices of the waypoints that a joint move leads to."""
-    begins = np.cumsum([0, *(len(piece.curve) for piece in pieces)])
-    return tuple(
-        int(begin) for begin, piece in zip(begins, pieces, strict=False) if piece.by_joint_move
-    )
-
-
 def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curve | None, bool]:
     """The rapid points at the ends of a joint move between two curves, and whether there is one.
 
@@ -258,7 +249,7 @@ def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curv
 
 def _ways(
     section: FilePath, way: Curve | None, beside: Curve, held: Array, toolpath: Toolpath
-) -> list[_Piece]:
+) -> list[Curve]:
     """The rapid points of the file before or after a curve, as a transfer."""
     if way is None:
         return []
@@ -268,12 +259,12 @@ def _ways(
     elif way.vectors is not None and section.tool == "into":
         way = replace(way, vectors=-way.vectors)
     try:
-        return [_Piece("transfer", resampled(way, section.sampling()))]
+        return [replace(resampled(way, section.sampling()), role="transfer")]
     except InvalidInput as error:
         raise InvalidInput(f"{toolpath.source.name}: {error}") from error
 
 
-def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[_Piece]:
+def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[Curve]:
     """Approach, curve and retreat."""
     try:
         curve = resampled(curve, section.sampling())
@@ -302,11 +293,11 @@ def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) 
             rotations=None if curve.rotations is None else turns @ curve.rotations,
         )
     away = normals if toolpath.meaning == "normal" and normals is not None else sign * _z(curve)
-    pieces = [_Piece("contact", curve)]
+    pieces = [curve]
     if section.approach is not None:
-        pieces.insert(0, _Piece("approach", _lead(curve, 0, away, section.approach)))
+        pieces.insert(0, replace(_lead(curve, 0, away, section.approach), role="approach"))
     if section.retreat is not None:
-        pieces.append(_Piece("retreat", _lead(curve, -1, away, section.retreat)))
+        pieces.append(replace(_lead(curve, -1, away, section.retreat), role="retreat"))
     return pieces
 
 
@@ -329,11 +320,11 @@ def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> C
 
 
 def _extend(
-    pieces: list[_Piece], more: list[_Piece], section: FilePath, *, between_curves: bool = False
+    pieces: list[Curve], more: list[Curve], section: FilePath, *, between_curves: bool = False
 ) -> None:
     """Add the parts of a curve, after a transfer or a joint move to the first of them."""
     if pieces and more:
-        last, first = pieces[-1].curve, more[0].curve
+        last, first = pieces[-1], more[0]
         ends = replace(
             last.part([-1]),
             positions=np.array([last.positions[-1], first.positions[0]]),
@@ -345,13 +336,14 @@ def _extend(
         if _same(last, first):
             # No distance and no time: use the point once.
             rest = first.part(np.arange(1, len(first)))
-            more[0] = replace(more[0], curve=rest, by_joint_move=False)
+            more[0] = replace(rest, by_joint_move=False)
         elif between_curves and section.joint_moves:
             more[0] = replace(more[0], by_joint_move=True)
         elif not more[0].by_joint_move:
             way = resampled(ends, section.sampling())
-            pieces.append(_Piece("transfer", way.part(np.arange(1, len(way) - 1))))
-    pieces += [piece for piece in more if len(piece.curve)]
+            way = way.part(np.arange(1, len(way) - 1))
+            pieces.append(replace(way, role="transfer", by_joint_move=False))
+    pieces += [piece for piece in more if len(piece)]
 
 
 def _two(a: Array | None, b: Array | None) -> Array | None:
@@ -369,25 +361,17 @@ def _same(a: Curve, b: Curve) -> bool:
     return True
 
 
-def _joined(pieces: list[_Piece]) -> Curve:
-    curves = [piece.curve for piece in pieces]
-
+def _joined(pieces: list[Curve]) -> Curve:
     def stacked(arrays: list[Array | None]) -> Array | None:
         found = [array for array in arrays if array is not None]
         return np.concatenate(found) if found else None
 
+    feeds = [np.full(len(p), np.nan) if p.feeds is None else p.feeds for p in pieces]
     return Curve(
         "",
-        np.concatenate([curve.positions for curve in curves]),
-        stacked([curve.vectors for curve in curves]),
-        stacked([curve.rotations for curve in curves]),
-        np.concatenate([curve.lines for curve in curves]),
-        stacked(
-            [
-                np.full(len(curve), np.nan) if curve.feeds is None else curve.feeds
-                for curve in curves
-            ]
-        )
-        if any(curve.feeds is not None for curve in curves)
-        else None,
+        np.concatenate([piece.positions for piece in pieces]),
+        stacked([piece.vectors for piece in pieces]),
+        stacked([piece.rotations for piece in pieces]),
+        np.concatenate([piece.lines for piece in pieces]),
+        np.concatenate(feeds) if any(piece.feeds is not None for piece in pieces) else None,
     )

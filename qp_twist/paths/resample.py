@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -189,11 +189,8 @@ def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Cu
     feeds = None
     if curve.feeds is not None:
         feeds = with_last(curve.feeds[end], curve.feeds)
-    return Curve(
-        curve.name,
-        with_last(between, positions),
-        vectors,
-        rotations,
-        np.concatenate([curve.lines[begin], curve.lines[-1:]]),
-        feeds,
-    )
+    lines = np.concatenate([curve.lines[begin], curve.lines[-1:]])
+    return replace(
+        curve, positions=with_last(between, positions), vectors=vectors, rotations=rotations,
+        lines=lines, feeds=feeds, before=None, after=None,
+    )  # fmt: skip

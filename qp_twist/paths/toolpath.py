@@ -16,6 +16,7 @@ from qp_twist.files import LengthUnit
 
 Lines = npt.NDArray[np.int64]
 Meaning = Literal["axis", "normal", "rotation", "none"]
+Part = Literal["approach", "contact", "retreat", "transfer"]
 SAME_POINT = 1e-9
 """Points closer together, m, count as one."""
 SAME_DIRECTION = 1e-9
@@ -39,6 +40,8 @@ class Curve:
         before: Points of the file that lead to its first point in rapid motion; ``None`` without
             any.
         after: Points that lead away from the last point of the file's last curve likewise.
+        role: Part of the path that it is.
+        by_joint_move: Whether a joint move leads to its first point.
     """
 
     name: str
@@ -49,6 +52,8 @@ class Curve:
     feeds: Array | None = None
     before: Curve | None = None
     after: Curve | None = None
+    role: Part = "contact"
+    by_joint_move: bool = False
 
     def __len__(self) -> int:
         return len(self.positions)
