@@ -41,8 +41,8 @@ from qp_twist.paths import (
     shipped_folder,
     twist_task,
 )
-from qp_twist.paths.motions import times
 from qp_twist.paths.task_file import FILE_KEY
+from qp_twist.paths.toolpath_builder import times
 from qp_twist.programs import AS_MODELLED
 from qp_twist.robots import Robot, load_robot, stated_robot
 from qp_twist.robots.srdf import disabled_pairs, srdf_beside

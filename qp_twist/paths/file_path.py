@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import mink
 import numpy as np
 
 from qp_twist.checks import Array
@@ -88,7 +87,7 @@ def file_waypoints(
             "curves = [1]."
         )
     placement = section.placement or WorkpieceTable()
-    turn, origin = _rotation(placement), np.array(placement.position)
+    turn, origin = placement.rotation(), np.array(placement.position)
     pieces: list[Curve] = []
     before: Curve | None = None
     for read in toolpath.curves:
@@ -205,18 +204,6 @@ def file_segments(
         begin = index
     check_segments(operational, of[parts[0]], segments, len(parts), keys)
     return of[parts[0]], tuple(segments)
-
-
-def _rotation(table: WorkpieceTable) -> Array:
-    """Rotation of the file's frame to the world, (3, 3)."""
-    if table.quaternion_wxyz is not None:
-        wxyz = np.array(table.quaternion_wxyz)
-        wxyz /= np.abs(wxyz).max()
-        rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
-    else:
-        rotation = mink.SO3.from_rpy_radians(*np.radians(table.rpy_deg or (0.0, 0.0, 0.0)))
-    matrix: Array = rotation.as_matrix()
-    return matrix
 
 
 def _placed(curve: Curve, turn: Array, origin: Array) -> Curve:

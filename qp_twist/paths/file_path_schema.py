@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
 
+from qp_twist.checks import Array
 from qp_twist.paths.projector_schema import OwnProjector
 from qp_twist.paths.resample import Sampling
 from qp_twist.paths.section import Number, Positive, Section, Vector
@@ -17,7 +20,7 @@ LeanAngle = Annotated[float, Field(gt=-90.0, lt=90.0)]
 
 
 class WorkpieceTable(Section):
-    """Pose of the file's frame in the world."""
+    """A pose: that of the file's frame in the world."""
 
     position: Vector = (0.0, 0.0, 0.0)
     quaternion_wxyz: tuple[Number, Number, Number, Number] | None = None
@@ -30,6 +33,15 @@ class WorkpieceTable(Section):
         if self.quaternion_wxyz is not None and not any(self.quaternion_wxyz):
             raise ValueError("quaternion_wxyz is zero")
         return self
+
+    def rotation(self) -> Array:
+        """The orientation, (3, 3)."""
+        if self.quaternion_wxyz is None:
+            rpy = np.radians(self.rpy_deg or (0.0, 0.0, 0.0))
+            return Rotation.from_euler("xyz", rpy).as_matrix()
+        wxyz = np.array(self.quaternion_wxyz)
+        wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
+        return Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
 
 
 class LeadTable(OwnProjector):

@@ -394,7 +394,7 @@ def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
     if isinstance(section, PosesPath):
         return (
             np.array([pose.position for pose in section.poses]),
-            np.array([_pose_rotation(pose) for pose in section.poses]),
+            np.array([pose.rotation() for pose in section.poses]),
             None,
         )
     if isinstance(section, PolylinePath):
@@ -425,17 +425,6 @@ def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
         )
     normal = np.array(file.roll.plane_normal)
     return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
-
-
-def _pose_rotation(pose: Any) -> Array:
-    if pose.quaternion_wxyz is not None:
-        wxyz = np.array(pose.quaternion_wxyz)
-        wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
-        rotation = mink.SO3(wxyz / np.linalg.norm(wxyz))
-    else:
-        rotation = mink.SO3.from_rpy_radians(*np.radians(pose.rpy_deg))
-    matrix: Array = rotation.as_matrix()
-    return matrix
 
 
 def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -12,7 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorFrame
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
-from qp_twist.paths.file_path_schema import FilePath
+from qp_twist.paths.file_path_schema import FilePath, WorkpieceTable
 from qp_twist.paths.methods import MethodName, MethodSettings
 from qp_twist.paths.projector_schema import ProjectorSection
 from qp_twist.paths.section import Number, Positive, Section, Vector
@@ -56,11 +57,19 @@ class SegmentSection(ProjectorSection):
 
 
 class BandTable(Section):
-    """Base of the tolerance bands."""
+    """Base of the tolerance bands: the keys are the arguments of the band, angles in degrees."""
+
+    made: ClassVar[Callable[..., ToleranceBand]]
+    frame: ProjectorFrame = "target"
+    weight: Positive | None = None
 
     def band(self) -> ToleranceBand:
         """The band of this table."""
-        raise NotImplementedError
+        values = {key: getattr(self, key) for key in type(self).model_fields if key != "kind"}
+        return type(self).made(**{
+            key.removesuffix("_deg"): math.radians(value) if key.endswith("_deg") else value
+            for key, value in values.items()
+        })  # fmt: skip
 
     @model_validator(mode="after")
     def _is_a_band(self) -> Self:
@@ -71,65 +80,43 @@ class BandTable(Section):
 class RollBandTable(BandTable):
     """A range for the roll."""
 
+    made = RollBand
     kind: Literal["roll"]
     axis: Vector
     lower_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
     upper_deg: Annotated[float, Field(ge=-360.0, le=360.0)]
     frame: ProjectorFrame = "body"
-    weight: Positive | None = None
-
-    def band(self) -> RollBand:
-        """The band of this table."""
-        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
-        return RollBand(self.axis, lower, upper, frame=self.frame, weight=self.weight)
 
 
 class ConeBandTable(BandTable):
     """A range for the angle between an axis of the frame and a direction."""
 
+    made = ConeBand
     kind: Literal["cone"]
     axis: Vector
     reference: Vector
     upper_deg: Annotated[float, Field(gt=0.0, le=180.0)]
     lower_deg: Annotated[float, Field(ge=0.0, le=180.0)] = 0.0
     frame: Literal["target", "world"] = "target"
-    weight: Positive | None = None
-
-    def band(self) -> ConeBand:
-        """The band of this table."""
-        lower, upper = math.radians(self.lower_deg), math.radians(self.upper_deg)
-        return ConeBand(
-            self.axis, self.reference, upper, lower, frame=self.frame, weight=self.weight
-        )
 
 
 class SlabBandTable(BandTable):
     """A range for the distance along a normal."""
 
+    made = SlabBand
     kind: Literal["slab"]
     normal: Vector
     lower: Number
     upper: Number
-    frame: ProjectorFrame = "target"
-    weight: Positive | None = None
-
-    def band(self) -> SlabBand:
-        """The band of this table."""
-        return SlabBand(self.normal, self.lower, self.upper, frame=self.frame, weight=self.weight)
 
 
 class BoxBandTable(BandTable):
     """A box for the position."""
 
+    made = BoxBand
     kind: Literal["box"]
     lower: Vector
     upper: Vector
-    frame: ProjectorFrame = "target"
-    weight: Positive | None = None
-
-    def band(self) -> BoxBand:
-        """The band of this table."""
-        return BoxBand(self.lower, self.upper, frame=self.frame, weight=self.weight)
 
 
 BandSection = Annotated[
@@ -169,19 +156,15 @@ class SphericalPatchPath(Section):
         return self
 
 
-class Pose(Section):
+class Pose(WorkpieceTable):
     """One waypoint."""
 
     position: Vector
-    quaternion_wxyz: tuple[Number, Number, Number, Number] | None = None
-    rpy_deg: Vector | None = None
 
     @model_validator(mode="after")
-    def _one_orientation(self) -> Pose:
-        if (self.quaternion_wxyz is None) == (self.rpy_deg is None):
+    def _has_orientation(self) -> Self:
+        if self.quaternion_wxyz is None and self.rpy_deg is None:
             raise ValueError("give either quaternion_wxyz or rpy_deg")
-        if self.quaternion_wxyz is not None and not any(self.quaternion_wxyz):
-            raise ValueError("quaternion_wxyz is zero")
         return self
 
 

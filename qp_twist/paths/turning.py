@@ -68,8 +68,8 @@ def rotations_at(a: Array, b: Array, shares: Array) -> Array:
     return found
 
 
-def least_turn(a: Array, b: Array) -> Array:
-    r"""The rotation (3, 3) by the smallest angle that takes the unit vector a to b.
+def least_turns(a: Array, b: Array) -> Array:
+    r"""The rotations (N, 3, 3) by the smallest angle that take unit vectors a to b, (N, 3) each.
 
     .. math:: \mathbf R = \mathbf 1 + [\mathbf v]_\times
         + \frac{[\mathbf v]_\times^2}{1 + \mathbf a \cdot \mathbf b}, \qquad
@@ -77,13 +77,16 @@ def least_turn(a: Array, b: Array) -> Array:
 
     For opposite vectors, where any axis perpendicular to a does it, a fixed one is taken.
     """
-    cosine = float(a @ b)
-    if cosine < -1.0 + 1e-12:
-        u = perpendicular(a)
-        return 2.0 * np.outer(u, u) - np.eye(3)
     v = np.cross(a, b)
-    cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-    found: Array = np.eye(3) + cross + cross @ cross / (1.0 + cosine)
+    cosine = (a * b).sum(axis=1)
+    cross = np.zeros((len(a), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = v
+    cross[:, [1, 2, 0], [2, 0, 1]] = -v
+    share = 1.0 / (1.0 + np.maximum(cosine, -1.0 + 1e-12))
+    found: Array = np.eye(3) + cross + share[:, None, None] * (cross @ cross)
+    for k in np.flatnonzero(cosine < -1.0 + 1e-12):
+        u = perpendicular(a[k])
+        found[k] = 2.0 * np.outer(u, u) - np.eye(3)
     return found
 
 
@@ -100,7 +103,7 @@ def transported(first: Array, axes: Array) -> Array:
     Returns:
         Rotations (N, 3, 3).
     """
-    turns = _least_turns(np.vstack([first[:, 2], axes[:-1]]), axes)
+    turns = least_turns(np.vstack([first[:, 2], axes[:-1]]), axes)
     x, found = first[:, 0], np.empty_like(axes)
     for k, axis in enumerate(axes):
         x = turns[k] @ x
@@ -109,18 +112,3 @@ def transported(first: Array, axes: Array) -> Array:
         x /= np.sqrt(x @ x)
         found[k] = x
     return np.stack([found, np.cross(axes, found), axes], axis=-1)
-
-
-def _least_turns(a: Array, b: Array) -> Array:
-    """:func:`least_turn` of many pairs of unit vectors (N, 3), as (N, 3, 3)."""
-    v = np.cross(a, b)
-    cosine = (a * b).sum(axis=1)
-    cross = np.zeros((len(a), 3, 3))
-    cross[:, [2, 0, 1], [1, 2, 0]] = v
-    cross[:, [1, 2, 0], [2, 0, 1]] = -v
-    opposite = np.flatnonzero(cosine < -1.0 + 1e-12)
-    share = 1.0 / (1.0 + np.maximum(cosine, -1.0 + 1e-12))
-    found: Array = np.eye(3) + cross + share[:, None, None] * (cross @ cross)
-    for k in opposite.tolist():
-        found[k] = least_turn(a[k], b[k])
-    return found

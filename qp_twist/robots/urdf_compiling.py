@@ -11,7 +11,7 @@ import mujoco
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.stand_ins import add_rods
 from qp_twist.robots.urdf_meshes import Meshes, mesh_shapes
-from qp_twist.robots.wording import listed
+from qp_twist.robots.wording import listed, reason_of
 
 _TOKEN_MASS = 1e-6
 _TOKEN_INERTIA = 1e-9
@@ -51,7 +51,7 @@ def compile_urdf(
     try:
         spec, model = _seen(root, meshes.assets, token_inertia=True)
     except ValueError as error:
-        raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {_reason(error)}") from error
+        raise InvalidInput(f"{file}: MuJoCo cannot load this URDF: {reason_of(error)}") from error
     left_out = []
     if unreadable:
         files = listed("mesh", [meshes.stated[name] for name in unreadable])
@@ -131,13 +131,9 @@ def _refused(
     try:
         _compiled(ET.fromstring(trial), assets)
     except ValueError as error:
-        return _reason(error)
+        return reason_of(error)
     return ""
 
 
 def _text(elements: Sequence[ET.Element]) -> str:
     return "".join(ET.tostring(element, encoding="unicode") for element in elements)
-
-
-def _reason(error: ValueError) -> str:
-    return " ".join(str(error).split()).removeprefix("Error: ")

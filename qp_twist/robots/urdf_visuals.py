@@ -16,7 +16,7 @@ from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.mesh_files import Colour, coloured_meshes, msh
 from qp_twist.robots.room import DRAWN, NOT_DRAWN
-from qp_twist.robots.wording import listed
+from qp_twist.robots.wording import listed, reason_of
 
 _GREY: Colour = (0.72, 0.74, 0.77, 1.0)
 _NAMED = "visual"
@@ -166,8 +166,7 @@ def _refused(content: bytes, scale: tuple[float, ...]) -> str:
     try:
         trial.compile()
     except ValueError as error:
-        reason = " ".join(str(error).split()).removeprefix("Error: ")
-        return f"MuJoCo refuses it ({reason[:120]})"
+        return f"MuJoCo refuses it ({reason_of(error)[:120]})"
     return ""
 
 

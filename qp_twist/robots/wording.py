@@ -1,4 +1,4 @@
-"""Words for parts that are left out."""
+"""Words for parts that are left out, and why."""
 
 from __future__ import annotations
 
@@ -14,3 +14,8 @@ def listed(noun: str, names: Sequence[str]) -> str:
     shown = ", ".join(repr(name) for name in names[:_SHOWN])
     plural = noun + ("es" if noun.endswith("sh") else "s")
     return f"{len(names)} {plural} ({shown}{' …' if len(names) > _SHOWN else ''})"
+
+
+def reason_of(error: ValueError) -> str:
+    """What MuJoCo says is wrong, on one line."""
+    return " ".join(str(error).split()).removeprefix("Error: ")

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Curve, Sampling, resampled, transported
-from qp_twist.paths.turning import least_turn
+from qp_twist.paths.turning import least_turns
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -213,6 +213,6 @@ def test_around_a_closed_cone_the_roll_is_the_area_on_the_sphere() -> None:
 
 def test_the_least_turn_of_opposite_vectors_turns_by_half_a_turn() -> None:
     a = units(np.array([1.0, -2.0, 0.5]))
-    turn = least_turn(a, -a)
+    [turn] = least_turns(a[None], -a[None])
     assert turn @ a == pytest.approx(-a)
     assert Rotation.from_matrix(turn).magnitude() == pytest.approx(np.pi)
