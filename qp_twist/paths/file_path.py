@@ -13,6 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector
 from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
 from qp_twist.paths.orientation import lean_turns
+from qp_twist.paths.path_task import FromStart
 from qp_twist.paths.read_toolpath import read_toolpath
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
@@ -27,39 +28,41 @@ from qp_twist.paths.toolpath import (
     lifts,
 )
 from qp_twist.paths.toolpath_builder import UnitQuestion
-from qp_twist.paths.turning import angles_between, turns_between
+from qp_twist.paths.turning import angles_between, transported, turns_between
 
 
 @dataclass(frozen=True, eq=False)
-class FileWaypoints:
-    """The waypoints of a toolpath file.
+class PlacedPath:
+    """The waypoints of a path.
 
     Attributes:
         positions: In the world, m, (N, 3).
-        axes: z of the frame, if the file has directions, (N, 3).
-        rotations: Orientations of the frame, if the file has them, (N, 3, 3).
-        lines: Line of the file at or before each waypoint, (N,).
-        parts: Part of the path that each waypoint belongs to.
-        toolpath: The file as read.
+        rotations: Orientations of the frame, with the roll of the roll rule, (N, 3, 3).
+        flipped: The same with the rule's other sign; ``None`` without a rule.
+        from_start: Which part of the rotations is taken from the start.
+        toolpath: The file as read, if the path is from one, and then
+        lines: Line of the file at or before each waypoint, (N,);
+        parts: Part of the path that each waypoint belongs to;
         feeds: Feeds of the file for the motion to each waypoint, m/s, (N,), NaN without one;
-            ``None`` if the file has none, or they are not used.
+            ``None`` if the file has none, or they are not used;
         joint_moves: Indices of the waypoints that a joint move leads to.
     """
 
     positions: Array
-    axes: Array | None
-    rotations: Array | None
-    lines: Lines
-    parts: tuple[Part, ...]
-    toolpath: Toolpath
-    feeds: Array | None
+    rotations: Array
+    flipped: Array | None = None
+    from_start: FromStart = "nothing"
+    toolpath: Toolpath | None = None
+    lines: Lines | None = None
+    parts: tuple[Part, ...] = ()
+    feeds: Array | None = None
     joint_moves: tuple[int, ...] = ()
 
 
 def file_waypoints(
     task_file: Path, section: FilePath, held: Array, reach: float = np.inf
-) -> FileWaypoints:
-    """Read a toolpath and place waypoints along it.
+) -> PlacedPath:
+    """Read a toolpath and place waypoints along it, with the roll of the start if it states none.
 
     Args:
         task_file: The task file that names it.
@@ -112,13 +115,20 @@ def file_waypoints(
     begins = np.cumsum([0, *map(len, pieces)]).tolist()
     if len(curve) < 2:
         raise InvalidInput(f"{toolpath.source.name}: a path needs at least two points.")
-    return FileWaypoints(
-        positions=curve.positions,
-        axes=curve.vectors,
-        rotations=curve.rotations,
+    rotations = curve.rotations
+    from_start: FromStart = "nothing"
+    if rotations is None:
+        assert curve.vectors is not None
+        rotations, from_start = transported(held, curve.vectors), "roll"
+    elif toolpath.meaning == "none" and not (section.lead_deg or section.tilt_deg):
+        from_start = "orientation"
+    return PlacedPath(
+        curve.positions,
+        rotations,
+        from_start=from_start,
+        toolpath=toolpath,
         lines=curve.lines,
         parts=tuple(piece.role for piece in pieces for _ in range(len(piece))),
-        toolpath=toolpath,
         feeds=curve.feeds if section.feeds == "file" else None,
         joint_moves=tuple(
             begin for begin, p in zip(begins, pieces, strict=False) if p.by_joint_move

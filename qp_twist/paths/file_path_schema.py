@@ -38,10 +38,13 @@ class WorkpieceTable(Section):
         """The orientation, (3, 3)."""
         if self.quaternion_wxyz is None:
             rpy = np.radians(self.rpy_deg or (0.0, 0.0, 0.0))
-            return Rotation.from_euler("xyz", rpy).as_matrix()
-        wxyz = np.array(self.quaternion_wxyz)
-        wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
-        return Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
+            rotation = Rotation.from_euler("xyz", rpy)
+        else:
+            wxyz = np.array(self.quaternion_wxyz)
+            wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
+            rotation = Rotation.from_quat(wxyz, scalar_first=True)
+        matrix: Array = rotation.as_matrix()
+        return matrix
 
 
 class LeadTable(OwnProjector):

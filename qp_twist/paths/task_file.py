@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mink
 import mujoco
@@ -32,7 +32,7 @@ from qp_twist.kinematics import (
     frame_pose,
     largest_reach,
 )
-from qp_twist.paths.file_path import FileWaypoints, file_segments, file_waypoints
+from qp_twist.paths.file_path import PlacedPath, file_segments, file_waypoints
 from qp_twist.paths.file_path_schema import FilePath
 from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
@@ -49,7 +49,6 @@ from qp_twist.paths.task_schema import (
     StartSection,
     TaskFile,
 )
-from qp_twist.paths.turning import transported
 from qp_twist.robots import Robot, load_robot
 from qp_twist.shipped import shipped_folder, shipped_tasks
 
@@ -190,11 +189,10 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     if projector.linear.kind is ProjectorKind.FULL:
         chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
         reach = largest_reach(chain, ranges)
-    built = _waypoints(path, file, rotation, projector, operational, reach)
+    built, first, segments = _waypoints(path, file, rotation, projector, operational, reach)
     durations, notes = _durations(file, built)
-    toolpath = None
-    if built.read is not None:
-        toolpath = built.read.toolpath
+    toolpath = built.toolpath
+    if toolpath is not None:
         toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
     timed = durations is not None
     task = PathTask(
@@ -205,7 +203,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         model=model,
         frame_name=file.robot.frame,
         frame_type=file.robot.frame_type,
-        projector=built.projector,
+        projector=first,
         operational=operational,
         waypoints=poses(built.positions, built.rotations),
         flipped_waypoints=None if built.flipped is None else poses(built.positions, built.flipped),
@@ -215,7 +213,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         acceleration_limits=_limits(file, ranges, "acceleration", {}, timed=timed),
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
-        segments=built.segments,
+        segments=segments,
         bands=bands,
         constraints=() if file.clearance is None else (_clearance(file.clearance, scene),),
         best_start=file.start.found,
@@ -224,7 +222,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         else unit_vector("roll.plane_normal", file.roll.plane_normal),
         study=file.study,
         toolpath=toolpath,
-        lines=None if built.read is None else built.read.lines,
+        lines=built.lines,
         from_start=built.from_start,
         joint_moves=built.joint_moves,
         relative_to=carrier,
@@ -303,33 +301,6 @@ def _start(section: StartSection, model: mujoco.MjModel) -> Array:
     return values
 
 
-class _Waypoints(NamedTuple):
-    """The waypoints of a path.
-
-    Attributes:
-        positions: m, (N, 3).
-        rotations: Orientations, with the roll of the roll rule, (N, 3, 3).
-        flipped: The same with the rule's other sign; ``None`` without a rule.
-        projector: T of the first waypoint.
-        segments: Sections with another T.
-        read: Waypoints of a toolpath file, if the path is from one.
-        from_start: Which part of the rotations is taken from the start.
-    """
-
-    positions: Array
-    rotations: Array
-    flipped: Array | None
-    projector: TwistProjector
-    segments: tuple[Segment, ...]
-    read: FileWaypoints | None = None
-    from_start: FromStart = "nothing"
-
-    @property
-    def joint_moves(self) -> tuple[int, ...]:
-        """Indices of the waypoints that a joint move leads to."""
-        return () if self.read is None else self.read.joint_moves
-
-
 def _waypoints(
     path: Path,
     file: TaskFile,
@@ -337,8 +308,8 @@ def _waypoints(
     projector: TwistProjector,
     operational: TwistProjector,
     reach: float,
-) -> _Waypoints:
-    """Build the waypoints of the task.
+) -> tuple[PlacedPath, TwistProjector, tuple[Segment, ...]]:
+    """The waypoints of the task, T of the first one, and the segments with another T.
 
     ``held`` (3, 3) is the frame's orientation at the start. A toolpath that exceeds the robot's
     ``reach`` (m) is refused before it is resampled.
@@ -348,34 +319,29 @@ def _waypoints(
     if not isinstance(section, FilePath):
         no_axis = isinstance(section, PolylinePath) and section.tool_axis is None
         whole: FromStart = "orientation" if no_axis else "nothing"
-        return _Waypoints(*_poses(file, held), projector, segments, from_start=whole)
+        return PlacedPath(*_poses(file, held), from_start=whole), projector, segments
     try:
-        read = file_waypoints(path, section, held, reach)
+        found = file_waypoints(path, section, held, reach)
     except InvalidInput as error:
         raise InvalidInput(str(error), key=FILE_KEY, options=error.options) from error
-    if read.toolpath.meaning == "none":
+    if found.toolpath is not None and found.toolpath.meaning == "none":
         _refuse_held(file, "directions in the toolpath")
-    first, own = file_segments(section, projector, operational, read.parts)
+    first, own = file_segments(section, projector, operational, found.parts)
     if own and segments:
         raise InvalidInput(
             "[path.approach], [path.retreat] and [path.transfer] change T "
             "already; state projectors here or there.",
             key="segments",
         )
-    brought: FromStart = "nothing"
-    if read.rotations is not None:
-        rotations, flipped = read.rotations, None
-        if read.toolpath.meaning == "none" and not (section.lead_deg or section.tilt_deg):
-            brought = "orientation"
-    elif file.roll is not None:
-        assert read.axes is not None
-        normal = np.array(file.roll.plane_normal)
-        rotations = roll_by_plane(read.axes, normal)
-        flipped = roll_by_plane(read.axes, normal, flip=True)
-    else:
-        assert read.axes is not None
-        rotations, flipped, brought = transported(held, read.axes), None, "roll"
-    return _Waypoints(read.positions, rotations, flipped, first, own or segments, read, brought)
+    if found.from_start == "roll" and file.roll is not None:
+        axes, normal = found.rotations[:, :, 2], np.array(file.roll.plane_normal)
+        found = replace(
+            found,
+            rotations=roll_by_plane(axes, normal),
+            flipped=roll_by_plane(axes, normal, flip=True),
+            from_start="nothing",
+        )
+    return found, first, own or segments
 
 
 def _refuse_held(file: TaskFile, without: str) -> None:
@@ -427,7 +393,7 @@ def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
     return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
 
 
-def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[str]]:
+def _durations(file: TaskFile, built: PlacedPath) -> tuple[Array | None, list[str]]:
     """Time for each waypoint, s, (N,), and notes about it.
 
     The slower of the linear and the angular feed counts; a joint move has the time 0. The linear
@@ -435,7 +401,7 @@ def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[st
     nearest section.
     """
     feed = file.feed
-    of_file = None if built.read is None else built.read.feeds
+    of_file = built.feeds
     if feed is not None and feed.dt is not None:
         notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
         durations = np.concatenate([[0.0], np.full(len(built.positions) - 1, feed.dt)])
@@ -452,8 +418,7 @@ def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[st
             between = _between_curves(built)
             speeds = np.where(between, feed.rapid, speeds)
     else:
-        assert built.read is not None
-        speeds = _nearest_feeds(built.read)
+        speeds = _nearest_feeds(built)
     durations = np.zeros(len(built.positions))
     durations[1:] = np.linalg.norm(np.diff(built.positions, axis=0), axis=1) / speeds[1:]
     if feed is not None and feed.angular_speed_deg is not None:
@@ -474,15 +439,15 @@ def _durations(file: TaskFile, built: _Waypoints) -> tuple[Array | None, list[st
     return durations, []
 
 
-def _between_curves(built: _Waypoints) -> npt.NDArray[np.bool_]:
+def _between_curves(built: PlacedPath) -> npt.NDArray[np.bool_]:
     """Which waypoints are reached on the way from one curve of a toolpath to the next, (N,)."""
-    if built.read is None:
+    if built.toolpath is None:
         raise InvalidInput(
             'it is for the ways between the curves of a path of kind "file"; this '
             "path has none. Leave it out.",
             key="feed.rapid",
         )
-    between = np.array([part == "transfer" for part in built.read.parts])
+    between = np.array([part == "transfer" for part in built.parts])
     between[list(built.joint_moves)] = False
     if built.joint_moves and not between.any():
         raise InvalidInput(
@@ -493,23 +458,23 @@ def _between_curves(built: _Waypoints) -> npt.NDArray[np.bool_]:
     return between
 
 
-def _nearest_feeds(read: FileWaypoints) -> Array:
+def _nearest_feeds(built: PlacedPath) -> Array:
     """The feeds of a toolpath; between its curves those of the next or last curve."""
-    for curve in read.toolpath.curves:
+    assert built.toolpath is not None and built.feeds is not None
+    for curve in built.toolpath.curves:
         open_ = np.ones(len(curve) - 1, dtype=bool)
         if curve.feeds is not None:
             open_ = np.isnan(curve.feeds[1:])
         if open_.any():
             raise InvalidInput(
-                f"{read.toolpath.source.name} states feeds, but none for line "
+                f"{built.toolpath.source.name} states feeds, but none for line "
                 f"{curve.lines[1:][open_][0]}; add [feed] with the speed (m/s) where it states "
                 'none, or leave its feeds out by feeds = "task" in [path].',
                 key="feed",
             )
-    assert read.feeds is not None
-    known = np.flatnonzero(~np.isnan(read.feeds))
-    following = np.searchsorted(known, np.arange(len(read.feeds)))
-    feeds: Array = read.feeds[known[np.minimum(following, len(known) - 1)]]
+    known = np.flatnonzero(~np.isnan(built.feeds))
+    following = np.searchsorted(known, np.arange(len(built.feeds)))
+    feeds: Array = built.feeds[known[np.minimum(following, len(known) - 1)]]
     return feeds
 
 
