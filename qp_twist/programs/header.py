@@ -105,9 +105,11 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
         )
     if header["points"] != str(len(moves.angles)):
         if moves.waits:
+            line, what = moves.waits[0]
             raise InvalidInput(
-                f"{moves.waits[0]}, which is none of the {header['points']} points that the header "
-                "says; remove it."
+                f"{what}, which is none of the {header['points']} points that the header says; "
+                "remove it.",
+                line=line,
             )
         raise InvalidInput(
             f"the header says points: {header['points']}, but the program moves to "
@@ -120,10 +122,12 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     except ValueError:
         same = False
     if not same:
-        if moves.untimed:
+        if moves.untimed is not None:
+            line, why = moves.untimed
             raise InvalidInput(
-                f"{moves.untimed}, but the header says seconds: {header['seconds']}; "
-                f"{'restore its time' if moves.untimed.endswith('no time') else 'remove it'}."
+                f"{why}, but the header says seconds: {header['seconds']}; "
+                f"{'restore its time' if why.endswith('no time') else 'remove it'}.",
+                line=line,
             )
         takes = "does not say how long it takes" if total is None else f"takes {total:.9g} s"
         raise InvalidInput(

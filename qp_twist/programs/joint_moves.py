@@ -30,7 +30,8 @@ class JointMoves:
         header: What the program says about itself; empty without a header of this package.
         notes: What else the program has, and what is not looked at.
         waits: Waits of known length, each with its line.
-        untimed: Why nothing says how long the program takes, with the line; empty if it has times.
+        untimed: The line because of which nothing says how long the program takes, and why;
+            ``None`` if it has times.
     """
 
     angles: Array
@@ -38,8 +39,8 @@ class JointMoves:
     velocities: Array | None = None
     header: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    waits: tuple[str, ...] = ()
-    untimed: str = ""
+    waits: tuple[tuple[int, str], ...] = ()
+    untimed: tuple[int, str] | None = None
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"

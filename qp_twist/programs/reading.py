@@ -109,7 +109,7 @@ class Course:
         self.durations: list[float] = []
         self.velocities: list[list[float]] = []
         self._untimed: tuple[int, str, str] | None = None
-        self._waits: list[str] = []
+        self._waits: list[tuple[int, str]] = []
         self._notes: dict[str, None] = {}
         self._passed: dict[str, dict[int, None]] = {}
         self._settings: dict[str, dict[int, None]] = {}
@@ -182,7 +182,7 @@ class Course:
         if self.points and seconds > 0.0:
             rates = [0.0] * AXES if self.velocities else None
             self.move(line, list(self.points[-1]), seconds, rates)
-            self._waits.append(f"line {line}: a wait of {seconds:g} s")
+            self._waits.append((line, f"a wait of {seconds:g} s"))
 
     def pause(self, line: int, word: str) -> None:
         """Stay at the last point for a time that the program does not say."""
@@ -235,10 +235,10 @@ class Course:
             )
         notes = list(self._notes)
         timed = bool(self.durations) and not math.isnan(sum(self.durations))
-        untimed = ""
+        untimed = None
         if self._untimed is not None:
             line, what, why = self._untimed
-            untimed = f"line {line}: {what} {why}"
+            untimed = line, f"{what} {why}"
             notes.append(
                 f"{what} of line {line} {why}, so that how long the program takes depends on the "
                 "controller"
@@ -256,7 +256,7 @@ class Course:
             )
         if self._passed:
             notes.append(f"passed over, since it does not move the robot: {_listed(self._passed)}")
-        durations = np.array(self.durations) if timed and not untimed else None
+        durations = np.array(self.durations) if timed and untimed is None else None
         velocities: Array | None = None
         if self.velocities:
             if len(self.velocities) != len(self.points):
