@@ -257,7 +257,7 @@ class _Reader:
     def _goto(self, of: _Statement) -> None:
         """GOTO: a straight motion, or the end of a circle."""
         try:
-            numbers = self._coordinates(of)
+            numbers = _coordinates(self.out, of)
         except _Reported:
             self.out.scale()
             self._rapid, self.arcs.begun, self._last, self._heading = False, None, None, None
@@ -290,7 +290,7 @@ class _Reader:
         """GODLTA: a straight motion by a difference of coordinates."""
         if len(of.arguments) != 3:
             raise InvalidInput(f"GODLTA takes dx, dy, dz; got {len(of.arguments)} numbers")
-        numbers = self._coordinates(of)
+        numbers = _coordinates(self.out, of)
         if self._last is None:
             raise InvalidInput("GODLTA: where the tool is before it is not known")
         self._straight(self._last + self.out.scale() * np.array(numbers), self.axis)
@@ -300,7 +300,7 @@ class _Reader:
         angle, words = None, of.upper
         if "ANGLE" in words:
             at = words.index("ANGLE")
-            angle = self._number(f"{of.word}, ANGLE", (words[at + 1 :] or [""])[0])
+            angle = _number(f"{of.word}, ANGLE", (words[at + 1 :] or [""])[0])
             words[at : at + 2] = []
         least, most = (7, 11) if of.word == "CIRCLE" else (7, 7)
         if not least <= len(words) <= most or (of.word == "MOVARC" and angle is None):
@@ -309,7 +309,7 @@ class _Reader:
                 + (", then ANGLE and degrees" if of.word == "MOVARC" else "")
                 + f"; got {len(words)} words in {shortened(','.join(of.upper))!r}"
             )
-        values = self._numbers([of.word] * len(words), words)
+        values = _numbers(self.out, [of.word] * len(words), words)
         scale = self.out.scale()
         axis = np.array(values[3:6])
         length = float(np.linalg.norm(axis))
@@ -327,7 +327,7 @@ class _Reader:
     def _indirv(self, of: _Statement) -> None:
         """INDIRV: the direction in which GOFWD begins."""
         self._tangent = None
-        self._tangent = self._coordinates(of)
+        self._tangent = _coordinates(self.out, of)
 
     def _gofwd(self, of: _Statement) -> None:
         """GOFWD: a motion along a circle, begun in the direction of INDIRV, up to a line."""
@@ -338,8 +338,8 @@ class _Reader:
                 "GOFWD is a move along a surface, of which (CIRCLE/x,y,z,r),ON,(LINE/…) with six "
                 "numbers is read; write the path as GOTO lines (in the CAM system: linear output)"
             )
-        circle = self._nested(match[1], (4, 7))
-        ends = self._nested(match[3], (6,))
+        circle = _nested(self.out, match[1], (4, 7))
+        ends = _nested(self.out, match[3], (6,))
         if self._last is None or heading is None:
             lacking = "a GOTO" if self._last is None else "an INDIRV"
             raise InvalidInput(f"GOFWD: expected {lacking} before it")
@@ -363,20 +363,17 @@ class _Reader:
 
     def _tlaxis(self, of: _Statement) -> None:
         """TLAXIS: a tool axis of its own."""
-        numbers = self._coordinates(of) if len(of.arguments) == 3 else ()
+        numbers = _coordinates(self.out, of) if len(of.arguments) == 3 else ()
         if not any(numbers):
             raise InvalidInput("TLAXIS takes i, j, k, not all of them zero")
         self.axis, self.has_axis = numbers, True
 
     def _from(self, of: _Statement) -> None:
         self._begin_curve()
-        self._coordinates(of)
+        _coordinates(self.out, of)
 
     def _go_rapid(self, of: _Statement) -> None:
         self._rapid = True
-
-    def _fedrat(self, of: _Statement) -> None:
-        self.feeds.read(of.word, of.upper)
 
     def _tool_path(self, of: _Statement) -> None:
         self._begin_curve()
@@ -464,52 +461,6 @@ class _Reader:
         self._heading, self.arcs.ended = None, circle
         self._add(list(points), [*(tuple(v) for v in axes[:-1].tolist()), tool_axis])
 
-    # ------------------------------------------------------------ numbers
-
-    def _coordinates(self, of: _Statement) -> tuple[float, ...]:
-        """Three or six numbers."""
-        # A seventh number is a feed rate in some systems.
-        if len(of.arguments) not in (3, 6, 7):
-            self.out.problem(
-                f"{of.word} takes x, y, z or x, y, z, i, j, k; got {len(of.arguments)} numbers"
-            )
-            raise _Reported
-        return self._numbers([f"{of.word}, {name}" for name in _COORDINATES], of.arguments)
-
-    def _nested(self, text: str, counts: tuple[int, ...]) -> tuple[float, ...]:
-        """Numbers of a nested definition."""
-        words = text.split(",")
-        if len(words) not in counts:
-            raise InvalidInput(
-                f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {shortened(text)!r}"
-            )
-        return self._numbers(["GOFWD"] * len(words), words)
-
-    def _numbers(self, places: Sequence[str], words: Sequence[str]) -> tuple[float, ...]:
-        """The numbers at some places; every invalid one is a problem."""
-        found, refused = [], False
-        for place, word in zip(places, words, strict=False):
-            try:
-                found.append(self._number(place, word))
-            except InvalidInput as error:
-                self.out.refuse(error)
-                refused = True
-        if refused:
-            raise _Reported
-        return tuple(found)
-
-    @staticmethod
-    def _number(place: str, argument: str) -> float:
-        compact = argument.replace(" ", "")
-        if not argument:
-            raise InvalidInput(f"{place}: it is missing")
-        if not _NUMBER.fullmatch(compact):
-            raise InvalidInput(f"{place}: expected a number, got {shortened(argument)!r}")
-        value = float(compact.upper().replace("D", "E"))
-        if not math.isfinite(value):
-            raise InvalidInput(f"{place}: {shortened(argument)!r} is too large")
-        return value
-
 
 class _Feeds:
     """The feeds of a file."""
@@ -543,7 +494,7 @@ class _Feeds:
                 f"{word}/{shortened(','.join(arguments))}: expected a number and its unit, one of "
                 f"{', '.join(known)}"
             )
-        value = _Reader._number(word, numbers[0])
+        value = _number(word, numbers[0])
         if value <= 0.0:
             raise InvalidInput(f"{word}: expected a feed above 0, got {value:g}")
         if not words:
@@ -580,8 +531,8 @@ _ACTS: dict[str, Callable[[_Reader, _Statement], None]] = {
     "TLAXIS": _Reader._tlaxis,
     "FROM": _Reader._from,
     "RAPID": _Reader._go_rapid,
-    "FEDRAT": _Reader._fedrat,
-    "FEED": _Reader._fedrat,
+    "FEDRAT": lambda reader, of: reader.feeds.read(of.word, of.upper),
+    "FEED": lambda reader, of: reader.feeds.read(of.word, of.upper),
     "UNITS": _Reader._units,
     "TOOL PATH": _Reader._tool_path,
     "CUTCOM": _Reader._cutcom,
@@ -590,6 +541,51 @@ _ACTS: dict[str, Callable[[_Reader, _Statement], None]] = {
     "MSYS": _Reader._msys,
 }
 """What a word does."""
+
+
+def _coordinates(out: ProgramBuilder, of: _Statement) -> tuple[float, ...]:
+    """Three or six numbers."""
+    # A seventh number is a feed rate in some systems.
+    if len(of.arguments) not in (3, 6, 7):
+        out.problem(f"{of.word} takes x, y, z or x, y, z, i, j, k; got {len(of.arguments)} numbers")
+        raise _Reported
+    return _numbers(out, [f"{of.word}, {name}" for name in _COORDINATES], of.arguments)
+
+
+def _nested(out: ProgramBuilder, text: str, counts: tuple[int, ...]) -> tuple[float, ...]:
+    """Numbers of a nested definition."""
+    words = text.split(",")
+    if len(words) not in counts:
+        raise InvalidInput(
+            f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {shortened(text)!r}"
+        )
+    return _numbers(out, ["GOFWD"] * len(words), words)
+
+
+def _numbers(out: ProgramBuilder, places: Sequence[str], words: Sequence[str]) -> tuple[float, ...]:
+    """The numbers at some places; every invalid one is a problem."""
+    found, refused = [], False
+    for place, word in zip(places, words, strict=False):
+        try:
+            found.append(_number(place, word))
+        except InvalidInput as error:
+            out.refuse(error)
+            refused = True
+    if refused:
+        raise _Reported
+    return tuple(found)
+
+
+def _number(place: str, argument: str) -> float:
+    compact = argument.replace(" ", "")
+    if not argument:
+        raise InvalidInput(f"{place}: it is missing")
+    if not _NUMBER.fullmatch(compact):
+        raise InvalidInput(f"{place}: expected a number, got {shortened(argument)!r}")
+    value = float(compact.upper().replace("D", "E"))
+    if not math.isfinite(value):
+        raise InvalidInput(f"{place}: {shortened(argument)!r} is too large")
+    return value
 
 
 def _not_read(word: str, what: str) -> InvalidInput:

@@ -12,6 +12,12 @@ from qp_twist.files import shortened
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(rf"([A-Z])\s*({_NUMBER})")
 _ASSIGNED = re.compile(rf"(CR|TURN|[A-Z][0-9]?)\s*=\s*({_NUMBER})(?![A-Z(])")
+_PARTS = re.compile(
+    r"\"[^\"]*(?:\"|$)|(?:TRAORI|CYCLE832|MSG|WORKPIECE)\s*\([^)]*(?:\)|$)"
+    r"|(?P<comment>;.*|\([^)]*(?:\)|(?P<open>$)))",
+    re.IGNORECASE,
+)
+"""Quoted texts, calls, and comments."""
 _TOOL_NAME = re.compile(r"(?:T|MSG)\s*(?:=\s*)?\(?\s*\"[^\"]*\"\s*\)?")
 _NAMED = re.compile(
     r"TRAORI(?:\s*\(\s*[0-9]*\s*\))?|TRAFOOF|CYCLE832\s*\([^)]*\)|SUPA|"
@@ -79,29 +85,10 @@ def read_block(line: str) -> Block:
 
 def _without_comments(line: str) -> str:
     """The line without comments; the text of ``MSG("…")`` is none."""
-    found, depth, quoted = [], 0, False
-    for index, character in enumerate(line):
-        if character == '"' and not depth:
-            quoted = not quoted
-        if not quoted and character == ";" and not depth:
-            break
-        if not quoted and character == "(" and not depth:
-            before = line[:index].rstrip().upper()
-            called = before.endswith(("TRAORI", "CYCLE832", "MSG", "WORKPIECE"))
-            depth = -1 if called else 1
-            if called:
-                found.append(character)
-            continue
-        if not quoted and character == ")" and depth:
-            if depth < 0:
-                found.append(character)
-            depth = 0
-            continue
-        if depth <= 0:
-            found.append(character)
-    if depth > 0:
+    parts = list(_PARTS.finditer(line))
+    if parts and parts[-1]["open"] is not None:
         raise InvalidInput("the comment has no closing bracket")
-    return "".join(found)
+    return _PARTS.sub(lambda part: "" if part["comment"] else part[0], line)
 
 
 def _take(block: Block, name: str, text: str) -> None:
