@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pydantic
 from sphinx.util.inspect import stringify_signature
 
 import qp_twist
@@ -51,6 +52,7 @@ nitpick_ignore = [
     ("py:class", "qp_twist.referee.astray.Astray"),
     ("py:class", "Line"),  # a direction and a point
     ("py:class", "qp_twist.robots.axis_geometry.Line"),
+    ("py:class", "Part"),  # of a path: approach, contact …
     ("py:class", "Posed"),  # what a NamedProblem is made of
     ("py:class", "Counts"),
     ("py:class", "Indices"),
@@ -134,6 +136,8 @@ def signature_as_written(
         return None
     if isinstance(obj, type) and issubclass(obj, enum.Enum):
         return "", ""
+    if isinstance(obj, type) and issubclass(obj, pydantic.BaseModel):
+        return "(**fields)", ""  # its attributes say more than pydantic's annotations
     written = inspect.signature(obj)
     if what == "method" and inspect.isfunction(obj):
         written = written.replace(parameters=list(written.parameters.values())[1:])
