@@ -12,6 +12,7 @@ from qp_twist.comparison.metrics import (
     EXCESSES,
     compiled_share,
     metrics,
+    too_near,
 )
 from qp_twist.following import Trajectory
 from qp_twist.following.joint_speeds import OVER, PeakSpeed, peak_speed
@@ -90,9 +91,9 @@ class MethodRun:
             faults.append(f"was off the path by {_off_by(self)}{steps}")
         for key, what in EXCESSES.items():
             excess = self.numbers.get(key, 0.0)
-            clearance = self.numbers.get("min_clearance_m") if what == "constraint" else None
-            if excess > self.tolerances.band and clearance is not None:
-                faults.append(f"came as near as {1e3 * clearance:.3g} mm to what it must not touch")
+            if what == "constraint" and too_near(self.numbers, self.tolerances):
+                distance = 1e3 * self.numbers["min_clearance_m"]
+                faults.append(f"came as near as {distance:.3g} mm to what it must not touch")
             elif excess > self.tolerances.band:
                 faults.append(f"left a {what} by up to {excess:.2g} (m or rad)")
         unknown = [what for key, what in _COMPARED.items() if not math.isfinite(self.numbers[key])]

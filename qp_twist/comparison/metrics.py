@@ -37,7 +37,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
     constraint, only where the task has such.
     ``min_clearance_m``: least distance of a pair of geoms that may collide, at and between the
-    waypoints, where joints go straight; only where the task has such pairs.
+    waypoints, where joints go straight, and ``asked_clearance_m``; only where the task has such
+    pairs.
     ``status``: the run in a sentence. Like the errors it is about the waypoints; for the motion
     between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`,
     whose tolerances are the same.
@@ -77,14 +78,15 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     near = trajectory.nearest
     if near is not None:
         numbers["min_clearance_m"] = near[1].distance
+        numbers["asked_clearance_m"] = near[0].distance
     numbers["status"] = _status(trajectory, numbers, near)
     return numbers
 
 
-def too_near(numbers: Mapping[str, Any]) -> bool:
-    """Whether a method touched something, or was nearer than asked at a waypoint."""
-    left: bool = numbers.get("constraint_excess_max", 0.0) > Tolerances().band
-    return left or numbers["min_clearance_m"] < 0.0
+def too_near(numbers: Mapping[str, Any], tolerances: Tolerances) -> bool:
+    """Whether a pair was nearer than asked, at a waypoint or between two."""
+    near, asked = numbers.get("min_clearance_m"), numbers.get("asked_clearance_m", 0.0)
+    return near is not None and not tolerances.keeps_clear(near, asked)
 
 
 def faults(numbers: Mapping[str, Any], tolerances: Tolerances) -> str:
@@ -98,7 +100,7 @@ def faults(numbers: Mapping[str, Any], tolerances: Tolerances) -> str:
         for key in EXCESSES
         if numbers.get(key, 0.0) > tolerances.band
     ]
-    if "min_clearance_m" in numbers and too_near(numbers):
+    if too_near(numbers, tolerances):
         found.append("came too near to something")
     return ", ".join(found)
 
@@ -143,7 +145,7 @@ def _status(
         if left.any():
             since = int(np.argmax(left)) + 1
             parts.append(f"outside {what} at {_waypoints(left)}, first at {since}")
-    if near is not None and near[1].distance < near[0].distance - tolerances.position:
+    if near is not None and too_near(numbers, tolerances):
         distance, row, pair = near[1]
         how = f"touches by {-1e3 * distance:.3g} mm" if distance < 0.0 else "comes too near"
         how += "" if distance < 0.0 else f", {1e3 * distance:.3g} mm"

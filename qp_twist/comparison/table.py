@@ -45,7 +45,7 @@ def metrics_table(comparison: dict[str, Any]) -> Table:
             cells.append(_cell(significant(excess), bad=excess > tolerances.band))
         if clear:
             distance = f"{1e3 * numbers['min_clearance_m']:.1f}"
-            cells.append(_cell(distance, bad=too_near(numbers)))
+            cells.append(_cell(distance, bad=too_near(numbers, tolerances)))
         rows[name] = cells
     return Table([*_COLUMNS, *headings, *(["clearance\nmm"] if clear else [])], rows)
 

@@ -198,7 +198,7 @@ def _nearest_table(trajectories: Trajectories) -> Table:
         if trajectory.nearest is None:
             continue
         clearance, (distance, at, pair) = trajectory.nearest
-        kept = distance >= clearance.distance - trajectory.path_task.tolerances.position
+        kept = trajectory.path_task.tolerances.keeps_clear(distance, clearance.distance)
         words = "kept" if kept else "overlap" if distance < 0.0 else "too near"
         rows[name] = [
             Cell(pair), Cell(f"{1e3 * distance:.1f}".replace("-", "−")), Cell(f"{at + 1.0:.1f}"),

@@ -51,6 +51,10 @@ class Tolerances:
         """The tolerance between waypoints of each of some units, ``"m"`` or ``"rad"``."""
         return np.array([self.position if unit == "m" else self.axis for unit in units])
 
+    def keeps_clear(self, distance: float, asked: float) -> bool:
+        """Whether a pair that is ``distance`` apart is as far as ``asked``, m."""
+        return distance >= asked - self.position
+
     def met(self, position: npt.ArrayLike, axis: npt.ArrayLike) -> Mask:
         """Whether task errors, m and rad, (N,) each, are within them; NaN is not, (N,)."""
         met: Mask = np.less_equal(position, self.position) & np.less_equal(axis, self.axis)

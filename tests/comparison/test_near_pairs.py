@@ -126,6 +126,12 @@ def test_the_report_names_what_each_method_is_nearest_to(
             assert words == "✗ overlap"
             assert float(mm.replace("−", "-")) < -50.0
     assert 'id="clearance' in section and section.count("<figure>") == 1
+    # At a glance it is the same verdict, between waypoints, too.
+    for name, _, _, _, mark, _ in rows:
+        glance = re.search(rf"<b>{name}</b> <span>([^<]+)</span>", page)
+        assert glance is not None
+        assert ("came too near" in glance[1]) == (mark == "bad")
+        assert (glance[1][0] == "✗") >= (mark == "bad")
 
 
 def test_near_geoms_are_lit_in_the_colour_of_their_distance(
