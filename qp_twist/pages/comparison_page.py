@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from qp_twist import __version__
 from qp_twist.checks import Array
 from qp_twist.drawing import Picture
 from qp_twist.drawing.figures import SVG_RC, inline_svg
@@ -37,7 +38,7 @@ from qp_twist.pages.recordings import recorded_scene
 from qp_twist.pages.tables import TIME, Cell, Table
 from qp_twist.paths import METHODS, PathTask, shipped_tasks
 
-_PACKAGES = ("qp_twist", "mujoco", "mink", "qpsolvers", "numpy", "scipy")
+_PACKAGES = ("mujoco", "mink", "qpsolvers", "numpy", "scipy")
 _KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
 _FIRST_SHOWN = ("gradient_projection", "qp_gradient", "twa", "qp", "qp_planned")
 """Methods in the figures when the page opens; with fewer than three of them, all that ran."""
@@ -247,6 +248,7 @@ def _facts(path_task: PathTask, content: Mapping[str, Any]) -> dict[str, str]:
         "joints": str(path_task.model.nv),
         "QPs solved by": content["solver"],
         "Python": platform.python_version(),
+        "qp_twist": __version__,
     }
     for package in (*_PACKAGES, content["solver"]):
         try:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from qp_twist import __version__
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import AFTER, BEFORE, OFF, Finding
@@ -233,7 +234,7 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
         "Limits": "; ".join(check.sources),
         "Notes": "; ".join(check.notes),
         "Date": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
-        "Made by": f"qp_twist {version('qp_twist')}, MuJoCo {version('mujoco')}",
+        "Made by": f"qp_twist {__version__}, MuJoCo {version('mujoco')}",
     }
     return {name: text for name, text in found.items() if text}
 

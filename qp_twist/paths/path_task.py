@@ -288,9 +288,19 @@ class PathTask:
         """The path at parameters s (K,), ascending (:class:`~qp_twist.paths.Waypoints`).
 
         ``None``: at its waypoints.
+
+        Raises:
+            InvalidInput: If s is not from 0, the first waypoint, to the last one, and ascending.
         """
+        last = len(self.waypoints) - 1
         if s is None:
-            s = np.arange(len(self.waypoints), dtype=np.float64)
+            return Waypoints.of(self, np.arange(last + 1, dtype=np.float64))
+        s = finite_array("s", np.atleast_1d(s), (None,))
+        if s.size and not (s[0] >= 0.0 and s[-1] <= last and (np.diff(s) >= 0.0).all()):
+            raise InvalidInput(
+                f"s: expected ascending numbers from 0 to {last}, the last waypoint; got "
+                f"{s.min():g} to {s.max():g}."
+            )
         return Waypoints.of(self, s)
 
     def feed_at(self, s: Array) -> Array | None:

@@ -109,8 +109,8 @@ def _parse_column(value: object) -> str | int:
 
 
 Name = Annotated[str | int, PlainValidator(_parse_column)]
-Triple = tuple[Name, Name, Name]
-Quadruple = tuple[Name, Name, Name, Name]
+Triple = Annotated[tuple[Name, Name, Name], Field(strict=False)]  # lists, too
+Quadruple = Annotated[tuple[Name, Name, Name, Name], Field(strict=False)]
 
 
 class ColumnChoice(Section):

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 
+from qp_twist import __version__
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Dialect, JointMoves
 
@@ -44,7 +44,7 @@ def header_lines(
     assert moves.durations is not None
     total = float(moves.durations.sum())
     return (
-        f"qp_twist {version('qp_twist')}",
+        f"qp_twist {__version__}",
         *([f"task: {task}"] if task else []),
         f"robot: {robot or AS_MODELLED}",
         f"unit: {dialect.unit}",

@@ -46,6 +46,8 @@ BASE: dict[str, type] = {
     "certificate": str,
 }
 """Columns common to all studies."""
+EMPTY_STORE = {"results.sqlite", "results.sqlite-journal", ".lock", ".lock-journal"}
+"""Files of a study that was stopped before its first sample: it may begin again."""
 _TYPES = {int: "INTEGER", bool: "INTEGER", float: "REAL", str: "TEXT"}
 
 
@@ -127,7 +129,7 @@ class Store:
         return found or {name: [] for name in columns}
 
     def _select(self, columns: Sequence[str]) -> list[tuple[Any, ...]]:
-        if not self.file.exists():
+        if not self.file.exists() or self.file.stat().st_size == 0:
             return []
         check_regular(self.file, "table", largest=math.inf)
         names = ", ".join(f'results."{name}"' for name in columns)

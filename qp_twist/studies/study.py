@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from pydantic import Field
 from rich.console import Console
 
+from qp_twist import __version__
 from qp_twist.checks import one_of, whole_number
 from qp_twist.constraints import COUPLED_WITHIN, Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
@@ -31,7 +32,7 @@ from qp_twist.qp import check_solver
 from qp_twist.studies.fingerprint import fingerprint
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
-from qp_twist.studies.store import Store
+from qp_twist.studies.store import EMPTY_STORE, Store
 from qp_twist.studies.summary import MethodSummary, Rate, failures, rich_table, summarise
 from qp_twist.studies.workers import check_installed, each
 
@@ -307,7 +308,7 @@ def study(
         )
     if (folder / _SETTINGS).exists():
         _check_same(folder, _read(folder / _SETTINGS), settings)
-    elif folder.is_dir() and any(folder.iterdir()):
+    elif folder.is_dir() and any(file.name not in EMPTY_STORE for file in folder.iterdir()):
         raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -353,7 +354,10 @@ def _settings(job: Job, count: int) -> dict[str, Any]:
         "solver": job.solver,
         "start": job.start,
         "certify": job.certify,
-        "versions": {name: version(name) for name in ("qp_twist", "mink", "mujoco", "numpy")},
+        "versions": {
+            "qp_twist": __version__,
+            **{name: version(name) for name in ("mink", "mujoco", "numpy")},
+        },
     }
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from qp_twist import __version__
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, joint_move_ends
@@ -24,7 +25,7 @@ def metadata_of(rows: Trajectory, timed: TimedTrajectory | None = None) -> dict[
     ranges = JointRanges.of(task.model)
     firsts = [1, *(np.searchsorted(rows.s, [s.first for s in task.segments]) + 1).tolist()]
     found: dict[str, Any] = {
-        "generator": f"qp_twist {version('qp_twist')}",
+        "generator": f"qp_twist {__version__}",
         "versions": {name: version(name) for name in ("mujoco", "mink")},
         "task": task.name,
         "title": task.title,

@@ -458,6 +458,15 @@ def test_a_study_is_not_mixed_with_another(twelve: qt.Study, tmp_path: Path) -> 
         twelve.sample(12)
 
 
+def test_a_study_that_was_stopped_before_its_first_sample_begins_again(tmp_path: Path) -> None:
+    task, out = line_task(tmp_path), tmp_path / "stopped"
+    out.mkdir()
+    for name in ("results.sqlite", ".lock"):  # as a killed process leaves them
+        (out / name).touch()
+    found = qt.study(task, ["placement"], 2, ["minimum_norm"], out=out, certify=False, jobs=1)
+    assert len(found.table(["sample"])["sample"]) == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -398,3 +398,9 @@ def test_only_the_ends_of_a_joint_move_are_on_the_path() -> None:
     path = task.at(np.array([2.0, 2.5, 3.0, 4.0, 4.5, 5.0, 5.5, 6.0, 7.0]))
     assert path.on_path.tolist() == [True, False, True, True, False, False, False, True, True]
     assert path.moves.tolist() == [True, True, False, True, True, True, True, False]
+
+
+@pytest.mark.parametrize("s", [[-0.5], [181.0], [3.0, 2.0], [np.nan], ["a"], [[1.0]]])
+def test_a_parameter_off_the_path_is_refused(s: object) -> None:
+    with pytest.raises(qt.InvalidInput, match="s: "):
+        qt.load_task("approach_contact_retreat").at(s)  # type: ignore[arg-type]

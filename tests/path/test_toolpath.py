@@ -145,7 +145,8 @@ def test_columns_are_chosen_by_name_or_number(tmp_path: Path) -> None:
     path = write(tmp_path, "id,Lage 1 [mm],Lage 2 [mm],Lage 3 [mm],u,v,w\n7,1,2,3,0,0,2\n")
     by_name = ColumnChoice(position=("Lage 1", "lage 2", "Lage 3 [mm]"), normal=("u", "v", "w"))
     by_number = ColumnChoice(position=(2, 3, 4), normal=(5, 6, 7))
-    for choice in (by_name, by_number):
+    as_in_a_file = {"position": [2, 3, 4], "normal": [5, 6, 7]}
+    for choice in (by_name, by_number, as_in_a_file):
         [curve] = read_toolpath(path, columns=choice).curves
         assert curve.positions == pytest.approx(np.array([[0.001, 0.002, 0.003]]))
         assert curve.vectors == pytest.approx(np.array([[0, 0, 1.0]]))
