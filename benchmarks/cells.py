@@ -8,7 +8,7 @@
 
 *random_cells*: the deburring part stands as a study places it, with 1 to 6 boxes and cylinders
 around it, in front of an arm whose links are capsules, cylinders and boxes. An exhaustive search
-(every so manieth waypoint; rolls 2° apart, all branches and full turns; distances by coal) finds
+(every n-th waypoint; rolls 2° apart, all branches and full turns; distances by coal) finds
 the motion of least mean z whose waypoints keep 5 mm, and, by leaving out connections that come
 nearer between the waypoints, the one that keeps it there as well. It shares nothing with the plan.
 Cell ``--first K --cells 1`` is always the same; each cell is printed to the standard error.
@@ -212,7 +212,7 @@ def cell(seed: int, every: int) -> qt.PathTask:
 
 
 def kept_clear(task: qt.PathTask, clearance: qt.Clearance, every: int) -> qt.PathTask:
-    """The path at every so manieth waypoint, in the cell of a clearance."""
+    """The path at every n-th waypoint, in the cell of a clearance."""
     model, waypoints = clearance.model, task.waypoints[::every]
     return dataclasses.replace(
         task, model=model, waypoints=waypoints, flipped_waypoints=None, best_start=True,

@@ -34,7 +34,7 @@ REST = 1.0
 """The loop rests this long before a motion begins, s."""
 SERVOS: dict[str, dict[str, Any]] = {
     "position": {"kind": "position"},
-    "position, told the velocity": {"kind": "position", "feedforward": 1.0},
+    "position, velocity feed-forward": {"kind": "position", "feedforward": 1.0},
     "velocity": {"kind": "velocity"},
 }
 FEEDBACK = ("integrated", "measured", "blended")
@@ -180,7 +180,7 @@ def limit_table() -> str:
     model, rows = short_range(), []
     for servos, feedback in (
         ("position", "integrated"),
-        ("position, told the velocity", "integrated"),
+        ("position, velocity feed-forward", "integrated"),
         ("position", "measured"),
         ("velocity", "measured"),
         ("velocity", "blended"),

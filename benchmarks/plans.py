@@ -92,7 +92,7 @@ SEVEN = (
 
 
 def deburring(every: int) -> qt.PathTask:
-    """The run at every so manieth of its waypoints."""
+    """The run at every n-th of its waypoints."""
     task = qt.load_task("deburring")
     assert task.flipped_waypoints is not None
     return dataclasses.replace(
@@ -120,7 +120,7 @@ def seven(count: int) -> qt.PathTask:
 
 
 def on_a_rail(every: int) -> qt.PathTask:
-    """The deburring run at every so manieth of its waypoints, the arm on 2 m of rail beside it."""
+    """The deburring run at every n-th of its waypoints, the arm on 2 m of rail beside it."""
     task = deburring(every)
     spec = mujoco.MjSpec.from_file(str(task.scene))
     spec.body("base").add_joint(

@@ -94,7 +94,7 @@ class Servos:
         omega, position = 2.0 * np.pi * bandwidth, kind == "position"
         self.stiffness = self.inertia * omega**2 * position
         self.damping = self.inertia * omega * (2.0 * damping_ratio if position else 1.0)
-        self._told = feedforward if position else 1.0
+        self._feedforward = feedforward if position else 1.0
         self.delay = lag + (2.0 * damping_ratio * (1.0 - feedforward) if position else 1.0) / omega
         self.model.dof_damping += self.damping
         self.data = mujoco.MjData(self.model)
@@ -123,7 +123,7 @@ class Servos:
         self._velocity += self._share * (velocity - self._velocity)
         # The remaining torque, −δ θ̇, is joint damping of the model.
         data.qfrc_applied[:] = self.stiffness * (self._position - data.qpos)
-        data.qfrc_applied += self._told * self.damping * self._velocity
+        data.qfrc_applied += self._feedforward * self.damping * self._velocity
         data.xfrc_applied[:] = 0.0
         for push in pushes:
             if push.start <= data.time + 1e-9 < push.start + push.duration:

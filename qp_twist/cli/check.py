@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from qp_twist.checks import number
 from qp_twist.cli import app as cli
-from qp_twist.cli.path_tasks import load, program_joints
+from qp_twist.cli.path_tasks import load, read_motion
 from qp_twist.cli.progress import working
-from qp_twist.kinematics import JointRanges
-from qp_twist.trajectories import check_trajectory, read_trajectory
+from qp_twist.trajectories import check_trajectory
 
 
 def check_tolerances(position: float | None, axis_deg: float | None) -> None:
@@ -38,8 +37,7 @@ def check(
     """
     check_tolerances(position_tolerance, axis_tolerance_deg)
     path_task = load(task, path)
-    joints = program_joints(trajectory, path_task, robot, as_modelled)
-    rows = read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
+    rows = read_motion(trajectory, path_task, robot, as_modelled)
     with working("checking"):
         found = check_trajectory(
             rows,

@@ -14,7 +14,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories import Check, joints_of
+from qp_twist.trajectories import Check, JointRows, joints_of, read_trajectory
 
 
 def with_secondary(
@@ -77,6 +77,14 @@ def program_joints(
         return None
     names = JointRanges.of(path_task.shown.model).names
     return joints_of(path_task, names, robot=robot, as_modelled=as_modelled)
+
+
+def read_motion(
+    trajectory: Path, path_task: PathTask, robot: str | None, as_modelled: bool
+) -> JointRows:
+    """A trajectory file or robot program of a task."""
+    joints = program_joints(trajectory, path_task, robot, as_modelled)
+    return read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
 
 
 def method_names(path_task: PathTask, methods: str | None) -> list[str]:

@@ -6,10 +6,8 @@ from pathlib import Path
 
 from qp_twist.cli import app as cli
 from qp_twist.cli.check import check_tolerances
-from qp_twist.cli.path_tasks import load, program_joints
+from qp_twist.cli.path_tasks import load, read_motion
 from qp_twist.cli.progress import working
-from qp_twist.kinematics import JointRanges
-from qp_twist.trajectories import read_trajectory
 
 
 @cli.command
@@ -38,8 +36,7 @@ def report(
     folder = out or Path("out") / f"{trajectory.stem}_report"
     cli.check_folder(folder)
     path_task = load(task, path)
-    joints = program_joints(trajectory, path_task, robot, as_modelled)
-    rows = read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
+    rows = read_motion(trajectory, path_task, robot, as_modelled)
     with working("checking and drawing"):
         made = report_motion(
             rows,

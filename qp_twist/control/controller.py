@@ -131,7 +131,7 @@ def _fixed(controller: Any, name: str, value: tuple[Any, ...]) -> tuple[Any, ...
     """What a controller is made with, for good."""
     if hasattr(controller, f"_{name}"):
         raise InvalidInput(
-            f"{name}: a controller keeps the tasks that it was made with; make another Controller."
+            "a controller keeps the tasks that it was made with; make another Controller.", key=name
         )
     return value
 

@@ -10,7 +10,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices
 from qp_twist.control import Status
 from qp_twist.following.trajectory import Trajectory
-from qp_twist.kinematics import FramePair
+from qp_twist.kinematics import FramePair, largest_excess
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import poses_of, task_errors
 
@@ -31,9 +31,7 @@ def with_rows(
     path = task.at(s)
     R, p = poses_of(task, q)
     errors = task_errors(R, p, path.rotations, path.positions, path.projectors)
-    excess, pair = np.zeros(count), FramePair(R, p, path.rotations, path.positions)
-    for band in task.bands:
-        excess = np.maximum(excess, -band.margins(pair).min(axis=1))
+    excess = largest_excess(task.bands, FramePair(R, p, path.rotations, path.positions))
     columns: dict[str, Any] = {
         "q": q,
         "s": s,

@@ -16,3 +16,4 @@ from .twist_projector import ProjectorFrame as ProjectorFrame
 from .twist_projector import TwistProjector as TwistProjector
 from .twist_projector import distinct_projectors as distinct_projectors
 from .twist_projector import task_redundancy as task_redundancy
+from .twist_projector import with_fewer_rows as with_fewer_rows

@@ -148,6 +148,11 @@ def distinct_projectors(
     return distinct, np.array([place.get(id(t), -1) for t in projectors], dtype=np.intp)
 
 
+def with_fewer_rows(before: TwistProjector, after: TwistProjector) -> TwistProjector:
+    """Of the projectors of two successive waypoints that which holds between them."""
+    return after if after.rank <= before.rank else before
+
+
 def task_redundancy(operational: TwistProjector, task: TwistProjector) -> int:
     r"""Redundancy of a task, r_t = rank(T_O) − rank(T_T) (paper, section 4).
 

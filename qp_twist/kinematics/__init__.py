@@ -30,5 +30,6 @@ from .slab_band import SlabBand as SlabBand
 from .tolerance_band import BandRows as BandRows
 from .tolerance_band import ToleranceBand as ToleranceBand
 from .tolerance_band import check_bands as check_bands
+from .tolerance_band import largest_excess as largest_excess
 from .twist_task import TaskState as TaskState
 from .twist_task import TwistTask as TwistTask

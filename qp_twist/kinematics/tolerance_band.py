@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -178,6 +178,14 @@ class ToleranceBand(abc.ABC):
     def excess(self, pair: FramePair) -> float:
         """Violation of the band by one frame, rad or m; 0 inside."""
         return max(0.0, -float(self.margins(pair).min()))
+
+
+def largest_excess(bands: Iterable[ToleranceBand], pair: FramePair) -> Array:
+    """Largest violation of any of the bands by each of N frames, rad or m, (N,); 0 inside all."""
+    excess = np.zeros(len(pair.position))
+    for band in bands:
+        excess = np.maximum(excess, -band.margins(pair).min(axis=1))
+    return excess
 
 
 def keeps(projector: Projector, axis: Array) -> bool:

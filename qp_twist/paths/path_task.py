@@ -298,8 +298,9 @@ class PathTask:
         s = finite_array("s", np.atleast_1d(s), (None,))
         if s.size and not (s[0] >= 0.0 and s[-1] <= last and (np.diff(s) >= 0.0).all()):
             raise InvalidInput(
-                f"s: expected ascending numbers from 0 to {last}, the last waypoint; got "
-                f"{s.min():g} to {s.max():g}."
+                f"expected ascending numbers from 0 to {last}, the last waypoint; got "
+                f"{s.min():g} to {s.max():g}.",
+                key="s",
             )
         return Waypoints.of(self, s)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +45,7 @@ class Tolerances:
             position = number("position_tolerance", position_tolerance, above=0.0)
         if axis_tolerance_deg is not None:
             axis = float(np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)))
-        return Tolerances(position, axis, self.band, self.joint_range)
+        return replace(self, position=position, axis=axis)
 
     def of(self, units: Sequence[str]) -> Array:
         """The tolerance between waypoints of each of some units, ``"m"`` or ``"rad"``."""

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Mask
-from qp_twist.geometry import TwistProjector
+from qp_twist.geometry import TwistProjector, with_fewer_rows
 
 if TYPE_CHECKING:
     from qp_twist.paths.path_task import PathTask
@@ -51,15 +51,17 @@ class Waypoints:
         there |= after == 0
         straight = positions[before] + share[:, None] * (positions[after] - positions[before])
         held = path_task.in_force
-        ranks = np.array([projector.rank for projector in held])
-        fewer = np.where(there | (ranks[after] <= ranks[before]), after, before)
+        projectors = (
+            held[k] if met else with_fewer_rows(held[j], held[k])
+            for j, k, met in zip(before, after, there, strict=True)
+        )
         to = np.zeros(len(positions) + 1, dtype=bool)  # joint moves, by the waypoint they lead to
         to[list(path_task.joint_moves)] = True
         return cls(
             s,
             np.where(there[:, None, None], rotations[after], turned @ rotations[before]),
             np.where(there[:, None], positions[after], straight),
-            tuple(held[k] for k in fewer),
+            tuple(projectors),
             ~(to[after] & (~there | to[after + 1])),
             to[after[1:]],
         )

@@ -224,8 +224,8 @@ class Levels:
     def selected(self, stage: SearchStage, steps: Array) -> list[int]:
         """Waypoints of a stage.
 
-        Every so manieth, the last, and those at which the projector changes. ``steps`` are the
-        largest ones of the joints, (N − 1, nv).
+        Those at the stage's stride, the last, and those at which the projector changes. ``steps``
+        are the largest ones of the joints, (N − 1, nv).
         """
         count, in_force = len(self.problem.path_task.waypoints), self.problem.path_task.in_force
         changes = {

@@ -14,6 +14,7 @@ from qp_twist.geometry import (
     TwistProjector,
     distinct_projectors,
     resolved_twist_error,
+    with_fewer_rows,
 )
 
 _SHORT = 1e-12
@@ -260,7 +261,4 @@ def _along(x: Array, w: Array) -> Array:
 
 def fewer_rows(projectors: Sequence[TwistProjector]) -> list[TwistProjector]:
     """The projector with fewer rows of each two successive waypoints, (N − 1,)."""
-    return [
-        after if after.rank <= before.rank else before
-        for before, after in itertools.pairwise(projectors)
-    ]
+    return [with_fewer_rows(*pair) for pair in itertools.pairwise(projectors)]

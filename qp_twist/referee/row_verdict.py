@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from qp_twist.checks import Array, Mask
-from qp_twist.kinematics import FramePair, JointRanges
+from qp_twist.kinematics import FramePair, JointRanges, largest_excess
 from qp_twist.paths import PathTask, Waypoints
 from qp_twist.referee.path_errors import poses_of
 
@@ -60,8 +60,5 @@ class RowVerdict:
 def _of_hard_bands(path_task: PathTask, path: Waypoints, q: Array) -> Array:
     """Largest violation of a hard band at rows q (N, nq), rad or m, (N,)."""
     pair = FramePair(*poses_of(path_task, q), path.rotations, path.positions)
-    excess = np.zeros(len(q))
-    for band in path_task.bands:
-        if band.weight is None:
-            excess = np.maximum(excess, -band.margins(pair).min(axis=1))
-    return np.where(path.on_path, excess, 0.0)
+    hard = (band for band in path_task.bands if band.weight is None)
+    return np.where(path.on_path, largest_excess(hard, pair), 0.0)

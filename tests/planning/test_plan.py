@@ -508,7 +508,7 @@ def _lean(task: qt.PathTask, configuration: mink.Configuration, q: Array) -> Arr
 
 
 def every(task: qt.PathTask, step: int) -> qt.PathTask:
-    """Every so manieth waypoint."""
+    """Every n-th waypoint."""
     return dataclasses.replace(
         task, waypoints=task.waypoints[::step], flipped_waypoints=None, durations=None
     )
