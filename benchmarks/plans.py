@@ -15,7 +15,7 @@ above that before the plan. A few minutes.
 deburring part as a study does, plans from the best start, follows the plan with qp_planned, and
 compares the run's mean z with the shortest way through all in-limit joint positions at rolls so
 many degrees apart. That search shares nothing with the plan: it has the inverse kinematics of
-examples/placements.py, every waypoint, every branch, every full turn. A way on a grid is never
+benchmarks/placements.py, every waypoint, every branch, every full turn. A way on a grid is never
 better than the best motion, so the ratio can be below 1.
 
 *no_plan*: whether a study's samples without a plan have none by that search, too. Reads a study of

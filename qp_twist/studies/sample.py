@@ -159,7 +159,7 @@ def draw_sample(
 
 
 def _stream(seed: int, index: int, factor: str) -> np.random.Generator:
-    # The same placements as in examples/placements.py.
+    # The same placements as in benchmarks/placements.py.
     number = [] if factor == "placement" else [FACTORS.index(factor)]
     return np.random.default_rng([seed, index, *number])
 

@@ -12,7 +12,7 @@ from oracles.scripts import script
 
 Array = np.ndarray
 BANDS = qt.load_task("deburring_bands")
-study = script("examples", "placements.py")
+study = script("benchmarks", "placements.py")
 ARM = study.InverseKinematics(BANDS)
 
 

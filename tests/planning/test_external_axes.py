@@ -21,7 +21,7 @@ from qp_twist.planning import RollMap
 from qp_twist.planning.layer import centred
 from qp_twist.planning.roll_grid import RollGrid
 
-study = script("examples/placements.py")
+study = script("benchmarks/placements.py")
 STEP = math.radians(20.0)
 
 

@@ -315,7 +315,7 @@ def test_every_backend_takes_part() -> None:
     )
 
 
-# Not the compiled step, which would be compiled for this alone: tests/control/test_verification.py.
+# Not the compiled step, which would be compiled for this alone: tests/qp/test_verification.py.
 SOLVING = [c for c in contenders() if c.variant is not Variant.OTHER and "compiled" not in c.name]
 
 

@@ -16,6 +16,8 @@ import pytest
 
 import qp_twist
 
+pytestmark = pytest.mark.any_blas
+
 KERNEL = Path(qp_twist.__file__).parent / "kernel"
 INNER = """
 from qp_twist.kernel.compiling import plain

@@ -19,12 +19,12 @@ from oracles.scripts import script
 import qp_twist as qt
 
 pytest.importorskip("py_opw_kinematics", reason="the study's inverse kinematics")
-SCRIPT = Path(__file__).parents[2] / "examples" / "placements.py"
+SCRIPT = Path(__file__).parents[2] / "benchmarks" / "placements.py"
 TASK = qt.load_task("deburring")
 CENTER = np.array([0.0, 1.0, 0.3])
 
 
-study = script("examples", "placements.py")
+study = script("benchmarks", "placements.py")
 ARM = study.InverseKinematics(TASK)
 
 

@@ -1,6 +1,6 @@
 """Which methods finish the deburring run wherever the part stands?
 
-    python examples/placements.py [--placements 1000] [--methods a,b] [--gains 0.05,0.1,1]
+    python benchmarks/placements.py [--placements 1000] [--methods a,b] [--gains 0.05,0.1,1]
                                   [--starts 3] [--jobs 2] [--seed 0] [--out placements.json]
                                   [--markdown table.md] [--resume]
 
@@ -107,7 +107,7 @@ class InverseKinematics:
 
     def __init__(self, task: qt.PathTask) -> None:
         self.ranges = qt.JointRanges.of(task.model)
-        # Lengths of the scene; tests/files/test_scenes.py compares the two chains.
+        # Lengths of the scene; tests/robots/test_scenes.py compares the two chains.
         lengths = opw.KinematicModel(
             a1=0.15, a2=-0.10, b=0.0, c1=0.525, c2=0.77, c3=0.74, c4=0.10,
             offsets=(0.0, 0.0, -np.pi / 2, 0.0, 0.0, np.pi),
