@@ -461,7 +461,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="of trajectories and orders")
     parser.add_argument("--out", metavar="FILE.json", help="file to write all numbers to")
     parser.add_argument("--compare", metavar="FILE.json", help="an earlier run")
-    parser.add_argument("--write", action="store_true", help="write to docs/generated, too")
+    parser.add_argument("--write", action="store_true", help="write the page of the docs, too")
     given = parser.parse_args(arguments)
     try:
         before = read_run(given.compare) if given.compare else None

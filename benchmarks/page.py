@@ -23,7 +23,7 @@ from timer import LEAD_IN, Clock, Timed, interleaved
 from qp_twist.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
-GENERATED = ROOT / "docs" / "generated"
+GENERATED = ROOT / "docs" / "generated" / "benchmarks"
 sys.path += [str(ROOT / "tests"), str(ROOT / "examples")]  # oracles; placements, simulated robot
 
 Task, Found = TypeVar("Task"), TypeVar("Found")
@@ -37,7 +37,7 @@ def command(about: str | None, parts: Mapping[str, Part], **defaults: Any) -> in
     Args:
         about: Docstring of the script; its first line is shown by ``--help``.
         parts: The pages by name; all are made if none is named. Each gets the options that its
-            function has arguments for. With ``--write`` page NAME goes to docs/generated/NAME.md.
+            function has arguments for. With ``--write`` its page of docs/generated is written.
         defaults: The options.
 
     Returns:
@@ -45,7 +45,7 @@ def command(about: str | None, parts: Mapping[str, Part], **defaults: Any) -> in
     """
     parser = argparse.ArgumentParser(description=(about or "").partition("\n")[0])
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(parts)}; or all")
-    parser.add_argument("--write", action="store_true", help="write to docs/generated, too")
+    parser.add_argument("--write", action="store_true", help="write the page of the docs, too")
     for name, default in defaults.items():
         kind: Any = {"type": type(default)} if default is not False else {"action": "store_true"}
         parser.add_argument(f"--{name.replace('_', '-')}", default=default, **kind)

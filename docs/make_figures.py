@@ -62,7 +62,7 @@ def main() -> None:
     for name in filter(wanted, FIGURES):
         comparison = qt.compare(name)
         table = comparison_table(comparison)
-        write(out / "generated" / f"{name}.md", table)
+        write(out / "generated" / "benchmarks" / f"{name}.md", table)
         if (name, out) == ("deburring", DOCS):
             put_into_readme(table)
         draw(comparison, out / "figures")
@@ -70,15 +70,18 @@ def main() -> None:
             draw_passing(comparison, out / "figures" / "deburring_cell_scene.png")
     for name, (task, runs) in SETTINGS.items():
         if wanted(name):
-            write(out / "generated" / f"{name}.md", settings_table(qt.load_task(task), runs))
+            write(
+                out / "generated" / "benchmarks" / f"{name}.md",
+                settings_table(qt.load_task(task), runs),
+            )
     if wanted("planar_line_gains"):
         draw_gains(out / "figures" / "planar_line_gains.svg")
     for snippet in snippets_with_output():
         if wanted(snippet.stem):
-            write(out / "generated" / f"{snippet.stem}.txt", output_of(snippet))
+            write(out / "generated" / "snippets" / f"{snippet.stem}.txt", output_of(snippet))
     if wanted("mink_app"):
-        write(out / "generated" / "mink_app.diff", app_difference())
-        write(out / "generated" / "mink_app.txt", app_output())
+        write(out / "generated" / "snippets" / "mink_app.diff", app_difference())
+        write(out / "generated" / "snippets" / "mink_app.txt", app_output())
 
 
 def put_into_readme(table: str) -> None:

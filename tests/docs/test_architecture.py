@@ -64,7 +64,7 @@ def test_the_changelog_knows_this_version() -> None:
 def test_the_readmes_table_is_the_generated_one() -> None:
     readme = (ROOT / "README.md").read_text("utf-8")
     table = readme.split("docs/make_figures.py -->\n")[1].split("<!-- end of table -->")[0]
-    assert table == (ROOT / "docs" / "generated" / "deburring.md").read_text("utf-8")
+    assert table == (ROOT / "docs" / "generated" / "benchmarks" / "deburring.md").read_text("utf-8")
 
 
 def test_ci_runs_the_readmes_own_commands() -> None:

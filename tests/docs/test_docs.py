@@ -110,12 +110,12 @@ def figures() -> ModuleType:
     ids=lambda path: path.stem,
 )
 def test_a_snippet_prints_what_the_page_shows(snippet: Path, figures: ModuleType) -> None:
-    kept = (DOCS / "generated" / f"{snippet.stem}.txt").read_text("utf-8")
+    kept = (DOCS / "generated" / "snippets" / f"{snippet.stem}.txt").read_text("utf-8")
     assert_says_the_same(figures.output_of(snippet), kept)
 
 
 def test_the_null_space_form_is_exact_and_no_plain_weight_is() -> None:
-    kept = (DOCS / "generated" / "null_space_weight.txt").read_text("utf-8")
+    kept = (DOCS / "generated" / "snippets" / "null_space_weight.txt").read_text("utf-8")
     found = dict(re.findall(r"^(.+?) *: largest deviation (\S+) rad", kept, flags=re.MULTILINE))
     assert float(found.pop("null space")) < 1e-9
     assert found
@@ -149,20 +149,20 @@ def test_the_readme_shows_the_lines_of_the_first_page() -> None:
 def test_the_table_of_the_deburring_example_is_what_compare_gives(
     deburring: qt.Comparison, figures: ModuleType
 ) -> None:
-    kept = (DOCS / "generated" / "deburring.md").read_text("utf-8")
+    kept = (DOCS / "generated" / "benchmarks" / "deburring.md").read_text("utf-8")
     assert_says_the_same(figures.comparison_table(deburring), kept)
 
 
 def test_the_table_of_the_planar_example_is_what_compare_gives(
     planar: qt.Comparison, figures: ModuleType
 ) -> None:
-    kept = (DOCS / "generated" / "planar_line.md").read_text("utf-8")
+    kept = (DOCS / "generated" / "benchmarks" / "planar_line.md").read_text("utf-8")
     assert_says_the_same(figures.comparison_table(planar), kept)
 
 
 def test_the_table_of_the_cell_is_what_compare_gives(figures: ModuleType) -> None:
     """Of a closed form and a QP: the plan among the other rows takes a minute."""
-    kept = (DOCS / "generated" / "deburring_cell.md").read_text("utf-8").splitlines()
+    kept = (DOCS / "generated" / "benchmarks" / "deburring_cell.md").read_text("utf-8").splitlines()
     made = figures.comparison_table(
         qt.compare("deburring_cell", ["gradient_projection", "qp_gradient"])
     ).splitlines()
@@ -195,7 +195,7 @@ def test_a_table_of_settings_has_the_shipped_one_in_it(
     planar: qt.Comparison,
 ) -> None:
     """The other rows take a minute: docs/make_figures.py writes them all."""
-    text = (DOCS / "generated" / f"{table}.md").read_text("utf-8")
+    text = (DOCS / "generated" / "benchmarks" / f"{table}.md").read_text("utf-8")
     head = [cell.strip() for cell in text.splitlines()[0].split("|")[1:-1]]
     [row] = [
         found
@@ -251,7 +251,10 @@ def test_numbers_in_the_text_are_those_of_the_runs(
 def test_shares_of_placements_are_those_of_the_script_and_called_worse_only_where_they_are() -> (
     None
 ):
-    made = {r[0]: r for r in rows((DOCS / "generated" / "placements.md").read_text("utf-8"))}
+    made = {
+        r[0]: r
+        for r in rows((DOCS / "generated" / "benchmarks" / "placements.md").read_text("utf-8"))
+    }
     tuned = {"`mink`, tuned: gain 0.1": "`mink_tuned`", "`twa`, tuned: gain 0.1": "`twa_tuned`",
              "`qp`, gain 1": "`qp`"}  # fmt: skip
     [table] = re.findall(r"\| method \| finishes % .*?\n\n", page("choose.md"), re.DOTALL)
@@ -269,7 +272,9 @@ def test_shares_of_placements_are_those_of_the_script_and_called_worse_only_wher
     assert max(interval(m)[0] for m in alike) <= min(interval(m)[1] for m in alike)
     for worse in ("minimum_norm", "twa_tuned", "qp"):
         assert interval(worse)[1] < min(interval(m)[0] for m in alike)
-    gains = " ".join((DOCS / "generated" / "placements_gains.md").read_text("utf-8").split())
+    gains = " ".join(
+        (DOCS / "generated" / "benchmarks" / "placements_gains.md").read_text("utf-8").split()
+    )
     assert "| `qp` | 156 | 157 | 159 | 154 | 144 |" in gains
     assert "finishes 144 at gain 1 and 159 at its best, 0.1" in " ".join(page("choose.md").split())
 

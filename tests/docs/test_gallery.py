@@ -201,7 +201,7 @@ def table_of(name: str) -> dict[str, dict[str, str]]:
     """A generated table by the name of its method, and weight and gain if it has them."""
     lines = [
         cells(line)
-        for line in (DOCS / "generated" / name).read_text("utf-8").splitlines()
+        for line in (DOCS / "generated" / "benchmarks" / name).read_text("utf-8").splitlines()
         if line.startswith("|")
     ]
     head = lines[0]

@@ -82,7 +82,7 @@ def test_the_servo_in_simulation_keeps_its_limits(
 
 def test_the_page_shows_the_apps_as_they_are() -> None:
     figures = runpy.run_path(str(EXAMPLES.parent / "docs" / "make_figures.py"))
-    kept = EXAMPLES.parent / "docs" / "generated" / "mink_app.diff"
+    kept = EXAMPLES.parent / "docs" / "generated" / "snippets" / "mink_app.diff"
     assert figures["app_difference"]() == kept.read_text("utf-8")
 
 
@@ -90,7 +90,7 @@ def test_the_app_after_is_closer_than_before(monkeypatch: pytest.MonkeyPatch) ->
     names = ("mink_app_before", "mink_app_after")
     worst = [max(ran(name, monkeypatch, 5.0)["errors"][100:]) for name in names]
     assert 20.0 * worst[1] < worst[0]
-    kept = (EXAMPLES.parent / "docs" / "generated" / "mink_app.txt").read_text("utf-8")
+    kept = (EXAMPLES.parent / "docs" / "generated" / "snippets" / "mink_app.txt").read_text("utf-8")
     shown = [float(number) for number in re.findall(r"([\d.e+-]+) mm at most", kept)]
     assert worst == pytest.approx(shown, rel=0.1)
 

@@ -340,8 +340,12 @@ def test_the_pages_tables_are_what_the_benchmark_measures_and_say_what_the_text_
     page = (docs / "streaming.md").read_text("utf-8")
 
     def rows_of(name: str) -> list[list[str]]:
-        lines = (docs / "generated" / f"closed_loop_{name}.md").read_text("utf-8").splitlines()
-        assert f"{{include}} generated/closed_loop_{name}.md" in page
+        lines = (
+            (docs / "generated" / "benchmarks" / f"closed_loop_{name}.md")
+            .read_text("utf-8")
+            .splitlines()
+        )
+        assert f"{{include}} generated/benchmarks/closed_loop_{name}.md" in page
         return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
 
     run = {tuple(cells[:3]): [float(v) for v in cells[3:]] for cells in rows_of("run")}

@@ -40,7 +40,7 @@ Mask = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 
 DOCS = ROOT / "docs"
-LOWEST_Z = (DOCS / "generated" / "lowest_z.txt").read_text("utf-8")
+LOWEST_Z = (DOCS / "generated" / "snippets" / "lowest_z.txt").read_text("utf-8")
 
 
 # ---------------------------------------------------------------- kinematics of many configurations
