@@ -65,6 +65,28 @@ class AxisGeometry:
         twists = zip(self.twists_deg, other.twists_deg, strict=True)
         return all(abs(one - two) <= _NEAR_DEG for one, two in twists)
 
+    def turned(self, signs: Array) -> AxisGeometry:
+        """The geometry of the same axes where some count the other way: ``signs`` ±1, (n,).
+
+        A common normal of axes that are not parallel turns with either of its two axes.
+        """
+        both = signs[:-1] * signs[1:]
+        twists = np.where(both > 0.0, self.twists_deg, 180.0 - np.array(self.twists_deg))
+        normals = np.where(np.sin(np.radians(self.twists_deg)) < _PARALLEL, 1.0, both)
+        offsets = zip(signs[1:-1], self.offsets, strict=True)
+        about = normals[:-1] * normals[1:]  # how both normals of an axis turned
+        return AxisGeometry(
+            tuple((normals * self.lengths).tolist()),
+            tuple(twists.tolist()),
+            tuple(None if offset is None else float(sign) * offset for sign, offset in offsets),
+            np.arctan2(about * signs[1:-1] * np.sin(self.angles), about * np.cos(self.angles)),
+        )
+
+    def orientations(self) -> Iterator[tuple[Array, AxisGeometry]]:
+        """Every choice of signs, (n,), and the geometry of the axes with it."""
+        for signs in itertools.product((1.0, -1.0), repeat=len(self.lengths) + 1):
+            yield np.array(signs), self.turned(np.array(signs))
+
 
 def axis_geometry(lines: Sequence[Line]) -> AxisGeometry:
     """The geometry of oriented axes, from the base on."""
@@ -102,12 +124,3 @@ def axis_geometry(lines: Sequence[Line]) -> AxisGeometry:
         for line, (before, after) in zip(lines[1:-1], itertools.pairwise(normals), strict=True)
     ]
     return AxisGeometry(tuple(lengths), tuple(twists), tuple(offsets), np.array(angles))
-
-
-def orientations(lines: Sequence[Line]) -> Iterator[tuple[Array, list[Line]]]:
-    """The axes with every choice of positive directions, and the signs of each choice, (n,)."""
-    for signs in itertools.product((1.0, -1.0), repeat=len(lines)):
-        yield (
-            np.array(signs),
-            [Line(s * line.axis, line.point) for s, line in zip(signs, lines, strict=True)],
-        )

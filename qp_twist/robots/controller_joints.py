@@ -12,7 +12,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.kinematics.serial_chain import Screw
-from qp_twist.robots.axis_geometry import Line, axis_geometry, orientations
+from qp_twist.robots.axis_geometry import Line, axis_geometry
 from qp_twist.robots.known_robots import KnownRobot, hinges_of
 
 _STEP = np.pi / 2.0
@@ -229,8 +229,7 @@ def _choices(screws: Sequence[Screw], robot: KnownRobot) -> list[tuple[Array, Ar
     reference = np.array([screw.reference for screw in screws])
     found = []
     if len(lines) == len(robot.lines):
-        for signs, turned in orientations(lines):
-            here = axis_geometry(turned)
+        for signs, here in axis_geometry(lines).orientations():
             if here.is_like(robot.geometry):
                 offsets = np.zeros(len(lines))
                 offsets[1:-1] = here.angles - robot.geometry.angles

@@ -28,7 +28,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, of_file, read_text
 from qp_twist.kinematics import SerialChain
 from qp_twist.kinematics.serial_chain import Screw
-from qp_twist.robots.axis_geometry import AxisGeometry, Line, axis_geometry, orientations
+from qp_twist.robots.axis_geometry import AxisGeometry, Line, axis_geometry
 
 _TABLE = Path(__file__).with_name("known_robots.toml")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -240,6 +240,6 @@ def hinges_of(
 
 def _shaped_like(screws: Sequence[Screw]) -> list[KnownRobot]:
     """The robots with these axes, up to their pose and the directions counted positive."""
-    lines = [Line(screw.axis, screw.anchor) for screw in screws]
-    shapes = [axis_geometry(turned) for _, turned in orientations(lines)]
+    geometry = axis_geometry([Line(screw.axis, screw.anchor) for screw in screws])
+    shapes = [shape for _, shape in geometry.orientations()]
     return [r for r in KNOWN_ROBOTS if any(r.geometry.is_like(shape) for shape in shapes)]
