@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints import JointCouplings
@@ -390,6 +389,8 @@ def _linear_step(
     moving = np.vstack([basis, -basis])[bounded]
     free = basis.shape[1]
     least = float(distance.min())
+    from scipy.optimize import linprog  # imported on demand: 0.2 s
+
     found = linprog(
         np.append(np.zeros(free), -1.0),
         np.column_stack([moving, np.ones(len(moving))]),

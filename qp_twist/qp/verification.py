@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg.lapack import dgesv
-from scipy.optimize import nnls
 
 from qp_twist.checks import Array, largest
 from qp_twist.qp.problem import QuadraticProgram
@@ -203,6 +202,8 @@ def _best(problem: QuadraticProgram, point: Point, gradient: Array, close: float
     columns = np.vstack([problem.A, -problem.A, problem.G[on], identity[upper], -identity[lower]])
     if not len(columns):
         return Multipliers.none(problem)  # and scipy's nnls aborts the process without columns
+    from scipy.optimize import nnls  # imported on demand: 0.2 s
+
     lengths = np.linalg.norm(columns, axis=1)
     lengths[lengths == 0.0] = 1.0
     try:
