@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qp_twist.comparison.findings import MethodRun, by_topic, findings
-from qp_twist.comparison.metrics import compiled_share, faults, metrics
+from qp_twist.comparison.findings import KEPT, MethodRun, by_topic
+from qp_twist.comparison.metrics import compiled_share, metrics
 from qp_twist.comparison.table import metrics_table, plain_table
 from qp_twist.drawing import NoPicture, picture_of
 from qp_twist.errors import InvalidInput
@@ -83,7 +83,9 @@ class Comparison:
 
     def findings(self) -> list[str]:
         """What the comparison shows, in sentences computed from its numbers."""
-        return findings(self.trajectories, self.not_run, self.z_bound)
+        runs = map(MethodRun.of, self.trajectories.values())
+        topics = by_topic(list(runs), self.not_run, self.z_bound)
+        return [sentence for sentences in topics.values() for sentence in sentences]
 
     def table(self) -> str:
         """The table as plain text, each closed form next to its QP counterpart."""
@@ -149,16 +151,17 @@ class Comparison:
             picture = None
             (folder / "scene.png").unlink(missing_ok=True)
             lines.append(str(why))
-        runs = [MethodRun.of(trajectory) for trajectory in self.trajectories.values()]
+        runs = list(map(MethodRun.of, self.trajectories.values()))
         page = comparison_page(
             self.path_task,
             self.trajectories,
             content,
-            faults={
-                name: faults(numbers, self.path_task.tolerances)
-                for name, numbers in content["methods"].items()
+            faults={run.name: ", ".join(run.faults) for run in runs},
+            findings={  # what was kept is what the page begins with
+                topic: sentences
+                for topic, sentences in by_topic(runs, self.not_run, self.z_bound).items()
+                if topic != KEPT
             },
-            findings=by_topic(runs, self.not_run, self.z_bound),
             table=metrics_table(content),
             roadmap=figures.get("roadmap"),
             picture=picture,

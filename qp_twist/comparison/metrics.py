@@ -89,22 +89,6 @@ def too_near(numbers: Mapping[str, Any], tolerances: Tolerances) -> bool:
     return near is not None and not tolerances.keeps_clear(near, asked)
 
 
-def faults(numbers: Mapping[str, Any], tolerances: Tolerances) -> str:
-    """What a method did not keep, from its metrics, in a few words; empty if it kept all."""
-    first = numbers["first_violation"]
-    found = [f"left the limits of {', '.join(first)}"] if first else []
-    if not tolerances.met(numbers["position_error_max_m"], numbers["axis_error_max_rad"]):
-        found.append("left the path")
-    found += [
-        f"left a {key.removesuffix('_excess_max').replace('_', ' ')}"
-        for key in EXCESSES
-        if numbers.get(key, 0.0) > tolerances.band
-    ]
-    if too_near(numbers, tolerances):
-        found.append("came too near to something")
-    return ", ".join(found)
-
-
 def tolerances_of(content: Mapping[str, Any]) -> Tolerances:
     """The tolerances of a ``comparison.json``."""
     return Tolerances(**content.get("tolerances", {}))

@@ -16,7 +16,7 @@ from qp_twist.drawing.charts import Curve, draw_chart
 from qp_twist.drawing.figures import SVG_RC, inline_svg
 from qp_twist.drawing.palette import BLUE, FAINT, INK, RED
 from qp_twist.kinematics import JointRanges
-from qp_twist.pages.motion_words import BETWEEN, amount, data, digits, shown, spaced
+from qp_twist.pages.motion_facts import data, data_of, with_space
 from qp_twist.paths import PathTask
 from qp_twist.referee import (
     OFF,
@@ -80,7 +80,7 @@ def _error_charts(
     ):  # fmt: skip
         if name == "axis error" and not any(t.angular.rank > 0 for t in path_task.projectors):
             continue
-        pair = [by_name[key] for key in (name, name + BETWEEN, name + OFF) if key in by_name]
+        pair = [by_name[key] for key in (name, f"{name} between", name + OFF) if key in by_name]
         worst = max(pair, key=lambda finding: (not finding.passes, finding.value))
         times, values = check.passing.times, scale * at
         for beside in (values[:-1], values[1:]):  # with what is between it and its neighbours
@@ -94,8 +94,7 @@ def _error_charts(
             MotionChart(
                 name.replace(" ", "-"),
                 title,
-                f"{data(shown(worst), worst.name)} <small>of {digits(limit)}"
-                f"{spaced(worst.unit)} allowed</small>",
+                f"{data_of(worst)} <small>of {limit:.4g}{with_space(worst.unit)} allowed</small>",
                 f"Largest at {escape(worst.where)}.",
                 _svg(check, title, curves, worst.unit, limit, 0.0, top),
                 all(finding.passes for finding in pair),
@@ -121,7 +120,7 @@ def _speed_charts(check: Check, by_name: dict[str, Finding]) -> list[MotionChart
             MotionChart(
                 name.replace(" ", "-"),
                 title,
-                f"{data(shown(finding), name)} <small>of the limit</small>",
+                f"{data_of(finding)} <small>of the limit</small>",
                 f"Largest: {escape(finding.where)}. Thin lines: each joint.",
                 _svg(check, title, curves, "% of limit", 100.0, 0.0, top),
                 finding.passes,
@@ -134,20 +133,15 @@ def _margin_chart(path_task: PathTask, check: Check, finding: Finding) -> Motion
     ranges, title = JointRanges.of(path_task.model), "Distance to the joint limits"
     times, margins = joint_margins(ranges, check.motion)
     order = np.argsort(times, kind="stable")
-    shares = 100.0 * margins[order][:, ranges.limited]
-    curves = _of_joints(times[order], shares, shares.min(axis=1))
+    margins = margins[order][:, ranges.limited]
+    curves = _of_joints(times[order], margins, margins.min(axis=1))
     low = float(curves[-1].y.min())
-    dof = ranges.names.index(finding.where.partition(",")[0])
-    half = 0.5 * float(ranges.upper[dof] - ranges.lower[dof])
-    room = amount(abs(finding.value) * half, ranges.units[dof])
-    side = "inside" if finding.value >= 0.0 else "outside"
     return MotionChart(
         "margin",
         title,
-        f"{data(shown(finding), finding.name)} <small>of half the range</small>",
-        f"Least: {escape(finding.where)}, {room.text}{spaced(room.unit)} {side} its limit. 100 % "
-        "is the middle of a joint's range.",
-        _svg(check, title, curves, "% of half range", 0.0, min(1.05 * low - 5.0, -8.0), 100.0),
+        f"{data_of(finding)} <small>of half the range</small>",
+        f"Least: {escape(finding.where)}. 1 is the middle of a joint's range, 0 its limit.",
+        _svg(check, title, curves, "of half range", 0.0, min(1.05 * low - 0.05, -0.08), 1.0),
         finding.passes,
     )
 
@@ -173,9 +167,9 @@ def _clearance_chart(
         least, where = asked - worst.value, escape(worst.where)
     tolerance = check.tolerances.position
     passes = all(finding.passes for finding in findings) and least >= asked - tolerance
-    words = f"at least {digits(1e3 * asked)} mm required" if asked else "they must not touch"
+    words = f"at least {1e3 * asked:.4g} mm required" if asked else "they must not touch"
     if passes and least < asked:
-        words += f", to {digits(1e3 * tolerance)} mm"
+        words += f", to {1e3 * tolerance:.4g} mm"
     low, high = 1e3 * float(distances.min()), 1e3 * float(distances.max())
     top = max(1.1 * high, 2e3 * asked, 1.0)
     curves = [Curve(times, 1e3 * distances, _MAIN)]
@@ -184,7 +178,7 @@ def _clearance_chart(
     return MotionChart(
         f"clearance-{number}",
         title,
-        f"{data(amount(least, 'm'), 'clearance')} <small>{words}</small>",
+        f"{data(1e3 * least, 'mm', 'clearance')} <small>{words}</small>",
         f"Least: {where}.",
         svg,
         passes,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,16 +39,7 @@ class Stretch(NamedTuple):
         where = f"waypoints {self.first} to {self.last}: {self.lost:.2g}\u00a0s more"
         if not self.causes:
             return f"{where}; none of the known limits is used up there"
-        return f"{_together(self.causes[:2])}, {where}"
-
-
-def _together(causes: Sequence[str]) -> str:
-    """Causes in words; two joints at the same kind of limit share its name."""
-    first, *others = causes
-    owner, mark, kind = first.partition("'s ")
-    if others and mark and others[0].endswith(f"'s {kind}"):
-        return f"{owner}'s and {others[0]}"
-    return " and ".join(causes)
+        return f"{' and '.join(self.causes[:2])}, {where}"
 
 
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:

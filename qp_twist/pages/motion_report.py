@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,28 +13,17 @@ from qp_twist.drawing import NoPicture, picture_of
 from qp_twist.drawing.palette import BLUE, ORANGE, RED, rgb
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
+from qp_twist.pages.motion_facts import data, data_of, facts, with_space
 from qp_twist.pages.motion_intervals import (
     SLOWER,
-    Stretch,
     failing_intervals,
     slower_intervals,
     slower_stretches,
 )
-from qp_twist.pages.motion_words import (
-    amount,
-    data,
-    digits,
-    facts,
-    kept,
-    part,
-    problems,
-    quantity,
-    shown,
-    spaced,
-)
 from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.referee import Finding
 from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
 
 NAME = "report.html"
@@ -175,8 +163,8 @@ def _page(
         task=path_task.name,
         title=path_task.title,
         passes=check.passes,
-        problems=problems(check),
-        kept=kept(path_task, check),
+        problems=_problems(check),
+        sources=check.sources,
         unchecked=check.unchecked,
         time=_cycle_time(path_task, check),
         picture=picture,
@@ -188,11 +176,19 @@ def _page(
         charts=motion_charts(path_task, check),
         grey=bool(off_the_path(check)),
         slower=[str(stretch) for stretch in stretches[:_STRETCHES]],
-        more=_more(stretches[_STRETCHES:]),
+        more=len(stretches[_STRETCHES:]),
         not_slower=_not_slower(path_task, check),
-        findings=[_row(check, k) for k in range(len(check.findings))],
+        findings=[(finding, data_of(finding), _limit(finding)) for finding in check.findings],
         facts=facts(path_task, check, file),
     )
+
+
+def _problems(check: Check) -> list[str]:
+    """What does not pass; what fails at waypoints and between them is named once."""
+    failing = {finding.name: str(finding) for finding in check.findings if not finding.passes}
+    once = [text for name, text in failing.items() if name.removesuffix(" between") == name
+            or name.removesuffix(" between") not in failing]  # fmt: skip
+    return [*check.path_left, *once]
 
 
 def _cycle_time(path_task: PathTask, check: Check) -> tuple[str, str]:
@@ -201,7 +197,7 @@ def _cycle_time(path_task: PathTask, check: Check) -> tuple[str, str]:
         return "–", "The file has no times."
     motion = check.motion
     span = float(motion.times[-1] - motion.times[0])
-    number = data(amount(span, "s")._replace(text=f"{span:.4g}"), "cycle time")
+    number = data(span, "s", "cycle time")
     if path_task.durations is None:
         return number, "The task states no feed to compare it with."
     along = next(f.value for f in check.findings if f.name == "time")
@@ -226,47 +222,15 @@ def _playing(check: Check) -> str:
     return f"It moves {int(np.ceil(span / _LONGEST_S))} times as fast as the robot."
 
 
-def _more(stretches: list[Stretch]) -> str:
-    if not stretches:
-        return ""
-    lost = sum(stretch.lost for stretch in stretches)
-    return f"{len(stretches)} more, {lost:.2g}\u00a0s in all"
-
-
 def _not_slower(path_task: PathTask, check: Check) -> str:
     """What is said where nothing slows the motion."""
     if not check.passing.timed:
         return "The file has no times, so that nothing can be said about its speed."
     if path_task.durations is None:
         return "The task states no feed, so that nothing is slower than it."
-    use = next((f for f in check.findings if f.name == "velocity limits"), None)
-    nearest = ""
-    if use is not None and use.passes:
-        nearest = (
-            f" Closest to its speed limit, at {digits(use.value)}\u00a0% of it: "
-            f"{html.escape(use.where)}."
-        )
-    return (
-        f"Nothing: the whole path runs at the programmed feed, to {100.0 * SLOWER:.0f}\u00a0%."
-        f"{nearest}"
-    )
+    return f"Nothing: the whole path runs at the programmed feed, to {100.0 * SLOWER:.0f}\u00a0%."
 
 
-def _row(check: Check, k: int) -> dict[str, str | bool]:
-    """A line of the table of everything that was checked."""
-    finding = check.findings[k]
-    limit = "–"
-    if finding.limit is not None:
-        allowed = amount(finding.limit, finding.unit)
-        limit = allowed.text + spaced(allowed.unit)
-    if finding.name == "smallest joint margin":
-        limit = "0 %"
-    # Where nothing is exceeded, the largest excess is at no place.
-    none = finding.name.startswith("outside ") and finding.value == 0.0
-    return {
-        "name": quantity(finding) + part(finding),
-        "value": data(shown(finding), finding.name) + ("" if finding.proven else ", not proven"),
-        "limit": limit,
-        "where": "nowhere" if none else finding.where,
-        "passes": finding.passes,
-    }
+def _limit(finding: Finding) -> str:
+    """The limit of a finding, with its unit."""
+    return "–" if finding.limit is None else f"{finding.limit:.4g}{with_space(finding.unit)}"

@@ -13,8 +13,6 @@ from qp_twist.paths import PathTask
 
 NEAR = 0.015
 """Margin below which a pair counts as near, m."""
-TOO_NEAR = 1e-6
-"""Violation from which a pair counts as too near, m."""
 CARRIER = "/carrier"
 """Name of the scene's frame that moves with the body that carries the path, its children in it."""
 _FARTHEST = 10.0
@@ -34,6 +32,8 @@ class NearPair(NamedTuple):
     """Its name, as in ``Clearance.names``."""
     middle: Array
     """Point between the two geoms where they are nearest, m, in the world, (3,)."""
+    too_near: bool
+    """Whether a check lets the distance pass no more."""
 
 
 class NearPairs:
@@ -49,18 +49,20 @@ class NearPairs:
         for clearance in self.path_task.clearances:
             distance, pair = (found[0] for found in clearance.closest(q[None]))
             if best is None or distance - clearance.distance < best.distance - best.asked:
-                middle = self._between(q, *clearance.pairs[pair])
-                best = NearPair(float(distance), clearance.distance, clearance.names[pair], middle)
+                asked, middle = clearance.distance, self._between(q, *clearance.pairs[pair])
+                kept = self.path_task.tolerances.keeps_clear(distance, asked)
+                best = NearPair(float(distance), asked, clearance.names[pair], middle, not kept)
         return best
 
     def geoms(self, q: Array) -> dict[int, bool]:
         """Ids of the geoms of near pairs at any of q (N, nq), and whether one is too near."""
         found: dict[int, bool] = {}
+        within = self.path_task.tolerances.position
         for clearance in self.path_task.clearances:
             least = clearance.bounded(q, NEAR).min(axis=0)
             for pair in np.flatnonzero(least < NEAR):
                 for geom in clearance.pairs[pair].tolist():
-                    found[geom] = found.get(geom, False) or bool(least[pair] < -TOO_NEAR)
+                    found[geom] = found.get(geom, False) or bool(least[pair] < -within)
         return found
 
     def poses(self, q: Array) -> tuple[Array, Array]:
@@ -152,7 +154,7 @@ class LitPairs:
 def distance_text(distance: float) -> str:
     """A distance in mm, or the depth of an overlap."""
     mm = f"{abs(1e3 * distance):.1f} mm"
-    return f"overlap by {mm}" if distance < -TOO_NEAR else mm
+    return f"overlap by {mm}" if distance < 0.0 else mm
 
 
 def shape_over(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:

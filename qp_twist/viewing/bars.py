@@ -11,7 +11,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.drawing.palette import BLUE, GRID, INK, ORANGE, QUIET, RED
 from qp_twist.kinematics import JointRanges
-from qp_twist.pages.near_pairs import TOO_NEAR, NearPair, distance_text
+from qp_twist.pages.near_pairs import NearPair, distance_text
 from qp_twist.viewing.short_names import short_names
 
 _OUTSIDE = 1e-9
@@ -136,9 +136,9 @@ def clearance_bar(near: NearPair) -> str:
     distance, asked = 1e3 * near.distance, 1e3 * near.asked
     full = max(_CLEAR_MM, 4.0 * asked)
     margin = near.distance - near.asked
-    state = "outside" if margin < -TOO_NEAR else "held" if margin < _AT_CLEARANCE else "free"
+    state = "outside" if near.too_near else "held" if margin < _AT_CLEARANCE else "free"
     word = {"free": "", "held": "at limit", "outside": "too near"}[state]
-    if near.distance < -TOO_NEAR:
+    if near.distance < 0.0:
         word = "overlap"
     value = f"{round(distance, 1) + 0.0:.1f} mm".replace("-", "−")
     bar = _Bar(

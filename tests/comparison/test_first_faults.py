@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.comparison import metrics, rich_table
-from qp_twist.comparison.csv_table import csv_table
+from qp_twist.comparison import csv_table, metrics, rich_table
 from qp_twist.following.joint_speeds import peak_speed
 from qp_twist.studies.judge import Fault, Judge
 from qp_twist.studies.sample import section_of

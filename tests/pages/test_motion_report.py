@@ -125,13 +125,13 @@ def test_the_page_says_first_what_does_not_pass(passing: Made, failing: Made) ->
             "picture", "verdict", "time", "figures", "slower", "checked", "facts",
         ]  # fmt: skip
     verdict = failing.page[failing.page.index('id="verdict"') : failing.page.index('id="time"')]
-    for words in ("Position error", "waypoint 5", "Joint speed", "allowed 100", "joint_4"):
+    for words in ("position error", "waypoint 5", "velocity limits", "limit 100", "joint_4"):
         assert words in verdict
-    assert "Distance to the joint limits" not in verdict
-    # A limit that nobody stated is named as what it is, in the first sentence.
-    first = passing.page[passing.page.index('id="verdict"') : passing.page.index('id="time"')]
-    assert "acceleration limits (the default: full speed within 0.25 s)" in first
-    assert "allowed 100\xa0% of the default: full speed within 0.25 s, at joint_" in verdict
+    assert "smallest joint margin" not in verdict
+    # A limit that nobody stated is named as what it is.
+    for report in (passing, failing):
+        first = report.page[report.page.index('id="verdict"') : report.page.index('id="time"')]
+        assert "Accelerations checked against the default: full speed within 0.25 s." in first
 
 
 def test_the_page_has_no_jargon(passing: Made, failing: Made) -> None:
@@ -168,11 +168,11 @@ def test_the_least_distance_from_obstacles_is_shown(tmp_path: Path) -> None:
     q, times = np.array([[0.5], [0.3], [0.5]]), np.array([0.0, 1.0, 2.0])
     task = joint_path(model, q, times).path_task
     page = made(qt.JointRows(("x",), q, times), task, tmp_path).page
-    assert numbers(page)["clearance"] == [pytest.approx(0.1, abs=1e-6)]
+    assert numbers(page)["clearance"] == [pytest.approx(100.0, abs=1e-3)]
     # From −0.2 m/s to 0.2 m/s in a second a cubic with equal ends goes 0.05 m further.
     rows = qt.JointRows(("x",), q[[1, 1]], times[:2], np.array([[-0.2], [0.2]]))
     page = made(rows, joint_path(model, q[[1, 1]], times[:2]).path_task, tmp_path).page
-    assert numbers(page)["clearance"] == [pytest.approx(0.05, abs=1e-5)]
+    assert numbers(page)["clearance"] == [pytest.approx(50.0, abs=1e-2)]
 
 
 @pytest.mark.usefixtures("without_picture")

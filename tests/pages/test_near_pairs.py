@@ -15,6 +15,7 @@ from qp_twist.drawing.palette import ORANGE, RED, rgb
 from qp_twist.drawing.sight import overview, sight
 from qp_twist.pages.local_server import LocalServer
 from qp_twist.pages.near_pairs import NEAR, LitPairs, NearPairs, distance_text, shape_over
+from qp_twist.paths import Tolerances
 
 NEAR_RGB, TOO_NEAR_RGB = rgb(ORANGE), rgb(RED)
 TWO = """
@@ -75,7 +76,7 @@ def test_the_closest_pair_is_that_of_the_least_distance_of_all(
 def test_between_a_ball_and_a_block_is_the_point_below_the_ball() -> None:
     model = mujoco.MjModel.from_xml_string(TWO)
     clearance = qt.Clearance(model, 0.01)
-    near = NearPairs(SimpleNamespace(model=model, clearances=(clearance,)))
+    near = NearPairs(SimpleNamespace(model=model, clearances=(clearance,), tolerances=Tolerances()))
     for up, distance, middle in ((0.0, 0.35, 0.275), (-0.37, -0.02, 0.09)):
         found = near.nearest(np.array([up, 0.0]))
         assert found is not None
@@ -130,7 +131,7 @@ def test_the_report_names_what_each_method_is_nearest_to(
     for name, _, _, _, mark, _ in rows:
         glance = re.search(rf"<b>{name}</b> <span>([^<]+)</span>", page)
         assert glance is not None
-        assert ("came too near" in glance[1]) == (mark == "bad")
+        assert ("came as near as" in glance[1]) == (mark == "bad")
         assert (glance[1][0] == "✗") >= (mark == "bad")
 
 
@@ -138,6 +139,7 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
     cell: qt.PathTask, runs: dict[str, qt.Trajectory]
 ) -> None:
     (clearance,) = cell.clearances
+    least = clearance.distance - cell.tolerances.position
     server = LocalServer(0, names=())
     try:
         lit = LitPairs(server, cell)
@@ -152,7 +154,7 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
             for pair, distance in zip(clearance.pairs, every, strict=True):
                 if distance < 0.005 + NEAR:
                     for geom in pair.tolist():
-                        rgb = TOO_NEAR_RGB if distance < 0.005 - 1e-6 else NEAR_RGB
+                        rgb = TOO_NEAR_RGB if distance < least else NEAR_RGB
                         expected[geom] = TOO_NEAR_RGB if TOO_NEAR_RGB in (
                             rgb, expected.get(geom)
                         ) else rgb  # fmt: skip

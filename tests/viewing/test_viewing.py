@@ -480,12 +480,16 @@ def test_a_port_that_is_taken_is_refused_and_passed_over():
     ],
 )
 def test_the_bar_of_the_clearance_shows_distance_pair_and_state(mm, state, shown, word):
-    drawn = ET.fromstring(clearance_bar(NearPair(1e-3 * mm, 0.005, "a<b to c", np.zeros(3))))
+    def bar(mm):
+        near = NearPair(1e-3 * mm, 0.005, "a<b to c", np.zeros(3), state == "outside")
+        return ET.fromstring(clearance_bar(near))
+
+    drawn = bar(mm)
     texts = ["".join(text.itertext()) for text in drawn.iter("text")]
     assert drawn.get("data-state") == state
     assert {"clearance", "5 mm", shown, "a<b to c"} <= set(texts)
     assert {"at limit", "too near", "overlap"} & set(texts) == ({word} if word else set())
-    farther = ET.fromstring(clearance_bar(NearPair(1e-3 * mm + 1e-3, 0.005, "", np.zeros(3))))
+    farther = bar(mm + 1.0)
     if mm > 0.0:  # 50 mm are 172 / 1.16 units
         moved = float(farther.get("data-x")) - float(drawn.get("data-x"))
         assert moved == pytest.approx(172.0 / 1.16 / 50.0, abs=0.02)
