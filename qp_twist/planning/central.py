@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,11 +14,11 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import best_of_branches, settled_nearby
 from qp_twist.planning.hard_constraints import WITHIN
-from qp_twist.planning.layer import centred
 from qp_twist.planning.levels import Grid, Roadmap
+from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
-from qp_twist.qp import QuadraticProgram, Verified, solve
+from qp_twist.planning.problem import Problem, motion_limits
+from qp_twist.planning.smooth import refine
 
 _GRID = np.radians(4.0)
 _VALLEY = 0.35
@@ -25,20 +26,11 @@ _VALLEY = 0.35
 little more than the distance of neighbours in the grid."""
 _MOST = 48
 """Largest number of seeds."""
-_SEEDS, _ITERATIONS, _PROJECTIONS = 300, 20, 20
-_ENOUGH = 60
-"""With so many seeds inside the limits, the others are dropped."""
 _POLISHED = 6
 """Number of seeds at a limit that are moved on along it."""
 _ALIKE = 0.02
 """Configurations whose limited joints differ by less count as one, rad or m."""
-_INSET = 1e-9
-"""Distance from every limit that the programs keep, rad or m."""
-_ROUNDS, _HALVINGS, _SETTLING = 40, 30, 6
-_FIRST, _LARGEST, _SMALLEST = 0.1, 0.4, 1e-4
-"""Trust region radius: initial, largest, and the one at which the iteration ends."""
-_SETTLED = 1e-9
-"""Decrease of z below which the iteration ends."""
+_HALVINGS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,35 +56,49 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     """The local minima of z on a waypoint inside the limits, the least first.
 
     For an industrial arm the seeds are all branches and whole turns on a grid of the free
-    coordinate; for any other robot random configurations, corrected onto the waypoint and into the
-    limits. From each seed, steps in the null space descend to the minimum, along active limits.
+    coordinate; for any other robot what its self-motion manifolds grow from. From each seed, steps
+    in the null space descend to the minimum, the best of them along active limits.
 
     Args:
         path_task: The task.
         index: The waypoint, from 0.
     """
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    descent = _Descent(rows, ranges, index)
-    arm, layer = closed_form_arm(path_task), None
-    if arm is not None and RollGrid.applies(path_task, index):
-        joints = np.full(path_task.model.nv, 2.0 * _GRID)
-        layer = RollGrid(path_task, arm, _GRID, joints).layer(index)
-    if layer is not None and layer.solutions:
-        valleys = _valleys(layer.q, ranges)
-        branches: list[int | None] = [int(branch) for branch in layer.branch[valleys]]
-        begin = layer.q[valleys]
-    else:
-        seeds = descent.random()
-        begin = seeds[_valleys(seeds, ranges)]
-        branches = [None] * len(begin)
-    q = descent.lowest(begin)
+    task = _cut(path_task, index)
+    rows, ranges = PathRows(task), JointRanges.of(task.model)
+    roadmap = Roadmap(task, rows, Grid(_GRID, np.full(task.model.nv, 2.0 * _GRID)))
+    closed_form = roadmap.has_closed_form(0)
+    layer = roadmap.layer(0) if closed_form else roadmap.seeded(0)
+    if not layer.solutions:
+        closed_form, layer = False, roadmap.within_tolerance(0)
+    valleys = _valleys(layer.q, ranges)
+    at = np.zeros(len(valleys), dtype=np.intp)
+    q, held = _lowest_nearby(layer.q[valleys], at, rows, ranges)
+    if rows.freedom[0] > 1:
+        # With more than one free direction, some descents continue along limits and bands.
+        problem = Problem(
+            task, rows, motion_limits(task, ranges, None, fixed_start=False),
+            Objective.of(ranges, "centering"),
+        )  # fmt: skip
+        for number in held[np.argsort(ranges.centring(q[held]))][:_POLISHED]:
+            lower = refine(problem, q[number : number + 1])
+            if lower.feasible:
+                q[number] = lower.q[0]
     found: list[CentralConfiguration] = []
     z = ranges.centring(q)
     for number in np.argsort(z, kind="stable"):
         apart = [np.abs(q[number] - other.q)[ranges.limited].max(initial=0.0) for other in found]
         if not apart or min(apart) > _ALIKE:
-            found.append(CentralConfiguration(q[number], float(z[number]), branches[number]))
+            branch = int(layer.branch[valleys[number]]) if closed_form else None
+            found.append(CentralConfiguration(q[number], float(z[number]), branch))
     return found
+
+
+def _cut(path_task: PathTask, index: int) -> PathTask:
+    """The task at one waypoint alone."""
+    return dataclasses.replace(
+        path_task, waypoints=path_task.waypoints[index : index + 1], durations=None,
+        projector=path_task.in_force[index], segments=(), flipped_waypoints=None, joint_moves=(),
+    )  # fmt: skip
 
 
 def best_of_each_branch(
@@ -189,119 +195,3 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
             found.append(int(number))
             taken[tree.query_ball_point(q[number], _VALLEY)] = True
     return np.array(found, dtype=np.intp)
-
-
-class _Descent:
-    """Descend to the local minimum of z, on the waypoint and inside limits and hard bands."""
-
-    def __init__(self, rows: PathRows, ranges: JointRanges, index: int) -> None:
-        self.rows = rows
-        self.ranges = ranges
-        self.index = index
-
-    def random(self) -> Array:
-        """Random configurations, corrected onto the waypoint and into the limits, (K, nv).
-
-        Alternates between clipping to the ranges, and correcting onto the waypoint and into the
-        bands.
-        """
-        drawn = self.ranges.random(_SEEDS, np.random.default_rng(0))
-        q, arrived = self.rows.correct(drawn, self._at(drawn), iterations=_ITERATIONS)
-        middle = centred(q[arrived], self.ranges)
-        # In a range longer than a turn, other turns are other seeds.
-        turned = (middle != q[arrived]).any(axis=1)
-        q = np.vstack([middle, q[arrived][turned]])
-        inside = self._inside(q)
-        kept, q = [q[inside]], q[~inside]
-        if self.rows.hard:
-            q, arrived = self.rows.correct_inside(q, self._at(q), iterations=8)
-            inside = self._inside(q)
-            kept.append(q[arrived & inside])
-            q = q[arrived & ~inside]
-        for _ in range(_PROJECTIONS if inside.sum() < _ENOUGH else 0):
-            if not len(q):
-                break
-            clipped = np.clip(q, self.ranges.lower, self.ranges.upper)
-            q, arrived = self.rows.correct_inside(clipped, self._at(q), iterations=8)
-            inside = self._inside(q)
-            kept.append(q[arrived & inside])
-            q = q[arrived & ~inside]
-        return np.vstack(kept)
-
-    def lowest(self, q: Array) -> Array:
-        """Descend from configurations q (K, nv), each inside."""
-        lowest, held = _lowest_nearby(q, self._at(q), self.rows, self.ranges)
-        if self.rows.freedom[self.index] > 1:
-            # With more than one free direction, some descents continue along limits and bands.
-            for number in held[np.argsort(self.ranges.centring(lowest[held]))][:_POLISHED]:
-                lowest[number] = self._along_limits(lowest[number])
-        return lowest
-
-    def _at(self, q: Array) -> Indices:
-        return np.full(len(q), self.index, dtype=np.intp)
-
-    def _inside(self, q: Array) -> Mask:
-        return _inside(q, self._at(q), self.rows, self.ranges)
-
-    def _along_limits(self, q: Array) -> Array:
-        """Sequential quadratic programs in the null space, with limits and hard bands as rows."""
-        radius = _FIRST
-        for _ in range(_ROUNDS):
-            there = self._stepped(q, radius)
-            gain = 0.0
-            if there is not None:
-                gain = float(self.ranges.centring(q) - self.ranges.centring(there))
-            if there is None or gain <= 0.0:
-                radius *= 0.25
-                if radius < _SMALLEST:
-                    break
-                continue
-            q, radius = there, min(2.0 * radius, _LARGEST)
-            if gain < _SETTLED:
-                break
-        return q
-
-    def _stepped(self, q: Array, radius: float) -> Array | None:
-        """Solve one program and correct onto the waypoint; ``None`` if the result is outside."""
-        weight = self.ranges.weight
-        moved = self._solved(q, weight, weight * (self.ranges.middle - q), radius)
-        for _ in range(_SETTLING):
-            if moved is None:
-                return None
-            corrected, arrived = self.rows.correct(moved[None], np.array([self.index]))
-            if not arrived[0]:
-                return None
-            there: Array = corrected[0]
-            if self._inside(corrected)[0]:
-                return there
-            ones = np.ones(len(q))
-            moved = self._solved(there, ones, 0.0 * ones, radius)
-        return None
-
-    def _solved(self, q: Array, weight: Array, desired: Array, radius: float) -> Array | None:
-        """q + N u that minimises ‖weight · N u − desired‖ within the limits, |uᵢ| ≤ radius."""
-        [basis] = self.rows.motions(q[None], np.array([self.index]))
-        count = basis.shape[1]
-        weighted = weight[:, None] * basis
-        G = np.vstack([basis, -basis])
-        g = np.concatenate([self.ranges.upper - q, q - self.ranges.lower]) - _INSET
-        if self.rows.hard:
-            rows, rooms, _ = self.rows.hard.rows(q[None], np.array([self.index]))
-            G, g = np.vstack([G, rows[0] @ basis]), np.append(g, rooms[0] - _INSET)
-        bounded = np.isfinite(g)
-        problem = QuadraticProgram(
-            # Joints without limits have no weight in z; a small weight keeps them in place.
-            weighted.T @ weighted + 1e-9 * np.eye(count),
-            -weighted.T @ desired,
-            np.zeros((0, count)),
-            np.zeros(0),
-            G[bounded],
-            g[bounded],
-            np.full(count, -radius),
-            np.full(count, radius),
-        )
-        result = solve(problem, "daqp")
-        if not isinstance(result, Verified):
-            return None
-        moved: Array = q + basis @ result.x
-        return moved

@@ -109,14 +109,14 @@ class Roadmap:
         Hard bands may cut a self-motion manifold into pieces without a seed; for rolls the ends of
         the bands are found.
         """
-        if self._closed_form(index):
+        if self.has_closed_form(index):
             assert self._rolls is not None
             return self._rolls.settled(index)
         return self.samples_all(index) and not self.rows.hard.cuts
 
     def samples_all(self, index: int) -> bool:
         """The same layers without hard bands."""
-        return self._closed_form(index) or int(self.rows.freedom[index]) <= COVERED
+        return self.has_closed_form(index) or int(self.rows.freedom[index]) <= COVERED
 
     def layers(
         self, waypoints: Sequence[int], progress: Callable[[int], None] | None = None
@@ -131,12 +131,12 @@ class Roadmap:
 
     def layer(self, index: int, before: Layer | None = None) -> Layer:
         """The layer of a waypoint; a net has seeds of another layer, too."""
-        if self._closed_form(index):
+        if self.has_closed_form(index):
             assert self._rolls is not None
             return self._rolls.layer(index)
         return self._net.layer(index, before)
 
-    def seeded(self, index: int, seeds: Layer) -> Layer:
+    def seeded(self, index: int, seeds: Layer | None = None) -> Layer:
         """What a net at a waypoint would grow from: empty if no configuration is found there."""
         return self._net.layer(index, seeds, grow=False)
 
@@ -161,7 +161,8 @@ class Roadmap:
     def _random(self) -> Array:
         return self.ranges.random(_NEAREST, np.random.default_rng(0))
 
-    def _closed_form(self, index: int) -> bool:
+    def has_closed_form(self, index: int) -> bool:
+        """Whether the layer of a waypoint is a grid of rolls."""
         return self._rolls is not None and RollGrid.applies(self.path_task, index)
 
 
