@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 from dataclasses import make_dataclass
@@ -18,8 +19,7 @@ from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import ColumnChoice, ToolpathOptions
-from qp_twist.paths.section import validated
+from qp_twist.paths import ToolpathOptions
 from qp_twist.paths.toolpath_options import choices
 
 _LONG = 2.0
@@ -150,8 +150,9 @@ def new(
         )
         task = _made(request, out, force=force)
     except InvalidInput as error:
-        if error.key in Request.model_fields and not error.file:
-            error.key = Request.option(error.key)
+        option = re.split(r"[.[]", error.key, maxsplit=1)[0]
+        if option in Request.model_fields and not error.file:
+            error.key = Request.option(option) + error.key.removeprefix(option)
         raise
     cli.only_json(json_)
     if json_:
@@ -234,23 +235,4 @@ def _pose(option: str, text: str) -> tuple[float, ...]:
 
 def _given(toolpath: Any) -> dict[str, object]:
     """The options of a toolpath that were given."""
-    given = {key: value for key, value in vars(toolpath).items() if value not in (None, "auto")}
-    if "columns" in given:
-        given["columns"] = _columns(str(given["columns"]))
-    return given
-
-
-def _columns(text: str) -> ColumnChoice:
-    table: dict[str, object] = {}
-    for part in text.split(";"):
-        key, _, names = (side.strip() for side in part.partition("="))
-        values = tuple(int(n) if n.strip().isdecimal() else n.strip() for n in names.split(","))
-        table[key] = values[0] if key in ("curve", "feed") else values
-    try:
-        return validated(ColumnChoice, table)
-    except InvalidInput as error:
-        raise InvalidInput(
-            f'{error.key}: {error.sentence} Expected for example "position=1,2,3;normal=4,5,6"; '
-            f"keys are {', '.join(ColumnChoice.model_fields)}.",
-            key=f"--columns {text!r}",
-        ) from None
+    return {key: value for key, value in vars(toolpath).items() if value not in (None, "auto")}

@@ -18,6 +18,7 @@ from .table_units import factor as factor
 from .table_units import split_unit as split_unit
 from .writing import LARGEST_FILE as LARGEST_FILE
 from .writing import check_regular as check_regular
+from .writing import file_path as file_path
 from .writing import inputs as inputs
 from .writing import is_folder as is_folder
 from .writing import printable as printable

@@ -21,6 +21,17 @@ inputs: ContextVar[set[Path] | None] = ContextVar("inputs", default=None)
 """The files that a command has read, onto which it does not write."""
 
 
+def file_path(argument: str, value: object) -> Path:
+    """A path that was passed as an argument.
+
+    Raises:
+        InvalidInput: If it is neither a str nor a Path.
+    """
+    if isinstance(value, (str, Path)):
+        return Path(value)
+    raise InvalidInput(f"expected a str or a Path, got {type(value).__name__}.", key=argument)
+
+
 def check_regular(path: Path, noun: str = "file", *, largest: float = LARGEST_FILE) -> None:
     """Refuse files that are not regular, such as a pipe, which would block the reader.
 
@@ -36,20 +47,22 @@ def check_regular(path: Path, noun: str = "file", *, largest: float = LARGEST_FI
     try:
         status = path.stat()
     except (FileNotFoundError, ValueError):  # an invalid file name raises ValueError
-        raise InvalidInput(f"{path}: there is no such {noun}; check the path.") from None
+        raise InvalidInput(f"there is no such {noun}; check the path.", file=path) from None
     except OSError as error:
         raise _unreadable(path, error) from None
     if stat.S_ISDIR(status.st_mode):
-        raise InvalidInput(f"{path}: is a folder; give the {noun} in it.")
+        raise InvalidInput(f"is a folder; give the {noun} in it.", file=path)
     if not stat.S_ISREG(status.st_mode):
         raise InvalidInput(
-            f"{path}: is a pipe, a socket or a device; write what comes out of it to a file, and "
-            "give that one."
+            "is a pipe, a socket or a device; write what comes out of it to a file, and give that "
+            "one.",
+            file=path,
         )
     if status.st_size > largest:
         raise InvalidInput(
-            f"{path}: has {status.st_size / 1e6:.0f} MB, and at most "
-            f"{largest / 1e6:.0f} MB are read; give a smaller {noun}."
+            f"has {status.st_size / 1e6:.0f} MB, and at most {largest / 1e6:.0f} MB are read; give "
+            f"a smaller {noun}.",
+            file=path,
         )
     read = inputs.get()
     if read is not None:
@@ -76,12 +89,12 @@ def read_text(path: Path, noun: str = "file") -> str:
         return read_bytes(path, noun).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InvalidInput(
-            f"{path}: cannot be read: {error}; expected a {noun} in UTF-8."
+            f"cannot be read: {error}; expected a {noun} in UTF-8.", file=path
         ) from None
 
 
 def _unreadable(path: Path, error: OSError) -> InvalidInput:
-    return InvalidInput(f"{path}: cannot be read ({error.strerror or error}); check the path.")
+    return InvalidInput(f"cannot be read ({error.strerror or error}); check the path.", file=path)
 
 
 @contextmanager

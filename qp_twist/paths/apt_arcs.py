@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import ArcAxis, arc_sweep, check_radii
+from qp_twist.paths.arcs import Arc, ArcAxis, angle_between, check_radii
 from qp_twist.paths.toolpath_builder import ProgramBuilder, times
 
 _ON = 2e-5
@@ -47,22 +47,13 @@ class Circle(NamedTuple):
         return math.copysign(1.0, self.angle or 1.0)
 
 
-class Arc(NamedTuple):
-    """A motion along a circle, right-handed about its axis, with its ends, m, and angle, rad."""
-
-    start: Array
-    end: Array
-    centre: Array
-    axis: Array
-    sweep: float
-
-
 class Arcs:
     """The arcs of a file, read with one sense of rotation, and which sense fits them.
 
     Attributes:
         begun: A circle that the next GOTO ends.
         ended: The circle that the last GOTO ended.
+        sense: The sense of rotation.
         lines: Lines of circles whose sense of rotation the file leaves open.
         for_sense: How often what stands beside an arc, or its angle, fits this sense.
         against_sense: How often it fits the other sense.
@@ -73,7 +64,7 @@ class Arcs:
         self.ended: Circle | None = None
         self.lines: list[int] = []
         self.for_sense = self.against_sense = 0
-        self._out, self._sense = out, sense
+        self._out, self.sense = out, sense
 
     def ended_at(self, circle: Circle, start: Array, end: Array, heading: Array | None) -> Arc:
         """The arc from where the tool is to the point of a GOTO.
@@ -87,17 +78,15 @@ class Arcs:
         Raises:
             InvalidInput: If the points are not on the circle.
         """
-        axis = self._axis_of(circle)
         self.lines.append(circle.line)
         try:
-            check_radii(start, end, circle.centre, axis, circle.radius)
-            sweep = arc_sweep(start, end, circle.centre, axis)
+            arc = Arc.between(start, end, circle.centre, self._axis_of(circle), circle.radius)
         except InvalidInput as error:
             raise InvalidInput(f"{circle.word} of line {circle.line}: {error}") from None
         if circle.angle is not None:
-            self._weigh_angle(circle, circle.angle, sweep, start)
+            self._weigh_angle(circle, circle.angle, arc.sweep, start)
         self.weigh(circle, start, heading)
-        return Arc(start, end, circle.centre, axis, sweep)
+        return arc
 
     def by_angle(self, circle: Circle, start: Array, heading: Array | None) -> Arc:
         """The arc from where the tool is, on a circle that no GOTO ends, by its angle.
@@ -126,6 +115,11 @@ class Arcs:
         cosine = float(tangent @ heading) / length if length > 0.0 else 0.0
         self.for_sense += cosine > _SMOOTH
         self.against_sense += cosine < -_SMOOTH
+
+    @property
+    def all_fit(self) -> bool:
+        """Whether something fits this sense, and nothing the other one."""
+        return bool(self.for_sense) and not self.against_sense
 
     def refuse_open(self, last: Array, point: Array) -> None:
         """Refuse a second GOTO on a circle: it may be a point of the arc, or end a chord.
@@ -166,7 +160,7 @@ class Arcs:
 
     def _axis_of(self, circle: Circle) -> Array:
         """The axis about which the motion is right-handed."""
-        return circle.axis if self._sense == "right" else -circle.axis
+        return circle.axis if self.sense == "right" else -circle.axis
 
     def _weigh_angle(self, circle: Circle, angle: float, sweep: float, start: Array) -> None:
         """Count whether the angle that a circle states is that of this sense of rotation."""
@@ -238,7 +232,7 @@ def arc_to_line(
         raise InvalidInput("LINE does not cross the circle")
     crossings = [foot + side * math.sqrt(square) * along for side in (1.0, -1.0)]
     sweeps = [
-        2.0 * math.pi if np.linalg.norm(p - start) < _ON else arc_sweep(start, p, centre, axis)
+        2.0 * math.pi if np.linalg.norm(p - start) < _ON else angle_between(start, p, centre, axis)
         for p in crossings
     ]
     at = int(np.argsort(sweeps, kind="stable")[count - 1])

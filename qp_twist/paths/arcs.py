@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -28,20 +28,90 @@ _UNCLEAR = 5e-6
 """An end nearer to the start, m, but not on it, may be a full circle or almost none."""
 
 
-def arc_sweep(start: Array, end: Array, centre: Array, axis: Array) -> float:
-    r"""Angle of the right-handed rotation about an axis from one point of a circle to another.
+class Arc(NamedTuple):
+    """A motion along a circle or a helix, right-handed about its axis.
+
+    Attributes:
+        start: First point, m, (3,).
+        end: Last point, m, (3,).
+        centre: A point of the axis, m, (3,).
+        axis: Direction of the axis, unit vector, (3,).
+        sweep: Angle, rad.
+    """
+
+    start: Array
+    end: Array
+    centre: Array
+    axis: Array
+    sweep: float
+
+    @classmethod
+    def between(
+        cls, start: Array, end: Array, centre: Array, axis: Array, radius: float | None = None
+    ) -> Arc:
+        """The arc from one point of a circle to another; a full circle if both are the same.
+
+        Args:
+            start: First point, m, (3,).
+            end: Last point, m, (3,).
+            centre: A point of the axis, m, (3,).
+            axis: Direction of the axis, unit vector, (3,).
+            radius: Radius that the file states, m.
+
+        Raises:
+            InvalidInput: If the points are not on one circle, or so close together that a full
+                circle and none look alike.
+        """
+        check_radii(start, end, centre, axis, radius)
+        return cls(start, end, centre, axis, angle_between(start, end, centre, axis))
+
+    def points(self, error: float = ARC_ERROR) -> tuple[Array, Array]:
+        r"""Points so dense that chords stay within an error of the arc.
+
+        The chord of an angle δ is :math:`2 r \sin^2(\delta/4)` away from an arc of radius r. The
+        distances of the two ends from the axis, and their heights along it, are interpolated in
+        proportion to the angle.
+
+        Args:
+            error: Largest distance of a chord from the arc, m.
+
+        Returns:
+            Points without ``start``, the last of them ``end``, m, (N, 3); and their shares of the
+            angle, (N,).
+
+        Raises:
+            InvalidInput: If there are more than :data:`MOST_POINTS`.
+        """
+        s, e = self.start - self.centre, self.end - self.centre
+        u = _radial(s, self.axis)
+        r_start, r_end = float(np.linalg.norm(u)), float(np.linalg.norm(_radial(e, self.axis)))
+        u = u / r_start
+        largest = max(r_start, r_end)
+        step = min(_LARGEST_STEP, 4.0 * math.asin(min(1.0, math.sqrt(0.5 * error / largest))))
+        count = max(1, math.ceil(abs(self.sweep) / step * (1.0 - 1e-12)))
+        if count > MOST_POINTS:
+            raise InvalidInput(
+                f"the arc has {count} chords within {1e3 * error:g} mm of it, and at most "
+                f"{MOST_POINTS} points are read; allow a larger arc_error"
+            )
+        shares = np.arange(1, count + 1) / count
+        angles = (self.sweep * shares)[:, None]
+        around = np.cos(angles) * u + np.sin(angles) * np.cross(self.axis, u)
+        radii = r_start + shares * (r_end - r_start)
+        heights = (s + shares[:, None] * (e - s)) @ self.axis
+        points = self.centre + radii[:, None] * around + heights[:, None] * self.axis
+        points[-1] = self.end
+        return points, shares
+
+
+def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float:
+    r"""Angle of the right-handed rotation about an axis from one point to another.
 
     .. math:: \varphi = \mathrm{atan2}(\mathbf a \cdot (\mathbf s \times \mathbf e),\;
         \mathbf s \cdot \mathbf e) \bmod 2\pi
 
     with s and e from the centre to the start and the end, without their parts along the unit vector
     a of the axis.
-
-    Args:
-        start: First point, m, (3,).
-        end: Last point, m, (3,).
-        centre: A point of the axis, m, (3,).
-        axis: Direction of the axis, unit vector, (3,).
 
     Returns:
         φ in (0, 2π]; 2π if both points are the same.
@@ -65,13 +135,6 @@ def arc_sweep(start: Array, end: Array, centre: Array, axis: Array) -> float:
 def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: float | None) -> None:
     """Refuse an arc whose ends are not on one circle.
 
-    Args:
-        start: First point, m, (3,).
-        end: Last point, m, (3,).
-        centre: A point of the axis, m, (3,).
-        axis: Direction of the axis, unit vector, (3,).
-        radius: Radius that the file states, m; ``None`` if it states none.
-
     Raises:
         InvalidInput: If a distance from the axis differs from the others by more than 0.02 mm and
             by more than 0.1 %, or the radius is zero or more than 1000 km.
@@ -82,8 +145,7 @@ def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: fl
     radii = [r_start, r_end] if radius is None else [r_start, r_end, radius]
     if min(radii) < 1e-9:
         raise InvalidInput("the arc has the radius zero")
-    most = max(_OFF_CIRCLE[0], _OFF_CIRCLE[1] * max(radii))
-    if max(radii) - min(radii) > most:
+    if max(radii) - min(radii) > max(_OFF_CIRCLE[0], _OFF_CIRCLE[1] * max(radii)):
         stated = "" if radius is None else f", and the radius is {1e3 * radius:.6g} mm"
         raise InvalidInput(
             f"the arc starts {1e3 * r_start:.6g} mm from its centre and ends {1e3 * r_end:.6g} mm "
@@ -102,57 +164,6 @@ def check_radius(radius: float) -> None:
             f"the arc has a radius above {_LARGEST_RADIUS:g} m; write a straight motion, or check "
             "its centre"
         )
-
-
-def arc_points(
-    start: Array, end: Array, centre: Array, axis: Array, sweep: float, error: float = ARC_ERROR
-) -> tuple[Array, Array]:
-    r"""Points of an arc or a helix, so dense that chords stay within an error of it.
-
-    The chord of an angle δ is :math:`2 r \sin^2(\delta/4)` away from an arc of radius r. The
-    distances of the two ends from the axis, and their heights along it, are interpolated in
-    proportion to the angle.
-
-    Args:
-        start: First point, m, (3,).
-        end: Last point, m, (3,).
-        centre: A point of the axis, m, (3,).
-        axis: Direction of the axis, unit vector, (3,).
-        sweep: Angle about it, right-handed, rad.
-        error: Largest distance of a chord from the arc, m.
-
-    Returns:
-        Points without ``start``, the last of them ``end``, m, (N, 3); and their shares of the
-        angle, (N,).
-
-    Raises:
-        InvalidInput: If it has more than :data:`MOST_POINTS`.
-    """
-    s, e = start - centre, end - centre
-    u = _radial(s, axis)
-    r_start, r_end = float(np.linalg.norm(u)), float(np.linalg.norm(_radial(e, axis)))
-    u = u / r_start
-    v = np.cross(axis, u)
-    largest = max(r_start, r_end)
-    step = min(_LARGEST_STEP, 4.0 * math.asin(min(1.0, math.sqrt(0.5 * error / largest))))
-    count = max(1, math.ceil(abs(sweep) / step * (1.0 - 1e-12)))
-    if count > MOST_POINTS:
-        raise InvalidInput(
-            f"the arc has {count} chords within {1e3 * error:g} mm of it, and at most "
-            f"{MOST_POINTS} points are read; allow a larger arc_error"
-        )
-    shares = np.arange(1, count + 1) / count
-    angles = sweep * shares
-    radii = r_start + shares * (r_end - r_start)
-    heights = float(s @ axis) + shares * float((e - s) @ axis)
-    points = (
-        centre
-        + (radii * np.cos(angles))[:, None] * u
-        + (radii * np.sin(angles))[:, None] * v
-        + heights[:, None] * axis
-    )
-    points[-1] = end
-    return points, shares
 
 
 def _radial(vector: Array, axis: Array) -> Array:

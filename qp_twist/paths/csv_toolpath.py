@@ -3,31 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from qp_twist.files import (
-    ANGLES,
-    FEEDS,
-    LENGTHS,
-    Problems,
-    Table,
-    columns_named,
-    split_unit,
-)
-from qp_twist.paths.suggested_columns import suggested
+from qp_twist.files import ANGLES, FEEDS, LENGTHS, Problems, Table, columns_named, split_unit
 from qp_twist.paths.toolpath import Toolpath
-from qp_twist.paths.toolpath_builder import (
-    Row,
-    RowsOfCurve,
-    ToolpathFormat,
-    toolpath_of,
-)
+from qp_twist.paths.toolpath_builder import Row, RowsOfCurve, ToolpathFormat, toolpath_of
 from qp_twist.paths.toolpath_columns import (
-    LOOKED_AT,
     ColumnChoice,
     ColumnRoles,
-    UnclearColumns,
     column_roles,
     has_position,
     unit_of,
@@ -47,8 +31,8 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
     """
     choice = options.columns or ColumnChoice()
-    chosen = [c if isinstance(c, tuple) else (c,) for c in vars(choice).values()]
-    by_name = [column for columns in chosen for column in columns if isinstance(column, str)]
+    chosen = [c for columns in vars(choice).values() if isinstance(columns, tuple) for c in columns]
+    by_name = [c for c in (*chosen, choice.curve, choice.feed) if isinstance(c, str)]
     table = Table(
         lines,
         least=3,
@@ -56,33 +40,26 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         expected="a toolpath needs x, y and z in every row",
         is_header=lambda names: (
             has_position(names)
-            or bool(by_name and all(columns_named(names, name) for name in by_name))
+            or (bool(by_name) and all(columns_named(names, name) for name in by_name))
         ),
     )
-    try:
-        where = column_roles(table, choice, options.orientation, options.feed_unit)
-    except UnclearColumns as error:
-        if error.suggestion is not None or has_position(table.names):
-            raise
-        raise UnclearColumns(error.message, suggested(table.sample(LOOKED_AT))) from None
+    where = column_roles(table, choice, options.orientation, options.feed_unit)
     unit, in_file = unit_of(table, "length_unit", where.position, options.length_unit, LENGTHS)
     call = ", ".join(table.call(i) for i in where.direction)
-    notes = [where.note] if where.note else []
-    angle, feed = 1.0, 1.0
+    notes, angle, feed = [*where.notes], 1.0, 1.0
     if where.orientation in ("rpy", "rotation_vector"):
-        names = [table.names[i] for i in where.direction if table.names]
-        by_numbers = None if any(split_unit(name)[1] for name in names) else where.angle_unit
-        own = options.angle_unit or by_numbers
-        stated, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
-        angle = ANGLES[stated]
+        stated = any(split_unit(table.names[i])[1] for i in where.direction if table.names)
+        own = options.angle_unit or (None if stated else where.angle_unit)
+        angles, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
+        angle = ANGLES[angles]
         if not in_header and options.angle_unit is None:
             called = ", ".join(table.call(i) for i in sorted(where.direction))
-            word = "degrees" if stated == "deg" else "radians"
+            word = "degrees" if angles == "deg" else "radians"
             notes.append(f"{called} are read in {word}, by their numbers.")
     if where.feed is not None:
         feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), options.feed_unit, FEEDS)[0]]
     problems = Problems()
-    curves = _curves(table, where, (LENGTHS[unit], angle, feed), problems)
+    curves = [*_curves(table, where, (LENGTHS[unit], angle, feed), problems)]
     used = {*where.numbers, where.curve}
     unused = [table.call(i) for i in range(table.width) if i not in used]
     notes += [f"not used: {', '.join(unused)}."] if unused else []
@@ -104,36 +81,27 @@ CSV = ToolpathFormat(lambda suffix, lines: True, _read, {})
 
 def _curves(
     table: Table, where: ColumnRoles, units: tuple[float, float, float], problems: Problems
-) -> list[RowsOfCurve]:
-    """The rows of all curves, in units of length, angle and feed; invalid entries are problems."""
-    curves: list[list[Row]] = [[]]
+) -> Iterator[RowsOfCurve]:
+    """The rows of each curve, in units of length, angle and feed; invalid entries are problems."""
+    rows: list[Row] = []
     name, label = table.title, None
     of_length, of_angle, of_feed = units
     for line, fields, numbers in table.rows(where.numbers, problems):
         entry = None if numbers is None or where.curve is None else fields[where.curve]
-        if numbers is None or (label is not None and entry != label):
-            if curves[-1]:
-                curves.append([])
-                name = ""
-            if numbers is None:
-                name = " ".join(filter(None, fields)) or name
-                continue
+        if rows and (numbers is None or (label is not None and entry != label)):
+            yield RowsOfCurve(rows, [], [])
+            rows, name = [], ""
+        if numbers is None:
+            name = " ".join(filter(None, fields)) or name
+            continue
         label, name = entry, name if entry is None else entry
-        feed = math.nan
-        if where.feed is not None:
-            # No motion leads to the first point of a curve; tables often have 0 there.
-            if numbers[-1] <= 0.0 and curves[-1]:
-                what = f"expected a feed above 0, got {numbers[-1]:g}"
-                problems.add(line, what, table.call(where.feed))
-            feed = of_feed * numbers[-1]
-        direction = numbers[3 : 3 + len(where.direction)]
-        curves[-1].append(
-            Row(
-                tuple(of_length * v for v in numbers[:3]),
-                tuple(of_angle * v for v in direction),
-                line,
-                feed,
-                name=name,
-            )
-        )
-    return [RowsOfCurve(rows, [], []) for rows in curves if rows]
+        feed = math.nan if where.feed is None else of_feed * numbers[-1]
+        # No motion leads to the first point of a curve; tables often have 0 there.
+        if feed <= 0.0 and rows and where.feed is not None:
+            what = f"expected a feed above 0, got {numbers[-1]:g}"
+            problems.add(line, what, table.call(where.feed))
+        position = tuple(of_length * v for v in numbers[:3])
+        direction = tuple(of_angle * v for v in numbers[3 : 3 + len(where.direction)])
+        rows.append(Row(position, direction, line, feed, name=name))
+    if rows:
+        yield RowsOfCurve(rows, [], [])

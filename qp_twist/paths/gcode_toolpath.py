@@ -12,7 +12,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LengthUnit
-from qp_twist.paths.arcs import arc_sweep, check_radii, check_radius
+from qp_twist.paths.arcs import Arc, check_radius
 from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
 from qp_twist.paths.gcode_words import Block, read_block
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
@@ -58,16 +58,7 @@ _INSTEAD: dict[float, str] = {
     **dict.fromkeys((41, 42, 41.1, 42.1, 41.2, 42.2), "write the path of the tool's centre (G40)"),
     93: "write feeds per minute (G94)",
 }
-_WORDS = ProgramWords(
-    title="a G-code file",
-    axis="I, J, K",
-    rapid="G0",
-    no_axis="no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes.",
-    no_unit="no G20 (inch) or G21 (mm) before the first coordinate; add one",
-    new_unit="the unit changes after the first motion",
-    no_point="there is no motion to a point with X, Y and Z in it.",
-    no_cut="no G1, G2 or G3 from a known point; nothing is cut.",
-)
+_WORDS = ProgramWords("a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)")
 _UNITS: dict[float, LengthUnit] = {
     **dict.fromkeys((20, 70, 700), "inch"), **dict.fromkeys((21, 71, 710), "mm"),
 }  # fmt: skip
@@ -113,33 +104,20 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     return out.toolpath(path, reader.notes(), has_axis=reader.axis.stated)
 
 
-GCODE = ToolpathFormat(
-    lambda suffix, lines: suffix in SUFFIXES,
-    _read,
-    STATED_BY_PROGRAMS,
-)
+GCODE = ToolpathFormat(lambda suffix, lines: suffix in SUFFIXES, _read, STATED_BY_PROGRAMS)
 """G-code."""
 
 
 @dataclass
 class _Modes:
-    """What holds until another G code says otherwise.
+    """What holds until another G code says otherwise."""
 
-    Attributes:
-        motion: G0 to G3.
-        plane: G17 to G19.
-        relative: Whether coordinates are relative.
-        absolute_centres: Whether centres of arcs are absolute.
-        per_turn: Whether feeds are per turn of the spindle.
-        tip: Whether X, Y, Z are those of the tip, whatever the tool axis.
-    """
-
-    motion: int | None = None
-    plane: int = 17
-    relative: bool = False
-    absolute_centres: bool = False
-    per_turn: bool = False
-    tip: bool = False
+    motion: int | None = None  # G0 to G3
+    plane: int = 17  # to 19
+    relative: bool = False  # coordinates
+    absolute_centres: bool = False  # of arcs
+    per_turn: bool = False  # feeds, of the spindle
+    tip: bool = False  # whether X, Y, Z are those of the tip, whatever the tool axis
 
 
 class _Reader:
@@ -150,8 +128,6 @@ class _Reader:
         axis: The tool axis.
         modes: What holds.
         at: Where the tool is: X, Y, Z in m as far as they are known.
-        feed: Of F, m/min, or m per turn.
-        turns: Of the spindle per minute.
     """
 
     def __init__(self, out: ProgramBuilder) -> None:
@@ -159,28 +135,34 @@ class _Reader:
         self.axis = ToolAxis(out)
         self.modes = _Modes()
         self.at: dict[str, float] = {}
-        self.feed = self.turns = math.nan
-        self._offset: float | None = None
         self._away: list[int] = []
         self._pointed = ""
         self._whole: tuple[int, str] | None = None
         self._tip_refused = False
 
     def read(self, lines: Sequence[str]) -> None:
-        """Read all lines up to the end of the program."""
+        """Read all lines up to the end of the program.
+
+        Raises:
+            InvalidInput: If the first line with text is no block: the file is no G-code.
+        """
         for number, line in enumerate(lines, start=1):
-            self.out.line = number
             try:
-                if self._block(read_block(line)):
-                    rest = (k for k, text in enumerate(lines[number:], number + 1)
-                            if text.strip() not in ("", "%"))  # fmt: skip
-                    if next(rest, 0):
-                        self.out.pass_over("lines after the end of the program")
+                if read_block(line) != Block():
                     break
             except InvalidInput as error:
-                self.out.refuse(error)
-                if isinstance(error, TooManyPoints):
+                error.line = number
+                raise
+        ended = False
+        try:
+            for number, line in enumerate(lines, start=1):
+                if ended and line.strip() not in ("", "%"):
+                    self.out.pass_over("lines after the end of the program")
                     break
+                with self.out.at(number):
+                    ended = ended or self._block(read_block(line))
+        except TooManyPoints:
+            pass  # which is one of the problems
         if self._whole is not None and self._pointed:
             self.out.problems.add(
                 self._whole[0],
@@ -223,11 +205,12 @@ class _Reader:
             self._code(code, block)
         if "L" in words:
             raise InvalidInput("L calls or repeats a subprogram, which is not read")
-        self.turns = words.get("S", self.turns)
+        feeds = self.out.feeds
+        feeds.turns_per_minute = words.get("S", feeds.turns_per_minute)
         if "F" in words and not dwells:
             if not words["F"] > 0.0:
                 raise InvalidInput(f"F: expected a feed above 0, got {words['F']:g}")
-            self.feed = words["F"] * self.out.scale()
+            feeds.set(words["F"] * self.out.scale(), per_turn=self.modes.per_turn)
         for word in [*(k for k in "ST" if k in words), *(f"M{code:g}" for code in block.switches)]:
             self.out.pass_over(word)
         if away:
@@ -264,18 +247,15 @@ class _Reader:
         if code in _MODAL:
             name, value = _MODAL[code]
             if name == "per_turn" and self.modes.per_turn != value:
-                self.feed = math.nan  # an F of the other kind does not hold
+                self.out.feeds.set(math.nan, per_turn=bool(value))  # another F does not hold
             setattr(self.modes, name, value)
         elif code in _UNITS:
             self.out.set_unit(_UNITS[code], moved=bool(self.out.rows or self.at))
         elif code in _OFFSETS:
-            self._set_offset(code, block.words.get("P", 0.0))
+            self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
         elif code == 50 and set("XYZ") & words:
             raise InvalidInput("G50 is a shift of coordinates here, which is not read")
-        # G5 with P or Q looks ahead; the words of a spline are others.
-        elif (
-            code in _PASSED or code in _TIP_ON or (ahead and not set("XYZIJK") & block.words.keys())
-        ):
+        elif code in _PASSED or code in _TIP_ON or ahead:
             if code in _TIP_ON:
                 self.modes.tip, self.axis.vectors = True, code == 43.5
             elif code == 49:
@@ -289,17 +269,6 @@ class _Reader:
                 f"G{code:g} is not known, and whether it changes the path neither; take it out if "
                 "it does not"
             )
-
-    def _set_offset(self, code: float, number: float) -> None:
-        """Refuse a second work offset: where it is, is not known."""
-        stated = code + 1e-3 * number
-        if self._offset not in (None, stated) and self.out.rows:
-            raise InvalidInput(
-                f"G{code:g} is another work offset than before, and where it is, is not known; "
-                "write each offset's paths into a file of their own"
-            )
-        self._offset = stated
-        self.out.pass_over(f"G{code:g}")
 
     def _leave(self, words: dict[str, float]) -> None:
         """A motion to a position of the machine: the axes it names are somewhere unknown."""
@@ -369,27 +338,15 @@ class _Reader:
         self._add(points, shares, begin)
 
     def _add(self, points: Array, shares: Array, begin: dict[str, float]) -> None:
-        """Add points at some shares of a motion."""
-        rapid = self.modes.motion == 0
-        feed = math.nan if rapid else self._feed_now()
-        if rapid:
-            self.out.count_rapid()
-        for point, share in zip(points, shares, strict=True):
-            axis = self.axis.at(begin, float(share))
-            last = self.out.rows[-1] if self.out.rows else None
-            stays = last is not None and last.direction == axis and not rapid
-            if last is None or not stays or np.linalg.norm(point - last.position) >= SAME_POINT:
-                self.out.add(point, axis, feed, rapid=rapid)
-
-    def _feed_now(self) -> float:
-        """Feed of a cut, m/s; NaN without one."""
-        if not self.modes.per_turn:
-            return self.feed / 60.0
-        if math.isfinite(self.feed) and not self.turns > 0.0:
-            raise InvalidInput(
-                "the feed is per turn of the spindle (G95), and no S states turns per minute"
-            )
-        return self.feed * self.turns / 60.0
+        """Add the points of a motion at some shares of it; in a cut those that differ."""
+        rapid, rows = self.modes.motion == 0, self.out.rows
+        axes = [self.axis.at(begin, float(share)) for share in shares]
+        if rows and not rapid:
+            moved = np.diff(np.vstack([rows[-1].position, points]), axis=0)
+            turned = (np.diff(np.vstack([rows[-1].direction, axes]), axis=0) != 0.0).any(axis=1)
+            differs = turned | (np.linalg.norm(moved, axis=1) >= SAME_POINT)
+            points, axes = points[differs], [axes[k] for k in np.flatnonzero(differs)]
+        self.out.add([*points], axes, rapid=rapid)
 
     def _arc(
         self, block: Block, start: dict[str, float], begin: dict[str, float], scale: float
@@ -409,9 +366,7 @@ class _Reader:
         if self.modes.motion == 2:
             axis = -axis
         centre = self._centre(block.words, s, e, axis, scale)
-        check_radii(s, e, centre, axis, None)
-        points, shares = self.out.divide_arc(s, e, centre, axis, arc_sweep(s, e, centre, axis))
-        self._add(points, shares, begin)
+        self._add(*self.out.divide_arc(Arc.between(s, e, centre, axis)), begin)
 
     def _centre(
         self, words: dict[str, float], start: Array, end: Array, axis: Array, scale: float

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from qp_twist.errors import InvalidInput
-from qp_twist.files import of_file, read_bytes, text_lines
+from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
 from qp_twist.paths.csv_toolpath import CSV
 from qp_twist.paths.gcode_toolpath import GCODE
@@ -55,10 +55,10 @@ def read_toolpath(
         >>> read_toolpath(shipped_folder("tasks") / "dome_seams.csv")
         Toolpath('dome_seams.csv', 2 curves, 122 points, normal)
     """
-    path = Path(file)
+    path = file_path("file", file)
     options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
-    with of_file(path.name):
+    with of_file(path):
         lines = text_lines(content)
         return _read(path, lines, options)
 

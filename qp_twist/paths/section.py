@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, TypeVar
 
@@ -14,6 +15,14 @@ from qp_twist.errors import InvalidInput
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
+_WORDING = {
+    r"Input should be (greater|less) than": r"expected a number \1 than",
+    r"Input should be a valid tuple": "expected an array",
+    r"Input should be .*(?:dictionary|instance of).*": "expected a table",
+    r"Input should be ": "expected ",
+    r"\w+ should have (.+?)(?: after validation, not \d+)?$": r"expected \1",
+}
+"""Messages of pydantic in the words of this package; the first pattern that fits counts."""
 
 
 class Section(BaseModel):
@@ -84,8 +93,10 @@ def _sentence(item: Any, keys: list[str | int]) -> str:
         return f"expected one of {item['ctx']['expected_tags']}; got {item['ctx']['tag']!r}."
     if kind == "value_error":
         return f"{str(item['ctx']['error']).rstrip('.')}."
-    given = json.dumps(item["input"], default=str)
-    return f"{item['msg'].rstrip('.')}, got {given if len(given) < 60 else given[:57] + '…'}."
+    text, given = item["msg"].rstrip("."), json.dumps(item["input"], default=str)
+    fits = next((pattern for pattern in _WORDING if re.match(pattern, text)), r"$")
+    text = re.sub(fits, _WORDING.get(fits, ""), text)
+    return f"{text}, got {given if len(given) < 60 else given[:57] + '…'}."
 
 
 def _known_keys(section: type[Section]) -> set[str]:

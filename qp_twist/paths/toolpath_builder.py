@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
-from qp_twist.paths.arcs import MOST_POINTS, arc_points
+from qp_twist.paths.arcs import MOST_POINTS, Arc
 from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Meaning, Toolpath
 from qp_twist.paths.toolpath_columns import Orientation
 from qp_twist.paths.toolpath_options import ReadingOptions
@@ -48,16 +49,12 @@ STATED_BY_PROGRAMS: dict[tuple[str, ...], str] = {
 
 
 class ProgramWords(NamedTuple):
-    """What messages call the parts of a machine tool's program, and what they say without one."""
+    """What messages call a machine tool's program, its tool axis, rapid motion and units."""
 
     title: str
     axis: str
     rapid: str
-    no_axis: str
-    no_unit: str
-    new_unit: str
-    no_point: str
-    no_cut: str
+    units: str
 
 
 class Row(NamedTuple):
@@ -151,6 +148,30 @@ def toolpath_of(
     return Toolpath(path, meaning, tuple(found), (*notes, *dropped), unit, unit_in_file)
 
 
+class Feeds:
+    """The feed in force of a program: a length per minute, or per turn of the spindle."""
+
+    def __init__(self) -> None:
+        self._value, self.per_turn, self.turns_per_minute = math.nan, False, math.nan
+
+    def set(self, value: float, *, per_turn: bool) -> None:
+        """A feed in m per minute, or m per turn."""
+        self._value, self.per_turn = value, per_turn
+
+    def now(self) -> float:
+        """The feed in force, m/s; NaN without one.
+
+        Raises:
+            InvalidInput: If it is per turn, and no turns are stated.
+        """
+        if self.per_turn and math.isfinite(self._value) and not self.turns_per_minute > 0.0:
+            raise InvalidInput(
+                "the feed is per turn of the spindle, and nothing before it states turns per "
+                "minute; state them, or the feed per minute"
+            )
+        return self._value * (self.turns_per_minute if self.per_turn else 1.0) / 60.0
+
+
 class ProgramBuilder:
     """A toolpath as it is read, line by line, from the program of a machine tool.
 
@@ -162,6 +183,7 @@ class ProgramBuilder:
         unit: Unit of length that the file states.
         name: Name of the part of the file that is being read.
         rows: The points so far.
+        feeds: The feed in force.
     """
 
     def __init__(self, options: ReadingOptions, words: ProgramWords) -> None:
@@ -171,14 +193,27 @@ class ProgramBuilder:
                 ' out or say "axis" or "none".'
             )
         self.options, self.words = options, words
-        self.problems = Problems()
+        self.problems, self.feeds = Problems(), Feeds()
         self.line = 0
         self.unit: LengthUnit | None = None
         self.name = ""
         self.rows: list[Row] = []
         self._begins = False
+        self._frame: object = None
         self._passed: dict[str, list[int]] = {}
         self._rapids = self._arcs = 0
+
+    @contextmanager
+    def at(self, line: int) -> Iterator[None]:
+        """Read a line: what is refused is a problem of it."""
+        self.line = line
+        try:
+            yield
+        except TooManyPoints as error:
+            self.refuse(error)
+            raise
+        except InvalidInput as error:
+            self.refuse(error)
 
     def problem(self, what: str, column: str = "", **options: str | None) -> None:
         """Add a problem of the current line; ``options`` settle it."""
@@ -192,6 +227,16 @@ class ProgramBuilder:
         """Count a word that moves nothing."""
         self._passed.setdefault(word, []).append(self.line)
 
+    def set_frame(self, word: str, frame: object) -> None:
+        """The file states the frame of the points that follow: its own, or a work offset."""
+        self.pass_over(word)
+        before, self._frame = self._frame, frame
+        if before not in (None, frame) and self.rows:
+            raise InvalidInput(
+                f"{word} is another frame than before, and where it is, is not known; write each "
+                "frame's paths into a file of their own"
+            )
+
     def set_unit(self, unit: LengthUnit, *, moved: bool) -> None:
         """The file states its unit of length."""
         stated = self.options.length_unit
@@ -201,7 +246,7 @@ class ProgramBuilder:
                 "of them"
             )
         if moved and unit != self.unit:
-            self.problem(self.words.new_unit)
+            self.problem("the unit changes after the first motion")
         self.unit = unit
 
     @property
@@ -213,7 +258,8 @@ class ProgramBuilder:
         """Metres in the unit of length; if there is none, the first line that needs it is wrong."""
         if self.unit is None and self.options.length_unit is None:
             self.problem(
-                f'{self.words.no_unit}, or length_unit = "mm" or "inch" to [path] of the task file',
+                f"no unit of length before the first point; add {self.words.units} above it, or "
+                'length_unit = "mm" or "inch" to [path] of the task file',
                 length_unit=None,
             )
             self.unit = "mm"
@@ -223,35 +269,31 @@ class ProgramBuilder:
         """The next point begins another curve: the motion to it is not known."""
         self._begins = bool(self.rows)
 
-    def count_rapid(self) -> None:
-        """Count a rapid motion."""
-        self._rapids += 1
-
     def add(
-        self, position: Array, direction: Sequence[float], feed: float, *, rapid: bool = False
+        self, points: Sequence[Array], directions: Sequence[Sequence[float]], *, rapid: bool
     ) -> None:
-        """Add a point, m, and the feed of the motion to it, m/s.
+        """Add the points of a motion, m, at the feed in force.
 
         Raises:
             TooManyPoints: If there are more than :data:`~qp_twist.paths.arcs.MOST_POINTS`.
         """
-        if len(self.rows) >= MOST_POINTS:
+        feed = math.nan if rapid else self.feeds.now()
+        self._rapids += rapid
+        if len(self.rows) + len(points) > MOST_POINTS:
             raise TooManyPoints(
                 f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
                 "included; divide it into several files"
             )
-        begins, self._begins = self._begins, False
-        feed = math.nan if rapid else feed
-        self.rows.append(
-            Row(tuple(position.tolist()), tuple(direction), self.line, feed, rapid, begins,
-                self.name)
-        )  # fmt: skip
+        for point, direction in zip(points, directions, strict=True):
+            begins, self._begins = self._begins, False
+            self.rows.append(
+                Row(tuple(point.tolist()), tuple(direction), self.line, feed, rapid, begins,
+                    self.name)
+            )  # fmt: skip
 
-    def divide_arc(
-        self, start: Array, end: Array, centre: Array, axis: Array, sweep: float
-    ) -> tuple[Array, Array]:
+    def divide_arc(self, arc: Arc) -> tuple[Array, Array]:
         """The ends of an arc's chords, and their shares of its angle."""
-        points = arc_points(start, end, centre, axis, sweep, self.options.arc_error)
+        points = arc.points(self.options.arc_error)
         self._arcs += 1
         return points
 
@@ -285,15 +327,17 @@ class ProgramBuilder:
         curves = self._curves()
         if not curves:
             self.problems.refuse()
-            raise InvalidInput(self.words.no_cut if self.rows else self.words.no_point)
+            nothing = "there is no motion to a point with all coordinates in it."
+            uncut = f"no two points without {self.words.rapid} between them; nothing is cut."
+            raise InvalidInput(uncut if self.rows else nothing)
         orientation = self.options.orientation
-        first = [] if orientation or has_axis else [self.words.no_axis]
+        no_axis = "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
         return toolpath_of(
             path,
             orientation or "axis",
             curves,
             self.words.axis,
-            [*first, *self._rapid_notes(curves), *notes],
+            [*([] if orientation or has_axis else [no_axis]), *self._rapid_notes(curves), *notes],
             self.problems,
             unit=self.unit or self.options.length_unit or "m",
             unit_in_file=self.unit is not None,
@@ -322,22 +366,21 @@ class ProgramBuilder:
             found[-1].after.extend(waiting)
         return found
 
-    def _rapid_notes(self, curves: Sequence[RowsOfCurve]) -> list[str]:
+    def _rapid_notes(self, curves: Sequence[RowsOfCurve]) -> Iterator[str]:
         """Notes on rapid motions: their speed, and the points between them."""
-        notes, word = [], self.words.rapid
+        word = self.words.rapid
         points = sum(len(curve.before) + len(curve.after) for curve in curves)
         if points:
-            notes.append(
+            yield (
                 f"only {word} leads to {points} of the points and on: they are part of the path "
                 'with rapids = "keep" in [path], and left out otherwise.'
             )
         if self._rapids:
-            notes.append(
+            yield (
                 f"{word} ({times(self._rapids)}): the tool gets there at the speed of [feed], as in"
                 ' the file with rapids = "keep", else by [path.approach], [path.retreat] and '
                 "[path.transfer]."
             )
-        return notes
 
 
 def times(count: int) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular, is_folder, own_exceptions, read_bytes
+from qp_twist.files import check_regular, file_path, is_folder, own_exceptions, read_bytes
 from qp_twist.robots.finite import not_computable
 from qp_twist.robots.mjcf_files import check_files
 from qp_twist.robots.urdf import read_urdf
@@ -130,9 +130,7 @@ def _mjcf(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def _file(path: str | Path) -> Path:
-    if not isinstance(path, (str, Path)):
-        raise InvalidInput(f"path: expected a str or a Path, got {type(path).__name__}.")
-    file = Path(path)
+    file = file_path("path", path)
     check_regular(file, "MJCF or URDF file")
     return file
 

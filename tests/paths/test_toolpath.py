@@ -361,19 +361,19 @@ def test_apt_in_inches_without_axes(tmp_path: Path) -> None:
     [curve] = toolpath.curves
     assert curve.positions[:, 0] == pytest.approx([0.0254, 0.0508])
     assert curve.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 2))
-    assert "no GOTO states a tool axis" in toolpath.notes[0]
+    assert "no tool axis is stated" in toolpath.notes[0]
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("GOTO/1,0,0\nGOTO/2,0,0\n", r"line 1: no UNITS/ before the first GOTO"),
+        ("GOTO/1,0,0\nGOTO/2,0,0\n", r"line 1: no unit of length before .*; add UNITS/MM above it"),
         ("UNITS/FEET\nGOTO/1,0,0\n", r"line 1: UNITS/FEET: expected MM or INCHES"),
-        ("UNITS/MM\nGOTO/1,0,0\nUNITS/INCHES\nGOTO/2,0,0", "line 3: UNITS changes after"),
+        ("UNITS/MM\nGOTO/1,0,0\nUNITS/INCHES\nGOTO/2,0,0", "line 3: the unit changes after"),
         ("UNITS/MM\nGOTO/1,0\n", "line 2: GOTO takes x, y, z or x, y, z, i, j, k; got 2"),
         ("UNITS/MM\nGOTO/1,0,0\nGOTO/2,0,\n", "line 3: GOTO, z: it is missing"),
         ("UNITS/MM\nGOTO/1,P2,0\n", "line 2: GOTO, y: expected a number, got 'P2'"),
-        ("UNITS/MM\nGOTO/1,0,1e999\n", "line 2: GOTO, z: '1e999' is too large"),
+        ("UNITS/MM\nGOTO/1,0,1e999\n", "line 2: GOTO, z: '1E999' is too large"),
         ("UNITS/MM\nGOTO/1,0,0\nCIRCLE/0,0,0,0,0,1,5\nGOTO/2,0,0\n",
          "line 4: CIRCLE of line 3: the arc starts 1 mm from its centre and ends 2 mm from it, and "
          "the radius is 5 mm"),
@@ -745,7 +745,7 @@ def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[
     try:
         toolpath = read_toolpath(write(tmp_path, text, "any.apt"))
     except InvalidInput as error:
-        assert str(error).startswith("any.apt")
+        assert error.file.endswith("any.apt")
     else:
         assert all(np.isfinite(curve.positions).all() for curve in toolpath.curves)
 
@@ -1035,7 +1035,7 @@ def test_whole_orientations_are_taken_as_they_are(tmp_path: Path) -> None:
     ("more", "csv", "message"),
     [
         ("", HEAD + "0,0,0,0,0,1\n1,,0,0,0,1\n",
-         r"mine.toml, line 14: path.file: seam.csv, line 3, column 'y \[mm\]'"),
+         r"mine.toml, line 14: path.file: .*seam.csv, line 3, column 'y \[mm\]'"),
         ("", TWO, r"path.file: seam.csv has 2 curves, which begin in lines 2, 6; say how"),
         ("", HEAD + "0,0,0,0,0,1\n", "path.file: seam.csv: a path needs at least two points"),
         ("[path.approach]\ndistance = 0.1\n", SEAM, "line 20: path.approach.steps: missing"),
@@ -1178,8 +1178,8 @@ def test_feeds_are_read_in_every_unit(tmp_path: Path, words: str, metres_per_sec
         ("FEDRAT/", "line 3: FEDRAT/: expected a number and its unit"),
         ("FEDRAT/1,2,MMPM", "line 3: FEDRAT/1,2,MMPM: expected a number"),
         ("FEDRAT/1e999,MMPM", "line 3: FEDRAT: '1E999' is too large"),
-        ("FEDRAT/.1,MMPR", "line 3: FEDRAT: MMPR is a feed per turn of the spindle, and no SPINDL"),
-        ("SPINDL/100,SFM\nFEDRAT/.1,MMPR", "line 4: FEDRAT: MMPR is a feed per turn"),
+        ("FEDRAT/.1,MMPR", "line 4: the feed is per turn of the spindle, and nothing before it"),
+        ("SPINDL/100,SFM\nFEDRAT/.1,MMPR", "line 5: the feed is per turn"),
     ],
 )  # fmt: skip
 def test_a_feed_that_is_none_is_refused(tmp_path: Path, words: str, message: str) -> None:
@@ -1241,7 +1241,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as refused:
         read_toolpath(write(tmp_path, HEAD + "\n".join(rows)))
     said = str(refused.value).split("\n  ")
-    assert said[0] == "path.csv: 5 problems:"
+    assert said[0].endswith("path.csv: 5 problems:")
     assert [line.split(":")[0] for line in said[1:]] == [
         "line 3, column 'y [mm]'", "line 7, column 'nz'", "line 9, column 'z [mm]'",
         "line 12, column 'nx', column 'ny', column 'nz'", "line 20",
@@ -1250,7 +1250,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput) as refused:
         read_toolpath(write(tmp_path, HEAD + "\n".join(rows)))
     said = str(refused.value).split("\n  ")
-    assert said[0] == "path.csv: 46 problems:"
+    assert said[0].endswith("path.csv: 46 problems:")
     assert len(said) == 1 + 20 + 1
     assert said[-1] == "and 26 more."
     apt = "GOTO/0,0,0\nFEDRAT/0\nWIGGLE/3\nGOTO/1,x,0\nGOTO/1,0,0,0,0,0\nGOTO/2,0,0\n"
@@ -1372,3 +1372,42 @@ def test_a_circle_with_a_huge_centre_is_refused(centre: str, tmp_path: Path) -> 
     text = f"UNITS/MM\nGOTO/0,0,0\nCIRCLE/{centre},-20,0,0,0,1,{centre.strip('-')}\nGOTO/40,0,0\n"
     with pytest.raises(InvalidInput, match="line 4: CIRCLE of line 3: the arc has a radius above"):
         read_toolpath(write(tmp_path, text, "arc.apt"))
+
+
+# ---------------------------------------------------------------- what Python gives
+
+
+def test_columns_may_be_one_text_as_in_the_command_line(tmp_path: Path) -> None:
+    path = write(tmp_path, "0,0,0,0,0,1\n1,0,0,0,0,1\n")
+    toolpath = read_toolpath(path, columns="position=1,2,3;normal=4,5,6", length_unit="m")
+    assert toolpath.meaning == "normal"
+    with pytest.raises(InvalidInput, match=r"columns: positon: unknown key; did you mean 'pos"):
+        read_toolpath(path, columns="positon=1,2,3")
+    with pytest.raises(InvalidInput, match="columns: expected a table, got 3"):
+        read_toolpath(path, columns=3)
+    with pytest.raises(InvalidInput, match="length_unit: expected 'mm', 'm' or 'inch', got"):
+        read_toolpath(path, length_unit="cm")
+
+
+def test_an_error_carries_the_file_as_it_was_given(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="file: expected a str or a Path, got int"):
+        read_toolpath(3)  # type: ignore[arg-type]
+    for path in (tmp_path / "none.csv", write(tmp_path, "only words\n")):
+        with pytest.raises(InvalidInput) as refused:
+            read_toolpath(path)
+        assert refused.value.file == str(path)
+
+
+def test_a_joint_trajectory_is_no_toolpath(tmp_path: Path) -> None:
+    path = write(tmp_path, "time [s],joint_1 [rad],joint_2 [rad],joint_3 [rad]\n0,1,2,3\n1,1,2,4\n")
+    with pytest.raises(InvalidInput, match=r"look like joint positions.*qp-twist check") as refused:
+        read_toolpath(path)
+    assert not refused.value.options
+
+
+@pytest.mark.parametrize("chosen", ["gcode", "apt"])
+def test_a_table_in_another_format_is_refused_once(tmp_path: Path, chosen: str) -> None:
+    path = write(tmp_path, "x [mm],y [mm],z [mm]\n" + "1,2,3\n" * 30)
+    with pytest.raises(InvalidInput) as refused:
+        read_toolpath(path, format=chosen)
+    assert "\n" not in str(refused.value)
