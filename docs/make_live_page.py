@@ -13,7 +13,8 @@ import numpy as np
 from PIL import Image
 
 import qp_twist as qt
-from qp_twist.viewing import PageSettings, Session, free_port
+from qp_twist.pages.local_server import free_port
+from qp_twist.viewing import PageSettings, Session
 from qp_twist.viewing.page import Page
 
 DOCS = Path(__file__).parent
@@ -36,7 +37,7 @@ def main() -> None:
         session.runs.wait(session.key, 300.0)
         with browser_page(SIZE) as opened:
             opened.go(page.url)
-            opened.page.wait_for_selector("svg.qt-bars")
+            opened.page.wait_for_selector(".qt-bars")
             # Where software draws, a notice says so, over the scene.
             opened.page.add_style_tag(content=".mantine-Notifications-root { display: none }")
             page.take_hand(True)

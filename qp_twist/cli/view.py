@@ -29,7 +29,8 @@ def view(
         port: Port of 127.0.0.1; if omitted, the first free one from 8080 on.
         browser: Open the page in a browser, if this runs in a terminal.
     """
-    from qp_twist.viewing import PageSettings, Session, free_port
+    from qp_twist.pages.local_server import free_port
+    from qp_twist.viewing import PageSettings, Session
 
     free = free_port(port)
     path_task = load(task, path)

@@ -15,6 +15,7 @@ import inspect
 import io
 import logging
 import re
+import socket
 import threading
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from importlib.metadata import version
@@ -28,10 +29,13 @@ from websockets.exceptions import InvalidMessage
 from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
-from qp_twist.errors import QpTwistError
+from qp_twist.checks import whole_number
+from qp_twist.errors import InvalidInput, QpTwistError
 
 HOST = "127.0.0.1"
 """The address that is served."""
+_FIRST_PORT, _TRIED = 8080, 50
+"""The ports of which the first free one is taken."""
 NAMES = (HOST, "localhost", "[::1]")
 """Host names under which a page is served; none that DNS could assign to others."""
 _FOREIGN = "foreign.invalid"
@@ -106,6 +110,40 @@ class LocalServer(viser.ViserServer):
         """Stop, without the line that viser prints."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
+
+
+def free_port(port: int | None = None) -> int:
+    """``port`` if it is free; the first free one from 8080 on if it is ``None``.
+
+    Raises:
+        InvalidInput: If it is not a port, or in use.
+    """
+    if port is None:
+        for candidate in range(_FIRST_PORT, _FIRST_PORT + _TRIED):
+            if _is_free(candidate):
+                return candidate
+        raise InvalidInput(
+            f"--port: ports {_FIRST_PORT} to {_FIRST_PORT + _TRIED - 1} are all taken; give "
+            "another one with --port."
+        )
+    if not 1 <= whole_number("--port", port, at_least=1) <= 65535:
+        raise InvalidInput(f"--port: expected a number from 1 to 65535, got {port}.")
+    if not _is_free(port):
+        raise InvalidInput(
+            f"--port: {port} cannot be used: another program listens there, or it is reserved; "
+            "leave --port out to take the first free one."
+        )
+    return port
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return False
+    return True
 
 
 class _RequestFilter:

@@ -4,7 +4,6 @@ from .live_arm import LiveArm as LiveArm
 from .one_run import Moment as Moment
 from .one_run import Run as Run
 from .one_run import run_once as run_once
-from .port import free_port as free_port
 from .projectors import projector_choices as projector_choices
 from .session import Session as Session
 from .settings import PageSettings as PageSettings

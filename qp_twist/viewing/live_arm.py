@@ -16,8 +16,7 @@ from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask
 from qp_twist.viewing.one_run import Moment
-from qp_twist.viewing.projectors import with_projector
-from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.projectors import Roll, with_projector
 from qp_twist.viewing.settings import PageSettings
 
 WAYPOINTS_PER_S = 20.0

@@ -14,10 +14,8 @@ from qp_twist.comparison.metrics import metrics
 from qp_twist.following import Trajectory, follow, with_start
 from qp_twist.kinematics import frame_pose
 from qp_twist.paths import PathTask
-from qp_twist.viewing.projectors import with_projector
-from qp_twist.viewing.roll import Roll
-from qp_twist.viewing.settings import PageSettings
-from qp_twist.viewing.unlimited import without_limits
+from qp_twist.viewing.projectors import Roll, with_projector
+from qp_twist.viewing.settings import PageSettings, without_limits
 
 Progress = Callable[[float, str], None]
 """Called with the share done, from 0 to 1, and the current phase."""

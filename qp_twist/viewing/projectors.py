@@ -1,13 +1,16 @@
-"""The projectors that can be chosen on the page."""
+"""The projectors that can be chosen on the page, and the roll that they may leave free."""
 
 from __future__ import annotations
 
 import dataclasses
 
+import mink
+import numpy as np
+
 from qp_twist.checks import Array, one_of
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
-from qp_twist.kinematics import check_bands
+from qp_twist.geometry import Projector, ProjectorKind, TwistProjector, twist_error
+from qp_twist.kinematics import check_bands, frame_pose
 from qp_twist.paths import PathTask
 
 OWN = "as the task says"
@@ -62,3 +65,36 @@ def with_projector(path_task: PathTask, choice: str) -> PathTask:
     except InvalidInput:
         bands = ()
     return dataclasses.replace(path_task, projector=projector, segments=(), bands=bands)
+
+
+class Roll:
+    r"""Rotation of the frame from its target about one axis, rad in (−π, π].
+
+    For a robot with all rotations the axis is that of the tool; for one that rotates about a single
+    direction it is that one; others have none.
+    """
+
+    def __init__(self, path_task: PathTask) -> None:
+        operational = path_task.operational
+        angular = operational.angular
+        self._frame = (path_task.frame_name, path_task.frame_type)
+        self._rows: TwistProjector | None = None
+        if angular.kind is ProjectorKind.FULL:
+            self._rows = TwistProjector(
+                linear=Projector.none(), angular=Projector.line(tool_axis(path_task)), frame="body"
+            )
+        elif angular.kind is ProjectorKind.LINE:
+            self._rows = TwistProjector(
+                linear=Projector.none(), angular=angular, frame=operational.frame
+            )
+
+    def at(self, configuration: mink.Configuration, target: mink.SE3) -> float | None:
+        """The roll of a configuration relative to a target; ``None`` without an axis."""
+        if self._rows is None:
+            return None
+        rotation, position = frame_pose(configuration, *self._frame)
+        wanted = target.rotation().as_matrix()
+        error = twist_error(rotation, position, wanted, target.translation(), self._rows)
+        axis = self._rows.resolved(body=rotation, target=wanted).angular.axis
+        assert axis is not None
+        return -float(np.dot(axis, error[3:]))

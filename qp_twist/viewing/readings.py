@@ -9,7 +9,6 @@ import numpy as np
 
 from qp_twist.drawing.palette import BLUE, GRID, INK, QUIET, RED
 from qp_twist.kinematics import JointRanges
-from qp_twist.viewing.bars import TICK
 from qp_twist.viewing.one_run import Moment
 
 _SIZE = 112.0
@@ -113,7 +112,7 @@ def roll_dial(angle: float | None) -> str:
         marks.append(
             f'<line x1="{middle + inner * c:.2f}" y1="{middle + inner * s:.2f}" '
             f'x2="{middle + radius * c:.2f}" y2="{middle + radius * s:.2f}" '
-            f'stroke="{TICK}" stroke-width="{1.6 if degrees % 90 == 0 else 0.9}"/>'
+            f'stroke="{QUIET}" stroke-width="{1.6 if degrees % 90 == 0 else 0.9}"/>'
         )
     labels = "".join(
         f'<text x="{middle + (radius + 8) * x:g}" y="{middle + (radius + 8) * y + 3:g}" '

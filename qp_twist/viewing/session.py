@@ -16,7 +16,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, placed, refuse_joint_moves
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Moment, Run, run_once
-from qp_twist.viewing.roll import Roll
+from qp_twist.viewing.projectors import Roll
 from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import PageSettings
 

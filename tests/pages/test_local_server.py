@@ -19,7 +19,7 @@ from oracles.browser import open_page
 import qp_twist as qt
 from qp_twist.pages import local_server, recordings
 from qp_twist.pages.local_server import LocalServer, OpenServer
-from qp_twist.viewing import PageSettings, Session, port
+from qp_twist.viewing import PageSettings, Session
 from qp_twist.viewing.page import Page
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -167,7 +167,7 @@ def test_a_server_that_cannot_look_at_requests_does_not_start(monkeypatch):
 
 
 def test_the_port_is_looked_for_where_the_server_listens():
-    assert port.HOST == local_server.HOST == "127.0.0.1"
+    assert local_server.HOST == "127.0.0.1"
 
 
 # What is sent
@@ -250,7 +250,7 @@ def page():
     task = qt.load_task("planar_line")
     session = Session(task, PageSettings.of(task, "minimum_norm"))
     session.runs.wait(session.key, 240.0)
-    opened, stop = Page(session, port.free_port()), threading.Event()
+    opened, stop = Page(session, local_server.free_port()), threading.Event()
     clock = threading.Thread(target=opened.run, args=(stop,))
     clock.start()
     try:
@@ -365,7 +365,7 @@ def test_a_page_from_another_port_cannot_reach_the_live_page(page, tmp_path, cap
         # The page's own address still works, by its other name too.
         opened.errors.clear()
         opened.go(page.url.replace("127.0.0.1", "localhost"))
-        opened.page.wait_for_selector("svg.qt-bars")
+        opened.page.wait_for_selector(".qt-bars")
         opened.page.wait_for_selector("canvas")
         assert opened.errors == []
         opened.page.get_by_role("slider").first.focus()
