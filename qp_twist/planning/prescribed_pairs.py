@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from itertools import product
 from typing import NamedTuple
 
 import mink
@@ -22,6 +22,8 @@ _ROLLS, _HALVINGS = 16, 10
 """Number of rolls that are looked at first, and how often the intervals between them are halved."""
 _MOST = 12
 """Number of waypoints, too near at all of these, at which all other rolls are looked at."""
+_FARTHEST = 10.0
+"""Larger distances of a pair are not computed, m."""
 
 
 class TooNear(NamedTuple):
@@ -52,114 +54,80 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
     at = [k for k in range(len(path_task.waypoints)) if RollGrid.applies(path_task, k)]
     if not len(chosen) or not at:
         return None
-    axis = _axis(path_task, at[0])
-    at = [k for k in at if np.allclose(_axis(path_task, k), axis, atol=1e-12)]
-    copy = _Copy(path_task, axis, clearance, clearance.pairs[chosen])
-    blocked = _blocked(copy, path_task, np.array(at))
-    if not len(blocked):
-        return None
-    margins = copy.margins(path_task, blocked[:1].repeat(360), np.linspace(-np.pi, np.pi, 360))
-    best = int(np.argmax(margins.min(axis=1)))
-    pairs = tuple(clearance.names[chosen[k]] for k in np.flatnonzero(margins[best] < 0.0))
-    distance = float(margins[best].min()) + clearance.distance
-    return TooNear(tuple(int(k) for k in blocked), pairs, distance)
-
-
-def _blocked(copy: _Copy, path_task: PathTask, at: Indices) -> Indices:
-    """Some of the waypoints ``at`` which no roll keeps all pairs apart."""
+    tool = _Tool(path_task, clearance, clearance.pairs[chosen], carrier[chosen])
     half = np.pi / _ROLLS
-    some = half * (2.0 * np.arange(_ROLLS) + 1.0) - np.pi
-    rolls, where = np.tile(some, len(at)), np.repeat(at, _ROLLS)
-    for halving in range(_HALVINGS):
-        margins = copy.margins(path_task, where, rolls) + copy.slack
-        at = np.setdiff1d(at, where[(margins >= 0.0).all(axis=1)])
-        if not halving and len(at):
-            at = at[np.unique(np.linspace(0, len(at) - 1, _MOST).round().astype(int))]
-        may = (margins + half * copy.radius >= 0.0).all(axis=1) & np.isin(where, at)
-        half *= 0.5
-        where = np.repeat(where[may], 2)
-        rolls = (rolls[may, None] + half * np.array([-1.0, 1.0])).ravel()
-        if not len(where):
-            break
-    return np.setdiff1d(at, where)
+    rolls = np.linspace(half - np.pi, np.pi - half, _ROLLS)
+    open_ = [k for k in at if not any((tool.margins(k, roll) >= 0.0).all() for roll in rolls)]
+    some = np.unique(np.linspace(0, len(open_) - 1, min(_MOST, len(open_))).round().astype(int))
+    blocked = [open_[n] for n in some if tool.is_blocked(open_[n], rolls, half)]
+    if not blocked:
+        return None
+    margins = [tool.margins(blocked[0], r) - tool.slack for r in np.linspace(-np.pi, np.pi, 360)]
+    best = max(margins, key=min)
+    pairs = tuple(clearance.names[chosen[k]] for k in np.flatnonzero(best < 0.0))
+    return TooNear(tuple(blocked), pairs, float(best.min()) + clearance.distance)
 
 
-class _Copy:
-    """The geoms of the pairs, on a body that stands at any pose and rolls about an axis.
+class _Tool:
+    """The moving geoms of some pairs, at any waypoint and roll.
 
     Attributes:
-        radius: Largest distance from the axis of the moving geom of each pair, m, (P,).
         slack: Change of each distance by the task errors that a check lets pass, m, (P,).
     """
 
     def __init__(
-        self, path_task: PathTask, axis: Array, clearance: Clearance, pairs: Indices
+        self, path_task: PathTask, clearance: Clearance, pairs: Indices, carrier: Indices
     ) -> None:
-        model, carrier = path_task.model, _carriers(path_task)
-        configuration = mink.Configuration(model)
+        self._task, self._pairs, self._asked = path_task, pairs, clearance.distance
+        configuration = mink.Configuration(path_task.model)
         R, p = frame_pose(configuration, path_task.frame_name, path_task.frame_type)
-        data = configuration.data
-        spec = mujoco.MjSpec()
-        spec.compiler.degree = False
-        token = {"mass": 1.0, "inertia": np.ones(3), "explicitinertial": True}
-        waypoint = spec.worldbody.add_body(name="waypoint", **token)
-        for kind in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE):
-            for unit in np.eye(3):
-                waypoint.add_joint(type=kind, axis=unit)
-        frame = waypoint.add_body(name="frame", **token)
-        frame.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        for geom in np.unique(pairs).tolist():
-            turn, place = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
-            if carrier[geom] == 1:
-                turn, place = R.T @ turn, R.T @ (place - p)
-            _add(spec, frame if carrier[geom] == 1 else spec.worldbody, model, geom, turn, place)
-        made = spec.compile()
-        own = np.array([[made.geom(f"g{geom}").id for geom in pair] for pair in pairs])
-        self._clearance = Clearance(made, clearance.distance, pairs=own)
-        moving = np.where(made.geom_bodyid[own[:, 0]] > 0, own[:, 0], own[:, 1])
-        corners = np.array([_corners(made, int(geom)) for geom in moving])
-        self.radius: Array = np.linalg.norm(np.cross(corners, axis), axis=2).max(axis=1)
-        reach = np.linalg.norm(corners, axis=2).max(axis=1)
+        self._data = data = configuration.data
+        moving = np.where(carrier[:, 0] == 1, pairs[:, 0], pairs[:, 1])
+        #: Pose of each moving geom in the frame.
+        self._poses = {
+            geom: (R.T @ data.geom_xmat[geom].reshape(3, 3), R.T @ (data.geom_xpos[geom] - p))
+            for geom in np.unique(moving).tolist()
+        }
+        #: Corners of a box around the moving geom of each pair, in the frame, m, (P, 8, 3).
+        self._corners = np.empty((len(moving), 8, 3))
+        for corners, geom in zip(self._corners, moving.tolist(), strict=True):
+            turned, place = self._poses[geom]
+            middle, half = np.split(path_task.model.geom_aabb[geom], 2)
+            corners[:] = place + (middle + half * list(product((-1.0, 1.0), repeat=3))) @ turned.T
+        reach = np.linalg.norm(self._corners, axis=2).max(axis=1)
         self.slack: Array = REACHED.position + REACHED.axis * reach
 
-    def margins(self, path_task: PathTask, at: Indices, rolls: Array) -> Array:
-        """Margins of the pairs at rolls (K,) of waypoints (K,), m, (K, P)."""
-        turns = np.array([path_task.waypoints[k].rotation().as_matrix() for k in at])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of several angles for one rotation any is right
-            angles = Rotation.from_matrix(turns).as_euler("XYZ")
-        q = np.column_stack([path_task.positions[at], angles, rolls])
-        return self._clearance.bounded(q, float(self.slack.max(initial=0.0)))
+    def margins(self, index: int, roll: float) -> Array:
+        """Distances less the clearance, with the slack, at a roll of a waypoint, m, (P,)."""
+        waypoint = self._task.waypoints[index]
+        turn = Rotation.from_rotvec(roll * _axis(self._task, index)).as_matrix()
+        R, p = waypoint.rotation().as_matrix() @ turn, waypoint.translation()
+        for geom, (turned, place) in self._poses.items():
+            self._data.geom_xmat[geom] = (R @ turned).ravel()
+            self._data.geom_xpos[geom] = p + R @ place
+        model, data = self._task.model, self._data
+        distances = [
+            mujoco.mj_geomDistance(model, data, a, b, _FARTHEST, None)
+            for a, b in self._pairs.tolist()
+        ]
+        return np.array(distances) - self._asked + self.slack
 
-
-def _add(
-    spec: mujoco.MjSpec, on: mujoco.MjsBody, model: mujoco.MjModel, geom: int, R: Array, p: Array
-) -> None:
-    """Add a geom of a model to a body of another one, at a pose there."""
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, np.ascontiguousarray(R).ravel())
-    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    added = on.add_geom(name=f"g{geom}", type=kind, pos=p, quat=quat, size=model.geom_size[geom])
-    if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        mesh = int(model.geom_dataid[geom])
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        name = f"m{geom}"
-        spec.add_mesh(
-            name=name,
-            uservert=model.mesh_vert[first : first + count].ravel(),
-            inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
-        )
-        added.meshname = name
-
-
-def _corners(model: mujoco.MjModel, geom: int) -> Array:
-    """Corners of a box around a geom, in the axes of its body, m, (8, 3)."""
-    center, half = np.split(model.geom_aabb[geom], 2)
-    signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
-    turn = np.zeros(9)
-    mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-    corners: Array = model.geom_pos[geom] + (center + signs * half) @ turn.reshape(3, 3).T
-    return corners
+    def is_blocked(self, index: int, rolls: Array, half: float) -> bool:
+        """Whether at every roll a pair is too near, proven; the rolls are ``half`` to each side."""
+        beside = np.cross(self._corners, _axis(self._task, index))
+        radius = np.linalg.norm(beside, axis=2).max(axis=1)
+        for _ in range(_HALVINGS):
+            left = []
+            for roll in rolls:
+                margins = self.margins(index, roll)
+                if (margins >= 0.0).all():
+                    return False
+                if (margins + half * radius >= 0.0).all():
+                    left += [roll - 0.5 * half, roll + 0.5 * half]
+            if not left:
+                return True
+            rolls, half = np.array(left), 0.5 * half
+        return False
 
 
 def _carriers(path_task: PathTask) -> Indices:
