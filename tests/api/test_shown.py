@@ -16,8 +16,6 @@ import pytest
 from PIL import Image
 
 import qp_twist as qt
-from qp_twist.following import find_starts
-from qp_twist.planning import RollMap, central_configurations
 
 
 class Reader(HTMLParser):
@@ -99,28 +97,6 @@ def test_tables_are_small_closed_and_escaped(name: str) -> None:
     assert {"qp", "minimum_norm"} <= set(Reader(comparison._repr_html_()).text)
     left_out = dataclasses.replace(comparison, not_run={"rmr": "no <i>room</i>"})
     assert "not run: no <i>room</i>" in Reader(left_out._repr_html_()).text
-
-
-def test_other_results_are_one_line_too() -> None:
-    task = line()
-    run = qt.follow(task, "qp")
-    timed = qt.time_trajectory(run)
-    results = [
-        run, timed, timed.motion, qt.JointRows.of(run), qt.JointRows.of(timed),
-        qt.JointRanges.of(task.model), qt.compare(task, ["qp"]), task,
-        *find_starts(task, 1), *central_configurations(task)[:1],
-        RollMap.of(qt.load_task("deburring"), columns=3, spacing_deg=30.0),
-    ]  # fmt: skip
-    for result in results:
-        assert shown(result).startswith(f"{type(result).__name__}(")
-
-
-def test_a_sentence_inside_another_has_no_full_stop() -> None:
-    plan = qt.plan(line())
-    none = dataclasses.replace(plan.certificate, kind="speed", waypoints=(1, 2), covered=False)
-    text = repr(dataclasses.replace(plan, q=None, certificate=none))
-    assert "this is no proof" in text
-    assert not re.search(r"\.[.,;:]|\. \.", text), text
 
 
 def test_a_check_is_a_table_with_its_verdict() -> None:

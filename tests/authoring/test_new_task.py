@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import shlex
 import time
 import tomllib
 import warnings
@@ -14,7 +13,6 @@ from pathlib import Path
 
 import mink
 import mujoco
-import numba
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -422,42 +420,6 @@ def test_a_search_reports_its_share_and_ends_in_time(tmp_path: Path) -> None:
     assert qt.load_task(made.path).controller == "as modelled"
 
 
-def test_neither_compiling_nor_waiting_counts_as_searching(tmp_path: Path) -> None:
-    """The share of the time that is reported, around work of a second of each kind."""
-    seconds, long, done = 1000.0, 1.0, iter(["nothing", "compiling", "waiting", "computing"])
-    shares: dict[str, float] = {}
-    at, before, said = "", 0.0, set[str]()
-
-    def works(what: str, share: float) -> None:
-        nonlocal at, before
-        if at:
-            shares[at] = share * seconds - before
-        at, before = next(done, ""), share * seconds
-        began = time.process_time()
-        while at == "compiling" and time.process_time() - began < long:
-            numba.njit(lambda x: np.sort(x).sum() + x.std())(np.ones(2))
-        while at == "computing" and time.process_time() - began < long:
-            pass
-        if at == "waiting":
-            time.sleep(long)
-        if not at:  # all four are measured
-            raise KeyboardInterrupt
-
-    def of_search(what: str, share: float) -> None:
-        said.add(what)
-        if what.startswith("looking for places"):
-            works(what, share)
-
-    arch(tmp_path / "far.csv", (3000.0, 0.0, 0.0))
-    request = Request(Path(SEVEN), tmp_path / "far.csv", frame="tool", search_seconds=seconds)
-    new_task(request, tmp_path / "t.toml", progress=of_search)
-    assert set(shares) == {"nothing", "compiling", "waiting", "computing"}, shares
-    for kind in ("compiling", "waiting"):
-        assert shares[kind] < shares["nothing"] + 0.5 * long, shares
-    assert shares["computing"] >= 0.99 * long, shares
-    assert any(what.startswith("machine code is made") for what in said)
-
-
 @pytest.mark.parametrize(
     ("words", "start", "note"),
     [
@@ -539,29 +501,6 @@ def test_a_turn_in_place_takes_its_time(
     standing = np.linalg.norm(np.diff(task.positions, axis=0), axis=1) < 2e-6
     assert task.durations[1:][standing].sum() == pytest.approx(seconds)
     assert task.durations[1:][~standing].sum() == pytest.approx(2 * 0.08 / 0.05, rel=1e-4)
-
-
-def test_a_turn_in_a_rapid_motion_counts_where_it_is_part_of_the_path(tmp_path: Path) -> None:
-    """G0 to the axis of the first cut, above the part, is usual."""
-    text = "G21 G90 G43.4 H1\nG0 X0 Y0 Z50 B0 C0\nB15\nZ5\nG1 Z0 F600\nY20\nG0 Z50\n"
-    (tmp_path / "part.nc").write_text(text, encoding="utf-8")
-    for rapids, bound in (("drop", None), ("keep", 90)):
-        made = new_task(
-            Request(Path(SEVEN), tmp_path / "part.nc", frame="tool", place=(0.45, 0.0, 0.3),
-                    rotary="head-bc", rapids=rapids),  # type: ignore[arg-type]
-            tmp_path / f"{rapids}.toml",
-        )  # fmt: skip
-        feed = tomllib.loads(made.path.read_text("utf-8"))["feed"]
-        assert feed.get("angular_speed_deg") == bound
-        assert made.path_task.durations is not None
-
-
-def test_a_path_without_turns_in_place_has_no_bound_on_turning(tmp_path: Path) -> None:
-    arch(tmp_path / "arch.csv", (450.0, 0.0, 300.0))
-    given_ = Request(Path(SEVEN), tmp_path / "arch.csv", frame="tool")
-    made = new_task(given_, tmp_path / "a.toml")
-    assert not any("turns in place" in note for note in made.notes)
-    assert "angular_speed_deg" not in tomllib.loads(made.path.read_text("utf-8"))["feed"]
 
 
 def test_the_feeds_of_a_file_are_the_tasks(tmp_path: Path) -> None:
@@ -675,41 +614,6 @@ def test_a_mesh_in_another_unit_than_its_arm_is_asked_about(near: Path, tmp_path
     assert new_task(request, tmp_path / "t.toml").runs
 
 
-def test_a_joint_that_never_moves_the_frame_is_not_called_its_roll(
-    near: Path, tmp_path: Path
-) -> None:
-    """The arm's roll is its last joint's; a finger beside the tool has nothing to do with it."""
-    finger = (
-        '<link name="finger"/><joint name="pinch" type="prismatic"><parent link="l6"/>'
-        '<child link="finger"/><axis xyz="0 1 0"/>'
-        '<limit lower="0" upper="0.02" effort="1" velocity="1"/></joint>'
-    )
-    for gripper in ("", finger):
-        robot = small_arm(tmp_path / "arm.urdf", gripper=gripper)
-        request = Request(robot, near, frame="tip", place=(0.1, 0.0, 0.2))
-        notes = new_task(request, tmp_path / "t.toml", force=True).notes
-        [free] = [note for note in notes if note.startswith("free: ")]
-        assert "the roll is j6 alone" in free
-    # Without j6 nothing of the frame is free, and the finger's motion is none of it.
-    text = robot.read_text("utf-8").replace('"j6" type="revolute"', '"j6" type="fixed"')
-    robot.write_text(text, encoding="utf-8")
-    notes = new_task(request, tmp_path / "t.toml", force=True).notes
-    assert not [note for note in notes if "pinch" in note and "alone" in note]
-
-
-def test_columns_are_suggested_that_fit_the_file(tmp_path: Path, near: Path) -> None:
-    text = near.read_text("utf-8").split("\n", 1)[1]
-    near.write_text(text, encoding="utf-8")
-    out = tmp_path / "t.toml"
-    arguments = ["new", SEVEN, "--frame", "tool", "--path", str(near), "--out", str(out)]
-    with pytest.raises(qt.InvalidInput) as refused:
-        new_task(Request(Path(SEVEN), near, frame="tool"), out)
-    option = '--columns "position=2,3,4;normal=5,6,7"'
-    assert str(refused.value).endswith(f"For qp-twist new: {option}")
-    main([*arguments, *shlex.split(option), "--unit", "mm"])
-    assert load(out).positions[:, 0].mean() == pytest.approx(0.5, abs=1e-3)
-
-
 # ---------------------------------------------------------------- what is refused
 
 
@@ -764,42 +668,6 @@ def test_a_wrong_argument_is_refused(
     assert [file.name for file in near.parent.iterdir()] == ["near.csv"]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "sentence"),
-    [
-        ("\n4;", "\n4;x", "line 6"),
-        ("X [mm];Y [mm];Z [mm]", "X;Y;Z", "--unit mm, m or inch"),
-    ],
-)
-def test_a_broken_toolpath_is_refused_with_its_place(
-    old: str, new: str, sentence: str, near: Path
-) -> None:
-    text = near.read_text("utf-8")
-    assert old in text
-    near.write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(qt.InvalidInput) as refused:
-        new_task(Request(Path(SEVEN), near, frame="tool"), near.parent / "task.toml")
-    assert sentence in str(refused.value)
-    assert [file.name for file in near.parent.iterdir()] == ["near.csv"]
-
-
-def test_a_toolpath_of_one_point_is_refused_by_its_own_name(near: Path) -> None:
-    near.write_text("x_mm,y_mm,z_mm,nx,ny,nz\n500,0,300,0,0,1\n", encoding="utf-8")
-    with pytest.raises(qt.InvalidInput) as refused:
-        new_task(Request(Path(SEVEN), near, frame="tool"), near.parent / "task.toml")
-    assert str(refused.value).startswith("near.csv: ")
-    assert "task.toml" not in str(refused.value)  # there is none
-
-
-def test_units_that_the_file_lacks_are_given(near: Path) -> None:
-    text = near.read_text("utf-8").replace(" [mm]", "")
-    near.write_text(text, encoding="utf-8")
-    request = Request(Path(SEVEN), near, frame="tool", length_unit="mm")
-    made = new_task(request, near.parent / "task.toml")
-    assert made.runs
-    assert load(made.path).positions[:, 0].mean() == pytest.approx(0.5, abs=1e-3)
-
-
 def test_a_file_that_is_there_is_kept_unless_forced(near: Path) -> None:
     out = near.parent / "task.toml"
     out.write_text("mine", encoding="utf-8")
@@ -832,11 +700,3 @@ def test_of_one_name_the_site_comes_before_the_body() -> None:
     assert choose_frame(model, "tool").kind == "site"
     assert choose_frame(model, "tool", "body").kind == "body"
     assert choose_frame(model, None).why == "the only site that moves"
-
-
-def test_a_robot_whose_frames_have_no_names_is_refused_as_such() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
-    )
-    with pytest.raises(qt.InvalidInput, match="no site or body or geom with a name that moves"):
-        choose_frame(model, None)

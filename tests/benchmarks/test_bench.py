@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -21,11 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.exact_levels import exact_cascade
 from oracles.hierarchies import Hierarchy
-from scipy.spatial.transform import Rotation
 from step_problems import DT, Problem, Truth, growth, table
-from step_program import NoReference, StepProgram, Variant, reference
-from timer import LEAD_IN, StepOf, blocks_of, interleaved, quantiles
-from urdf import link_name, robot_urdf, roll_pitch_yaw
+from step_program import StepProgram, Variant, reference
+from timer import StepOf
+from urdf import link_name, robot_urdf
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -111,15 +109,6 @@ def test_the_reference_is_that_of_sixty_digit_arithmetic() -> None:
         assert np.abs(solution.velocity - by_sixty_digits(program)).max() < 1e-12
 
 
-def test_a_program_without_a_solution_has_no_reference() -> None:
-    program = feasible_program(np.random.default_rng(0), 4, 2, 0)
-    with pytest.raises(NoReference, match="contradict each other"):
-        reference(replace(program, b=program.b + 100.0))
-    dependent = replace(program, A=np.vstack([program.A, program.A[:1]]), b=np.zeros(3))
-    with pytest.raises(NoReference, match="depend on each other"):
-        reference(dependent)
-
-
 # ---------------------------------------------------------------- the problems
 
 
@@ -154,35 +143,6 @@ def test_a_trajectory_keeps_its_limits_and_is_close_to_them() -> None:
     speeds = np.abs(np.diff(problem.q, axis=0)) / DT
     assert (speeds < problem.speeds).all() and (speeds.max(axis=0) > 0.8 * problem.speeds).all()
     assert truth.active_share >= 0.25
-
-
-# ---------------------------------------------------------------- times
-
-
-def test_quantiles_are_in_microseconds() -> None:
-    assert quantiles([k * 1000 for k in range(101)]) == [50.0, 10.0, 90.0]
-    assert quantiles([]) is None
-
-
-def test_contenders_take_turns_on_runs_of_consecutive_steps() -> None:
-    calls: list[tuple[str, int]] = []
-
-    def recorder(name: str) -> StepOf:
-        return lambda k: calls.append((name, k))
-
-    blocks = blocks_of(40, 5, 4)
-    names = ["a", "b", "c"]
-    timed = interleaved({n: recorder(n) for n in names}, blocks, np.random.default_rng(0))
-    assert all(len(timed[n].warm) == 20 for n in names)
-    expected = [k for block in blocks for k in range(block.start - LEAD_IN, block.stop)]
-    for name in names:
-        assert [k for n, k in calls if n == name] == expected
-    run = 5 + LEAD_IN
-    orders = [
-        [calls[i][0] for i in range(b, b + 3 * run, run)] for b in range(0, len(calls), 3 * run)
-    ]
-    assert all(sorted(order) == names for order in orders)
-    assert len({tuple(order) for order in orders}) > 1
 
 
 # ---------------------------------------------------------------- answers, right and wrong
@@ -246,26 +206,6 @@ def test_a_wrong_answer_shows_however_fast_it_is(run: dict[str, Any]) -> None:
     assert {"fake:wrong", "fake:soft"} <= marked and "fake:right" not in marked
 
 
-def test_a_step_that_fails_is_counted_and_not_timed(run: dict[str, Any]) -> None:
-    for case in run["cases"]:
-        for name, said in (
-            ("fake:nan", "the velocity is not finite"),
-            ("fake:raises", "RuntimeError: no solution"),
-        ):
-            measured = case["results"][name]
-            assert measured["warm"] is None and "error" not in measured
-            assert (measured["failures"], measured["said"]) == (case["steps"], said)
-    assert f"fake:raises failed on {run['cases'][0]['steps']} steps" in document(run)
-
-
-def test_who_does_not_take_part_is_told_with_the_reason(run: dict[str, Any]) -> None:
-    assert run["skipped"][0] == "skipped fake:absent: it is not here."
-    broken = [sentence for sentence in run["skipped"] if "fake:broken" in sentence]
-    assert len(broken) == 3
-    assert broken[1].endswith("with seven-axis arm (scenes/seven_axis_arm.xml): no solution")
-    assert all("fake:absent" not in case["results"] for case in run["cases"])
-
-
 @pytest.mark.parametrize(("module", "package"), [("pink", "pin-pink"), ("placo", "placo")])
 def test_a_library_that_is_not_installed_is_named_with_its_package(
     module: str, package: str, monkeypatch: pytest.MonkeyPatch
@@ -278,32 +218,6 @@ def test_a_library_that_is_not_installed_is_named_with_its_package(
     for contender in makes:
         said = contender.missing()
         assert said is not None and f"pip install {package}" in said
-
-
-def test_placo_does_not_give_up_its_scale_for_the_posture() -> None:
-    """The motion fits, so that the largest scale is 1: nothing of the task is to be missing."""
-    pytest.importorskip("placo")
-    steps = range(0, 190, 10)
-    [scaled] = [c for c in peer_steps() if c.name == "placo:scaled"]
-    for planned in table(0):
-        problem, truth = planned.make(steps)
-        step = scaled.prepare(problem)()
-        accuracy = truth.accuracy(scaled.variant, {k: np.array(step(k)) for k in steps})
-        assert accuracy["residual"] < 1e-6
-
-
-def test_where_nobody_takes_part_earlier_results_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "placo", None)
-    file = tmp_path / "bench.json"
-    file.write_text("of before")
-    words = ["--quick", "--only", "placo:hard,placo:soft", "--out", str(file)]
-    assert run_script(words) == 2
-    said = capsys.readouterr().err
-    assert "none of the contenders named takes part" in said
-    assert "skipped placo:hard" in said
-    assert file.read_text() == "of before"
 
 
 def test_every_backend_takes_part() -> None:
@@ -339,13 +253,6 @@ def test_everybody_solves_the_program_that_they_are_judged_by(joints: int) -> No
             assert judged["excess"] < 1e-4, contender.name
 
 
-def test_libraries_with_fewer_words_take_part_where_these_suffice(
-    by_rows: list[tuple[Problem, Truth]],
-) -> None:
-    for contender in (c for c in contenders() if c.family in ("pink", "placo", "closed")):
-        assert [p.rows for p, _ in by_rows if contender.applies(p)] == [5]
-
-
 # ---------------------------------------------------------------- files and comparisons
 
 
@@ -363,18 +270,6 @@ def one_run(seed: int = 0, **medians: float) -> dict[str, Any]:
             "versions": {"numpy": "2"}, "skipped": [], "cases": [case]}  # fmt: skip
 
 
-def test_ratios_are_of_medians_and_a_call_is_held_against_a_call() -> None:
-    run = one_run(step_compiled=30.0, mink_hard=200.0, placo_hard=24.0)
-    results = run["cases"][0]["results"]
-    results["step:compiled"]["call"], results["mink:hard"]["call"] = 18.0, 180.0
-    lines = [line for line in document(run).splitlines() if " / " in line]
-    assert lines == [
-        "| `step:compiled / mink:hard` | 0.15 |",
-        "| `step:compiled / placo:hard` | 1.25 |",
-        "| `step:compiled / mink:hard`, the call | 0.1 |",
-    ]
-
-
 def test_a_change_is_called_one_only_where_the_spans_are_apart() -> None:
     before = one_run(step_daqp=100.0, mink_hard=100.0, pink_soft=100.0, gone_away=1.0)
     now = one_run(seed=3, step_daqp=50.0, mink_hard=101.5, pink_soft=103.0, new_here=1.0)
@@ -385,14 +280,6 @@ def test_a_change_is_called_one_only_where_the_spans_are_apart() -> None:
     ]  # fmt: skip
     assert "- seed then: 0" in compared(before, now)
     assert "then:" not in compared(now, now)
-
-
-@pytest.mark.parametrize("text", ["not json", "[1, 2]", '{"task": "deburring"}', 2000 * "["])
-def test_what_is_no_run_is_refused(text: str, tmp_path: Path) -> None:
-    file = tmp_path / "bench.json"
-    file.write_text(text)
-    with pytest.raises(qt.InvalidInput, match="no file that bench"):
-        read_run(str(file))
 
 
 # ---------------------------------------------------------------- the command
@@ -444,7 +331,6 @@ ODD = """
   {more}
 </worldbody></mujoco>
 """
-ARM = '<body name="arm"><joint name="other"/><geom size="0.1"/></body>'
 
 
 def robot(name: str) -> tuple[mujoco.MjModel, list[str]]:
@@ -480,16 +366,3 @@ def test_the_urdf_of_a_robot_is_the_robot_itself(name: str) -> None:
         expected = np.clip([lower, upper], -1e9, 1e9)
         np.testing.assert_array_equal(read.joint(joint).range, expected)
     assert text.count('velocity="2.0"') == model.nv
-
-
-@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 2.0])
-def test_roll_pitch_yaw_also_where_the_pitch_is_straight_up(pitch: float) -> None:
-    rotation = Rotation.from_euler("xyz", [0.7, pitch, -2.1]).as_matrix()
-    again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-    np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-12)
-
-
-def test_a_joint_that_moves_no_site_is_refused() -> None:
-    model = mujoco.MjModel.from_xml_string(ODD.format(more=ARM))
-    with pytest.raises(qt.InvalidInput, match="other does not move tip"):
-        robot_urdf(model, ["tip"], np.full(4, np.inf))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 
 from qp_twist.checks import Array
-from qp_twist.errors import InvalidInput
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 COUNT = 11
@@ -146,37 +144,3 @@ def test_what_touches_between_two_poses_is_noticed(script: ModuleType, tmp_path:
     found = script.judged(problem, ends)
     assert found["position_error_m"] < 1e-9 and found["min_clearance_m"] < -0.05
     assert not found["valid"] and found["max_step_deg"] == pytest.approx(np.degrees(1.3))
-
-
-def test_a_slide_has_a_longest_step_of_its_own(script: ModuleType, tmp_path: Path) -> None:
-    """The grip moves nothing that the path or the box sees."""
-    write_problem(tmp_path, box_y=-0.4)
-    known = arms(script)
-    known["two"] = script.replace(known["two"], joints=("shoulder", "elbow", "grip"))
-    problem = script.read_problem(tmp_path / "cppflow", tmp_path / "jrl", "two__arc", known)
-    assert problem.task.velocity_limits.tolist() == [np.inf, np.inf, 0.02]
-    for step, valid in ((0.019, True), (0.021, False)):
-        q = np.column_stack([JOINTS, step * np.arange(COUNT)])
-        found = script.judged(problem, q)
-        assert found["valid"] is valid and found["length_rad"] == pytest.approx(0.5)
-        assert found["length_m"] == pytest.approx((COUNT - 1) * step)
-
-
-def test_a_plan_is_written(script: ModuleType, tmp_path: Path) -> None:
-    """Six directions leave two joints no freedom: the plan is the only motion there is."""
-    write_problem(tmp_path, box_y=-0.4)
-    folders = [f"--{k}={tmp_path / k}" for k in ("cppflow", "jrl", "out")]
-    assert script.main([*folders, "--problems=two__arc"], arms(script)) == 0
-    rows = np.loadtxt(tmp_path / "out/two__arc.csv", delimiter=",")
-    np.testing.assert_allclose(rows, JOINTS, atol=1e-8)
-    found = json.loads((tmp_path / "out/results.json").read_text("utf-8"))["two__arc"]
-    assert found["valid_between"] and found["length_rad"] == pytest.approx(0.5)
-    assert {"seconds", "bound", "gap", "max_step_deg", "min_clearance_m"} <= set(found)
-
-
-def test_a_robot_that_is_not_known_is_named(script: ModuleType, tmp_path: Path) -> None:
-    write_problem(tmp_path, box_y=-0.4)
-    with pytest.raises(InvalidInput, match="robot 'two' is not taken yet"):
-        script.read_problem(tmp_path / "cppflow", tmp_path / "jrl", "two__arc")
-    with pytest.raises(InvalidInput, match="no such file"):
-        script.read_problem(tmp_path / "jrl", tmp_path / "jrl", "two__arc")

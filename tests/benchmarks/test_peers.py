@@ -59,12 +59,6 @@ def test_well_configured_it_equals_the_joint_space_qp() -> None:
     assert metrics(theirs)["status"] == "ok"
 
 
-def test_without_a_secondary_it_is_the_minimum_norm() -> None:
-    theirs = qt.follow(PIECE, "mink", secondary="none")
-    assert np.abs(theirs.q - qt.follow(PIECE, "minimum_norm").q).max() < np.radians(0.15)
-    assert np.abs(theirs.q - theirs.q[0]).max() > np.radians(15.0)
-
-
 def test_a_planar_arm_and_a_path_whose_projector_changes() -> None:
     line = cut(LINE, slice(0, None, 4))
     assert metrics(qt.follow(line, "mink"))["status"] == "ok"
@@ -88,32 +82,6 @@ def test_as_first_written_it_is_far_off_and_says_solved() -> None:
 # ---------------------------------------------------------------- settings and limits
 
 
-def test_settings_reach_the_posture() -> None:
-    short = cut(LAP, slice(0, 12))
-    still = qt.follow(short, "mink", gain=0.0)
-    weak, strong = (qt.follow(short, "mink", gain=gain) for gain in (0.02, 0.2))
-    assert strong.z[-1] < weak.z[-1] < still.z[-1]
-    heavy = qt.follow(short, "mink", posture_cost=0.3, iterations=1)
-    assert heavy.position_error.max() > 1e-3  # a cost that competes with the task's
-    start = qt.follow(short, "mink", secondary="posture", gain=0.5).q
-    there = np.linalg.norm(start[-1] - short.start)
-    assert there < np.linalg.norm(still.q[-1] - short.start)
-    ours, equal = (qt.follow(short, "mink", weight=w, gain=0.2).q for w in ("natural", "equal"))
-    assert np.abs(ours - equal).max() > np.radians(1.0)
-
-
-def test_the_iterations_of_a_waypoint_share_its_speed() -> None:
-    assert LAP.durations is not None
-    slow = dataclasses.replace(PIECE, velocity_limits=np.full(6, 0.05))
-    run = qt.follow(slow, "mink")
-    assert slow.durations is not None
-    speeds = np.abs(np.diff(run.q, axis=0)) / slow.durations[1:, None]
-    assert speeds.max() < 0.05 * (1.0 + 1e-6)
-    assert speeds.max() > 0.0499
-    assert run.position_error.max() > 1e-3  # it could not keep up ...
-    assert set(run.statuses) == {Status.SOLVED}  # ... and says solved
-
-
 def test_joint_ranges_hold() -> None:
     free = qt.follow(PIECE, "mink", secondary="none").q
     way = free[-1] - free[0]
@@ -128,16 +96,6 @@ def test_joint_ranges_hold() -> None:
     room = (limit - held[:, joint]) * np.sign(way[joint])
     assert room.min() >= -1e-9
     assert room.min() < 1e-3
-
-
-def test_an_exception_of_the_peer_is_the_failure_of_the_method() -> None:
-    # Outside its range with too little speed to be back in one step: mink has no step to give.
-    start = qt.follow(PIECE, "minimum_norm").q[0]
-    outside = with_model(dataclasses.replace(PIECE, start=start), joint_1=(-2.9, start[0] - 0.3))
-    run = qt.follow(outside, "mink")
-    assert run.failure.startswith("no step at waypoint 2: mink: ")
-    np.testing.assert_array_equal(run.q, np.broadcast_to(start, run.q.shape))
-    assert run.failure in metrics(run)["status"]
 
 
 # ---------------------------------------------------------------- projectors
@@ -182,12 +140,6 @@ def test_mink_meets_every_projector_that_it_has_words_for(projector: qt.TwistPro
     assert run.failure == ""
     assert run.position_error.max() < 1e-8
     assert run.axis_error.max() < 1e-8
-
-
-def test_what_a_planar_arm_cannot_leave_is_as_good_as_full() -> None:
-    turn = qt.TwistProjector(linear=NONE, angular=qt.Projector.line(Z))
-    line = dataclasses.replace(cut(LINE, slice(0, 5)), projector=turn)
-    assert qt.follow(line, "mink").axis_error.max() < 1e-8
 
 
 @pytest.mark.parametrize(

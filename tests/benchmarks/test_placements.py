@@ -47,28 +47,6 @@ def tool(q: np.ndarray) -> mink.SE3:
 # ---------------------------------------------------------------- placements
 
 
-@given(st.integers(0, 2**32), st.integers(0, 10**6))
-def test_a_placement_is_seeded_and_within_its_ranges(seed: int, index: int) -> None:
-    center, rotation = study.placement(seed, index)
-    assert ((center >= [-0.5, 0.6, 0.0]) & (center <= [0.5, 1.3, 0.8])).all()
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-12)
-    assert np.linalg.det(rotation) > 0.0
-    assert np.degrees(np.arccos(min(1.0, rotation[2, 2]))) <= 45.0 + 1e-9
-    again = study.placement(seed, index)
-    np.testing.assert_array_equal(center, again[0])
-    np.testing.assert_array_equal(rotation, again[1])
-    assert (center != study.placement(seed, index + 1)[0]).all()
-
-
-def test_a_part_left_where_it_is_gives_the_shipped_waypoints() -> None:
-    task = study.placed(TASK, CENTER, np.eye(3))
-    for ours, shipped in ((task.waypoints, TASK.waypoints), (
-        task.flipped_waypoints, TASK.flipped_waypoints
-    )):  # fmt: skip
-        for a, b in zip(ours, shipped, strict=True):
-            np.testing.assert_allclose(a.as_matrix(), b.as_matrix(), rtol=0, atol=1e-12)
-
-
 @given(st.integers(0, 10**6))
 @settings(max_examples=10)
 def test_a_moved_part_moves_as_one_piece_and_keeps_the_roll_rule(index: int) -> None:
@@ -123,13 +101,6 @@ def test_starts_are_in_the_limits_on_the_first_waypoint_in_the_order_of_z(index:
     assert found > 3
 
 
-def test_a_start_at_a_given_roll_has_it() -> None:
-    task = study.placed(TASK, CENTER, np.eye(3))
-    for name, poses in (("rmr", task.waypoints), ("rmr_flipped", task.flipped_waypoints)):
-        for q in study.starts_of(name, task, ARM):
-            np.testing.assert_allclose(tool(q).as_matrix(), poses[0].as_matrix(), rtol=0, atol=1e-9)
-
-
 # ---------------------------------------------------------------- the judge
 
 
@@ -182,13 +153,6 @@ def test_a_run_is_over_at_its_first_fault() -> None:
     assert lost["waypoint"] == 2
 
 
-@pytest.mark.parametrize("name", ["mink_soft", "mink_equality"])
-def test_plain_mink_finishes_the_shipped_run(name: str) -> None:
-    task = every(study.placed(TASK, CENTER, np.eye(3)), 4)
-    [start] = ARM.starts(task.waypoints[0])[:1]
-    assert study.run_once(task, name, start)["fault"] is None
-
-
 # ---------------------------------------------------------------- the search
 
 
@@ -215,14 +179,6 @@ def test_the_search_ends_where_the_wrist_cannot_reach() -> None:
     assert len(out_of_reach) and out_of_reach[0] > 0
     assert study.dead_end(task, ARM) == out_of_reach[0] + 1
     assert study.dead_end(study.placed(TASK, np.array([0.0, 3.0, 0.3]), np.eye(3)), ARM) == 1
-
-
-def test_the_search_knows_the_largest_step() -> None:
-    # Half the run away is more than a step, though both ends are within reach.
-    task = study.placed(TASK, CENTER, np.eye(3))
-    start = ARM.starts(task.waypoints[0])[0]
-    ends = replace(task, waypoints=(task.waypoints[0], task.waypoints[200]))
-    assert study.dead_end(ends, ARM, start) == 2
 
 
 # ---------------------------------------------------------------- the command
@@ -253,66 +209,3 @@ def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) 
     assert table.startswith("1 placements. A motion without a fault exists for 1 of them; ")
     assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in table
     assert f"| `twa` | {' | '.join(3 * ['0.0 (0.0–79.3)'])} |" in table
-
-
-def outcome(**finished: bool) -> dict[str, Any]:
-    """A placement by what finished on it; ``_at_`` stands for @, ``_p_`` for the point."""
-    runs = {
-        name.replace("_at_", "@").replace("_p_", "."): [{"fault": None if done else "error"}]
-        for name, done in finished.items()
-    }
-    return {"feasible_from_start": True, "feasible": True, "runs": runs}
-
-
-def test_an_interval_is_wilsons_and_pairs_are_counted_on_the_same_placements() -> None:
-    z, k, n = 1.959964, 949, 971  # the solutions p of |k/n − p| = z √(p (1 − p)/n)
-    low, high = sorted(np.roots([n + z * z, -(2 * k + z * z), k * k / n]).real)
-    assert study.within(k, n) == f"{100 * k / n:.1f} ({100 * low:.1f}–{100 * high:.1f})"
-    first = np.array([True] * 90 + [False] * 10)
-    second = first.copy()
-    second[:9] = False  # nine that only the first finishes, then one that only the second does
-    second[-1] = True
-    # Two-sided exact: 2 (C(10, 0) + C(10, 1)) / 2¹⁰ = 0.021.
-    assert study.pairs(first, second) == "**9 : 1**"
-    assert study.pairs(second, first) == "**1 : 9**"
-    second[:3] = True  # 6 : 1 would come about in 2 (1 + 7) / 2⁷ = 12.5 % of cases
-    assert study.pairs(first, second) == "6 : 1"
-    assert study.pairs(first, first) == "0 : 0"
-
-
-def test_each_method_stands_at_its_default_and_at_its_best() -> None:
-    names = ["minimum_norm", "qp_gradient@0.05", "qp_gradient@1", "qp@0.05", "qp@1"]
-    found = [
-        outcome(minimum_norm=True, qp_gradient_at_0_p_05=True, qp_gradient_at_1=True,
-                qp_at_0_p_05=True, qp_at_1=index > 1)
-        for index in range(4)
-    ]  # fmt: skip
-    table = study.table_of_gains(found, names)
-    assert table.startswith("4 placements, of which 4 are feasible from the start of least z.")
-    all_, half = study.within(4, 4), study.within(2, 4)
-    assert f"| `qp` | 1 | {half} | 0 : 2 | 0.05 | {all_} | 0 : 0 |" in table
-    # Where several gains are best, the default is taken.
-    assert f"| `qp_gradient` | 0.05 | {all_} | – | 0.05 | {all_} | – |" in table
-    assert f"| `minimum_norm` | – | {all_} | 0 : 0 | – | {all_} | 0 : 0 |" in table
-    assert "| `qp` | 4 | 2 |" in table
-
-
-# ---------------------------------------------------------------- what the study needs of follow
-
-
-def test_a_run_can_be_stopped_at_a_waypoint(tmp_path: Path) -> None:
-    seen: list[tuple[float, float]] = []
-
-    def stop(q: np.ndarray, position_error: float, axis_error: float) -> bool:
-        seen.append((position_error, axis_error))
-        return len(seen) == 3
-
-    whole = qt.follow(every(TASK, 50), "minimum_norm")
-    stopped = qt.follow(every(TASK, 50), "minimum_norm", stop=stop)
-    np.testing.assert_array_equal(stopped.q, whole.q[:4])
-    np.testing.assert_array_equal(stopped.position_error[1:], [p for p, _ in seen])
-    np.testing.assert_array_equal(stopped.axis_error[1:], [a for _, a in seen])
-    lines = stopped.save(tmp_path / "stopped.csv").read_text("utf-8").splitlines()
-    assert len(lines) == 3 + 4
-    with pytest.raises(qt.InvalidInput, match="stop"):
-        qt.follow(TASK, "minimum_norm", stop=True)  # type: ignore[arg-type]

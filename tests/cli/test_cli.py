@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import io
 import json
@@ -23,7 +22,6 @@ from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.cli.command import command as function_of
-from qp_twist.cli.names import options_of
 
 
 def test_help_names_every_command_and_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
@@ -191,51 +189,12 @@ def test_refused_input_is_one_sentence_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_every_option_that_a_command_has_is_known(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """By tyro's help, which lists an option in the first column of a box."""
-    with pytest.raises(SystemExit) as ended:
-        main([command, "--help"])
-    assert ended.value.code == 0
-    lines = re.findall(r"^[│ ] ((?:-h, )?--[\w-]+(?:, --[\w-]+)?)", capsys.readouterr().out, re.M)
-    listed = {option for line in lines for option in line.split(", ")}
-    assert listed == {*options_of(function_of(command)), "-h"} - {"--quiet"}
-
-
 class Output(io.TextIOWrapper):
     """Standard output as Python opens it, at a file descriptor; unbuffered as with ``-u``."""
 
     def __init__(self, descriptor: int, *, buffered: bool) -> None:
         binary = os.fdopen(descriptor, "wb", buffering=-1 if buffered else 0)
         super().__init__(binary, encoding="utf-8", write_through=not buffered)
-
-
-@pytest.mark.parametrize("buffered", [True, False])
-@pytest.mark.parametrize(
-    "arguments",
-    [["--version"], ["--help"], ["tasks"], ["check", "line.csv", "planar_line", "--json"]],
-)
-def test_output_that_nobody_reads_any_more_ends_a_command_without_a_word(
-    arguments: list[str],
-    buffered: bool,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    """As ``qp-twist tasks | head -1``; the exit code is that of other tools then, 128 + SIGPIPE."""
-    monkeypatch.chdir(tmp_path)
-    if "line.csv" in arguments:
-        main(["run", "planar_line", "--quiet", "--out", "line.csv"])
-    reader, writer = os.pipe()
-    os.close(reader)
-    with Output(writer, buffered=buffered) as output:
-        monkeypatch.setattr(sys, "stdout", output)
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-    assert ended.value.code == 141
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
@@ -330,14 +289,6 @@ def test_run_refuses_a_file_it_cannot_write_before_it_begins(
     assert said.rstrip().endswith(("give a file to write.", "give a file in another folder."))
 
 
-def test_the_entry_can_be_called_more_than_once(capsys: pytest.CaptureFixture[str]) -> None:
-    import qp_twist.cli
-
-    for _ in range(2):
-        qp_twist.cli.main(["tasks"])
-    assert capsys.readouterr().out.count("deburring_bands") == 2
-
-
 def test_ctrl_c_leaves_the_methods_that_are_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -362,29 +313,6 @@ def test_ctrl_c_leaves_the_methods_that_are_finished(
     assert list(content["methods"]) == ["minimum_norm"]
     assert content["not_run"] == {"twa": "interrupted", "qp": "interrupted"}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["comparison.json", "table.txt"]
-
-
-def test_ctrl_c_in_a_plan_leaves_the_run_along_the_best_by_then(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The methods before it and the run along the interrupted plan are kept, and said to be."""
-    following = importlib.import_module("qp_twist.following.follow")
-    plan = following.plan_path
-
-    def interrupted(*arguments: Any, **options: Any) -> qt.Plan:
-        return dataclasses.replace(plan(*arguments, **options), interrupted=True)
-
-    monkeypatch.setattr(following, "plan_path", interrupted)
-    methods = "mink,qp_gradient,qp_planned"
-    with pytest.raises(SystemExit) as caught:
-        main(["compare", "planar_line", "--methods", methods, "--out", str(tmp_path)])
-    assert caught.value.code == 130
-    out = capsys.readouterr().out
-    assert "qp_planned: planning was interrupted; followed is the best plan by then: cent" in out
-    assert "interrupted: this is what 3 of 3 methods came to" in out
-    content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
-    assert set(content["methods"]) == {"mink", "qp_gradient", "qp_planned"}
-    assert content["methods"]["qp_planned"]["mean_z"] == pytest.approx(0.0522, abs=1e-4)
 
 
 def test_ctrl_c_in_a_study_says_what_is_kept(
@@ -423,17 +351,6 @@ def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert (tmp_path / "x.csv").exists()
 
 
-def test_an_unwritable_folder_is_a_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "taken").write_text("a file")
-    with pytest.raises(SystemExit) as caught:
-        main(["run", "planar_line", "--out", str(tmp_path / "taken" / "x.csv")])
-    assert caught.value.code == 2
-    assert "taken" in capsys.readouterr().err
-    assert (tmp_path / "taken").read_text() == "a file"
-
-
 def test_a_terminal_without_greek_letters_gets_the_table_all_the_same(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "qp_twist", "compare", "planar_line", "--methods", "twa",
@@ -444,14 +361,6 @@ def test_a_terminal_without_greek_letters_gets_the_table_all_the_same(tmp_path: 
     assert done.returncode == 0, done.stderr
     assert b"joint_2 at 2" in done.stdout
     assert "½‖W(θ̄ − θ)‖²" in (tmp_path / "table.txt").read_text("utf-8")
-
-
-def test_the_module_runs_as_the_command() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "qp_twist", "tasks"], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.startswith("approach_contact_retreat")
-    assert done.stderr == ""
 
 
 def test_tasks_and_starts_print_json_and_nothing_else(

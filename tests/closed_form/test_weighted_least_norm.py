@@ -43,16 +43,6 @@ def test_it_solves_the_optimality_conditions(seed: int, rows: int, joints: int) 
     assert closed_form.weighted_least_norm(A, None, b, 1e9 * weight) == pytest.approx(found)
 
 
-@given(SEEDS, st.integers(5, 9))
-@settings(max_examples=25)
-def test_with_equal_weights_it_is_the_minimum_norm(seed: int, joints: int) -> None:
-    rng = np.random.default_rng(seed)
-    J, twist = full_rank(rng, 6, joints), rng.normal(size=6)
-    for projector in (ROLL_FREE, ROLL_FREE.matrix):
-        found = closed_form.weighted_least_norm(J, projector, twist, np.full(joints, 7.0))
-        assert found == pytest.approx(closed_form.minimum_norm(J, ROLL_FREE, twist), abs=1e-9)
-
-
 @given(SEEDS)
 @settings(max_examples=15)
 def test_it_is_the_quadratic_program_in_the_metric_of_the_weights(seed: int) -> None:
@@ -81,11 +71,6 @@ def test_a_heavy_joint_leaves_the_task_to_the_others() -> None:
     # A joint that is needed does its part, whatever it weighs.
     needed = closed_form.weighted_least_norm(np.eye(2), None, [1.0, 2.0], [1.0, 1e9])
     assert needed == pytest.approx([1.0, 2.0])
-
-
-def test_dependent_rows_are_met_in_least_squares() -> None:
-    A = np.array([[1.0, 0.0], [1.0, 0.0]])
-    assert closed_form.weighted_least_norm(A, None, [1.0, 3.0], [5.0, 1.0]) == pytest.approx([2, 0])
 
 
 def test_wrong_input_is_refused() -> None:
@@ -149,21 +134,6 @@ def test_at_a_limit_and_outside_the_weight_is_large_finite_and_knows_the_way_bac
     assert closed_form.joint_limit_weights([1.3], [-1.0], [1.0], outside) > 1e7
 
 
-def test_a_joint_without_limits_has_weight_one() -> None:
-    infinite = np.inf
-    lower, upper = [-infinite, -1.0, -infinite, 0.5], [infinite, infinite, 1.0, 0.5]
-    weights = closed_form.joint_limit_weights([50.0, 0.9, -0.9, 0.5], lower, upper)
-    assert weights.tolist() == [1.0, 1.0, 1.0, 1.0]
-
-
-def test_wrong_limits_are_refused() -> None:
-    for lower, upper in (([1.0], [-1.0]), ([np.nan], [1.0]), ([0.0, 0.0], [1.0]), ("a", [1.0])):
-        with pytest.raises(qt.InvalidInput, match="lower"):
-            closed_form.joint_limit_weights([0.0], lower, upper)
-    with pytest.raises(qt.InvalidInput, match="previous_gradient"):
-        closed_form.joint_limit_weights([0.0], [-1.0], [1.0], [1.0, 2.0])
-
-
 # ---------------------------------------------------------------- along a path
 
 
@@ -183,29 +153,3 @@ def test_the_run_is_met_inside_the_limits(deburring: qt.Comparison) -> None:
     numbers = metrics(deburring.trajectories["weighted_least_norm"])
     assert numbers["status"] == "ok"
     assert numbers["violations"] == 0
-
-
-def test_each_step_tells_the_way_of_a_joint_from_the_one_before() -> None:
-    task = qt.load_task("planar_line")
-    found = qt.follow(task, "weighted_least_norm", iterations=1)
-    ranges = qt.JointRanges.of(task.model)
-    previous = None
-    configuration = mink.Configuration(task.model)
-    for q, after, waypoint in zip(found.q[:-1], found.q[1:], task.waypoints[1:], strict=True):
-        configuration.update(q)
-        twist_task = qt.TwistTask("tip", "site", task.projector)
-        twist_task.set_target(waypoint)
-        state = twist_task.state(configuration)
-        # The formula of the paper with an inverse of its own.
-        width = ranges.upper - ranges.lower
-        gradient = (
-            width**2
-            * (2.0 * q - ranges.upper - ranges.lower)
-            / (4.0 * (ranges.upper - q) ** 2 * (q - ranges.lower) ** 2)
-        )
-        nearer = True if previous is None else np.abs(gradient) >= np.abs(previous)
-        inverse = np.diag(1.0 / np.where(nearer, 1.0 + np.abs(gradient), 1.0))
-        A, b = state.jacobian[:2], state.error[:2]
-        expected = q + inverse @ A.T @ np.linalg.solve(A @ inverse @ A.T, b)
-        assert after == pytest.approx(expected, abs=1e-10)
-        previous = gradient

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import math
-import re
 from typing import Any
 
 import numpy as np
@@ -124,41 +121,6 @@ def test_times_are_compared_like_with_like() -> None:
     assert "by another library beside 100 µs compiled" in said(PAIRS, peer, gradient)[0]
 
 
-WRONG = re.compile(
-    r"\bnan\b|\binf\b|\d times of|\bone methods|All (one|two)|1 methods|1 waypoints|None\b(?! of)"
-    r"|  |\.\.|\(\)"
-)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {}, {"mean_z": math.nan}, {"mean_z": math.inf}, {"mean_z": 0.0}, {"travel_deg": 0.0},
-        {"travel_deg": math.inf}, {"position_error_max_m": math.inf},
-        {"axis_error_max_rad": math.nan}, {"time_per_waypoint_us": 0.0}, {"min_margin": None},
-        {"violations": 3, "first_violation": {"j": 4}, "min_margin": -0.3},
-        {"violations": 3, "first_violation": {"j": 4}, "min_margin": -math.inf},
-        {"band_excess_max": 0.5}, {"mean_z": 3e7, "travel_deg": 2e9},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_whatever_the_numbers_the_sentences_are_sentences(
-    changed: dict[str, Any], count: int
-) -> None:
-    for names in itertools.permutations(("twa", "qp", "mink"), count):
-        for which in range(count + 1):  # one run is changed, or all are
-            if "min_margin" in changed and changed["min_margin"] is None and which < count:
-                continue  # the joints are the same for all methods
-            runs = [
-                run(name, **(changed if which in (i, count) else {}))
-                for i, name in enumerate(names)
-            ]
-            for sentence in itertools.chain(*by_topic(runs, bound=0.09).values()):
-                assert WRONG.search(sentence) is None, sentence
-                assert sentence[-1] == "." and sentence.isprintable()
-
-
 @pytest.mark.parametrize(
     ("closed", "qp", "sentence"),
     [
@@ -188,13 +150,6 @@ def test_a_closed_form_beside_its_qp(
     assert "5 %" in tolerance
 
 
-def test_pairs_need_both_and_what_did_not_run_is_said() -> None:
-    assert said(PAIRS, run("twa"), run("qp_gradient")) == []
-    topics = by_topic([run("qp")], {"pink": "pink is not installed"})
-    assert topics[NOT_RUN] == ["pink could not run: pink is not installed."]
-    assert NOT_RUN not in by_topic([run("qp")])
-
-
 def test_speeds_are_steps_over_what_the_clock_and_the_limits_allow() -> None:
     task = qt.load_task("deburring")
     durations = np.array([0.0, 0.5, 2.0])
@@ -215,12 +170,3 @@ def test_speeds_are_steps_over_what_the_clock_and_the_limits_allow() -> None:
         trajectory, path_task=dataclasses.replace(task, durations=None), durations=None
     )
     assert peak_speed(untimed) is None
-
-
-def test_of_a_run_that_diverged_the_waypoints_before_count(planar: qt.Comparison) -> None:
-    trajectory = dataclasses.replace(planar.trajectories["twa"], diverged_at=31)
-    assert MethodRun.of(trajectory).reached == 30
-    assert "stopped at waypoint 30 of 101" in MethodRun.of(trajectory).faults
-    runs = map(MethodRun.of, planar.trajectories.values())
-    topics = by_topic(list(runs), planar.not_run, planar.z_bound)
-    assert planar.findings() == list(itertools.chain(*topics.values()))

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.comparison import csv_table, metrics, rich_table
-from qp_twist.following.joint_speeds import peak_speed
+from qp_twist.comparison import metrics
 from qp_twist.studies.judge import Fault, Judge
 from qp_twist.studies.sample import section_of
 
@@ -108,28 +107,3 @@ def test_a_study_names_the_waypoint_of_a_fault(template: qt.Trajectory, waypoint
     assert Judge(TASK).fault(made(template, q=np.tile(inside, (3, 1)))) == Fault(
         "error", waypoint=3
     )
-
-
-def test_tables_repeat_the_number(template: qt.Trajectory) -> None:
-    outside = np.radians([45.0, 91.0, 90.0])
-    q = np.array(at(4, outside, np.radians([45.0, 45.0, 90.0])))
-    content = {
-        "task": "by hand", "waypoints": COUNT, "solver": "daqp",
-        "compiled": {"minimum_norm": False},
-        "methods": {"minimum_norm": metrics(made(template, q=q))},
-    }  # fmt: skip
-    assert "joint_2 at 4" in csv_table(content)
-    columns = [list(column.cells) for column in rich_table(content).columns]
-    assert any("joint_2 at 4" in str(cell) for cells in columns for cell in cells)
-
-
-def test_the_fastest_step_is_named_by_where_it_leads(template: qt.Trajectory) -> None:
-    speeds = np.full(3, 1.0)
-    for waypoint in range(2, COUNT + 1):
-        q = np.tile(np.radians([45.0, 45.0, 90.0]), (COUNT, 1))
-        q[waypoint - 1 :, 2] += 0.25
-        task = dataclasses.replace(
-            made(template).path_task, durations=np.full(COUNT, 0.1), velocity_limits=speeds
-        )
-        found = peak_speed(made(template, q=q, path_task=task, durations=np.full(COUNT, 0.1)))
-        assert found == (pytest.approx(2.5), "joint_3", waypoint)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.arms import seven_axes
 from oracles.cells import KINDS, among_others, random_tree
 from oracles.distances import Distances
 from oracles.twists import ALONG_X, PLANE, POINT, at, twists
@@ -186,15 +184,6 @@ def test_the_deepest_overlap_on_a_motion_is_found_between_its_rows() -> None:
     assert clearance.first_violated(q, tolerance=1e-4).tolist() == [-1, -1]
 
 
-def test_margins_are_less_by_the_distance_asked_for() -> None:
-    model = random_tree(np.random.default_rng(1))
-    q = np.random.default_rng(2).normal(size=(5, model.nq))
-    near, far = qt.Clearance(model, distance=0.0), qt.Clearance(model, distance=0.07)
-    assert far.distance == 0.07
-    np.testing.assert_allclose(far.margins(q), near.margins(q) - 0.07, rtol=0, atol=1e-12)
-    assert qt.Clearance(model).distance == 0.005
-
-
 # ---------------------------------------------------------------------------------- derivatives
 
 
@@ -231,32 +220,6 @@ def test_gradients_are_finite_differences_on_random_trees() -> None:
     assert skipped < 0.05 * len(errors)
     assert np.quantile(errors, 0.99) < 1e-4
     assert max(errors) < SMOOTH
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_gradients_are_those_of_the_oracles_nearest_points(seed: int) -> None:
-    """n · (J_b − J_a) at the nearest points of coal, by MuJoCo's own Jacobians."""
-    rng = np.random.default_rng(seed)
-    model = random_tree(rng)
-    clearance, oracle = qt.Clearance(model), Distances(model)
-    q = rng.uniform(-2.0, 2.0, size=(3, model.nq))
-    gradients, agreed, compared = clearance.gradients(q), 0, 0
-    for row, of_pairs in zip(q, gradients, strict=True):
-        oracle.at(row)
-        mujoco.mj_comPos(model, oracle.data)
-        for (a, b), gradient in zip(clearance.pairs, of_pairs, strict=True):
-            found = oracle(int(a), int(b))
-            if found.value < 1e-3 or np.isnan(found.points).any():
-                continue
-            jacobians = np.zeros((2, 3, model.nv))
-            for J, point, geom in zip(jacobians, found.points, (a, b), strict=True):
-                mujoco.mj_jac(model, oracle.data, J, None, point, model.geom_bodyid[geom])
-            true = found.normal @ (jacobians[1] - jacobians[0])
-            compared += 1
-            agreed += bool(np.abs(gradient - true).max() < 1e-3)
-    # Where a face is parallel to another the nearest points are not unique.
-    assert compared > 20
-    assert agreed >= 0.97 * compared
 
 
 # ---------------------------------------------------------------------------------- bounds
@@ -314,29 +277,6 @@ def test_no_motion_with_bounded_second_derivatives_comes_nearer_than_the_bound(s
         least = clearance.least(*ends, np.abs(curve)[None])[0]
         assert (margins >= least - ACCURATE).all()
         assert (least >= clearance.least(*ends)[0]).all()
-
-
-def test_the_bound_comes_closer_with_the_square_of_a_straight_motion() -> None:
-    """A ball on a hinge passes another ball, which is nearest in the middle of the motion."""
-    model = mujoco.MjModel.from_xml_string("""
-        <mujoco><worldbody>
-          <geom name="post" size="0.02" pos="0 1.07 0"/>
-          <body><joint axis="0 0 1"/>
-            <body><geom name="ball" size="0.03" pos="0 1 0"/></body></body>
-        </worldbody></mujoco>""")
-    clearance = qt.Clearance(model, distance=1.0)
-    nearest = clearance.margins(np.zeros((1, 1)))[0, 0]
-
-    def missing(half: float) -> float:
-        """By how much the bound is below the least distance, relative to the ends'."""
-        ends = np.array([[-half]]), np.array([[half]]), np.array([[2.0 * half]])
-        return float(nearest - clearance.least(*ends, np.zeros((1, 1)))[0, 0])
-
-    assert 0.0 <= missing(0.002) <= 0.26 * missing(0.004)
-    assert missing(0.004) <= 0.2 * 0.004
-    # Without knowing that it is straight, the bound is that of the variation.
-    ends = np.array([[-0.004]]), np.array([[0.004]]), np.array([[0.008]])
-    assert nearest - clearance.least(*ends)[0, 0] >= 0.9 * 0.004
 
 
 @given(seeds)
@@ -601,13 +541,6 @@ def test_arguments_that_are_none_are_refused(options: dict[str, Any], said: str)
         qt.Clearance(arm_model(), **options)
 
 
-@pytest.mark.parametrize("tolerance", ["1 mm", np.nan, [0.001, 0.002]])
-def test_a_tolerance_that_is_none_is_refused(tolerance: Any) -> None:
-    clearance = qt.Clearance(mujoco.MjModel.from_xml_string(PLANAR))
-    with pytest.raises(qt.InvalidInput, match="tolerance: expected"):
-        clearance.inside(np.zeros((1, 2)), tolerance)
-
-
 HILLS = """<mujoco><asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>
     <worldbody><geom name="hills" type="hfield" hfield="h"/>
       <body pos="0 0 3"><joint/><geom size="0.1"/></body></worldbody></mujoco>"""
@@ -779,20 +712,6 @@ def test_the_distance_may_be_changed_between_two_steps() -> None:
         clearance.recovery_speed = 0.0
 
 
-@pytest.mark.parametrize("speed", [0.05, 0.3])
-def test_what_comes_nearer_is_given_way_to(speed: float) -> None:
-    """A block pushes a slide along at its own speed, slower and faster than a recovery."""
-    model = world(BLOCK.format("0.1 1 1", "-0.1 0 0") + CART)
-    cell = Cell(model, ALONG_X, at(0, 0, 0), acceleration=None)
-
-    def place(data: mujoco.MjData, t: float) -> None:
-        data.mocap_pos[0] = [-0.2 + speed * t, 0.0, 0.0]
-
-    least, q = cell.least(np.zeros(1), 400, 0.005, place)
-    assert least >= 0.02 - 1e-6
-    assert q[0] == pytest.approx(max(0.0, -0.2 + speed * 2.0 + 0.07), abs=1e-6)
-
-
 @pytest.mark.parametrize("turns", [False, True])
 def test_what_comes_faster_and_faster_is_given_way_to(turns: bool) -> None:
     """A block that is pushed, and a paddle that turns, with a constant acceleration."""
@@ -892,97 +811,6 @@ def test_a_long_step_does_not_pass_through_what_is_beyond_the_horizon() -> None:
     controller = qt.Controller(model, [task], limits=[qt.Clearance(model, distance=0.02)])
     velocity = controller.step(mink.Configuration(model, np.zeros(1)), 1.0).velocity
     assert 0.27 <= velocity[0] <= 0.28 + 1e-6
-
-
-def test_joints_that_become_faster_have_rows_of_what_they_then_reach() -> None:
-    """At 0.1 m/s nothing is near; at 4 m/s a thin wall is, 0.15 m ahead in a step of 0.1 s."""
-    model, task = cart_before_a_thin_wall(0.15)
-    clearance = qt.Clearance(model, distance=0.02)
-    motion = qt.MotionLimit(model, velocity=0.1, acceleration=None)
-    controller = qt.Controller(model, [task], limits=[clearance, motion], on_infeasible="relax")
-    configuration = mink.Configuration(model, np.zeros(1))
-    step = controller.step(configuration, 0.1)
-    assert 0.0 < step.velocity[0] <= 0.1 and len(step.problem.G) == 0
-    motion.max_velocity = np.array([4.0])
-    step = controller.step(configuration, 0.1)
-    assert 1.29 <= step.velocity[0] <= 1.3 + 1e-6 and len(step.problem.G) == 1
-    motion.max_velocity = np.array([0.1])
-    assert len(controller.step(configuration, 0.1).problem.G) == 0
-    # mink does not say how fast joints may be.
-    assert len(clearance.compute_qp_inequalities(configuration, 0.1).h) == 1
-
-
-@settings(max_examples=12)
-@given(seed=seeds, dt=st.sampled_from([0.001, 0.005, 0.02, 0.1]), limited=st.booleans())
-def test_what_a_velocity_lacks_is_found_though_far_pairs_are_not_looked_at(
-    seed: int, dt: float, limited: bool
-) -> None:
-    """Straight at each pair, as fast as the joints may and then 1 mm too near; and faster."""
-    rng, asked = np.random.default_rng(seed), 0.01
-    model = mujoco.MjModel.from_xml_string(FOUR_JOINTS)
-    clearance, oracle = qt.Clearance(model, distance=asked), Distances(model)
-    q = rng.uniform(-2.5, 2.5, size=(200, 4))
-    q = q[clearance.margins(q).min(axis=1) > 0.002][0]
-    task = qt.TwistTask("tool", "site", PLANE)
-    configuration = mink.Configuration(model, q)
-    task.set_target_from_configuration(configuration)
-
-    def margin(move: Array) -> float:
-        return float(oracle.at(q + move).of(clearance.pairs).min()) - asked
-
-    for gradient in clearance.gradients(q[None])[0]:
-        move = -np.sign(gradient) * rng.uniform(0.1, 1.0, size=4)
-        near, far = 0.0, 0.02  # shares of the move without and with a lack
-        while far < 1.0 and margin(far * move) > -0.001:
-            near, far = far, 1.2 * far
-        if far >= 1.0:
-            continue
-        for _ in range(30):
-            middle = 0.5 * (near + far)
-            near, far = (near, middle) if margin(middle * move) < -0.001 else (middle, far)
-        fastest = far * np.abs(move) / dt + 1e-9
-        acceleration = fastest / dt if limited else None
-        motion = qt.MotionLimit(model, velocity=fastest, acceleration=acceleration)
-        controller = qt.Controller(model, [task], limits=[clearance, motion])
-        controller.step(configuration, dt)
-        # A joint that brakes from there in one step is at rest where it leads.
-        found, further = (clearance.in_step.lacks(k * far * move / dt, dt) for k in (1.0, 1.2))
-        assert found == pytest.approx(0.001, abs=1e-5)
-        assert further >= -margin(1.2 * far * move) - 1e-6
-
-
-def test_an_obstacle_is_given_way_to_where_the_nearest_way_ends() -> None:
-    """It comes at 0.25 m/s between two links; beside the solution no direction leads further."""
-    q = np.array([0.05136, 1.16618, -0.36530, -0.41618, 0.18129, 1.50671, -0.14915])
-    before = np.array([0.40149, 0.21467, 0.51514, 1.0, -0.25110, -0.51256, 0.0])
-    home = np.array([0.12521, 0.77230, -0.45323, -1.34625, 0.14226, 1.16387, -0.14915])
-    place, move = np.array([[0.68982, -0.03747, 0.39884], [0.0078, 0.00734, 0.00607]])
-    dt = 0.05
-    model = seven_axes(
-        '<geom type="capsule" size=".05" fromto="0 0 0 0 0 {top}" contype="1" conaffinity="2"/>',
-        '<body name="box" mocap="true"><geom type="box" size=".04245 .06424 .07489"'
-        ' contype="2" conaffinity="1"/></body>',
-    )
-    configuration, clearance = mink.Configuration(model, q), qt.Clearance(model, distance=0.005)
-    task = qt.TwistTask.axis_free("tool", "site")
-    task.set_target_from_configuration(mink.Configuration(model, home))
-    controller = qt.Controller(
-        model, [task], limits=[qt.MotionLimit(model, velocity=1.0), clearance],
-        secondary=[qt.PostureReference(model, home, gain=0.05)], on_infeasible="relax",
-    )  # fmt: skip
-    for k in range(-3, 1):  # steps by which its motion is known; then the one that is judged
-        configuration.data.mocap_pos[0] = place + k * move
-        step = controller.step(configuration, dt, velocity=before)
-    oracle = Distances(model)
-    oracle.data.mocap_pos[0] = place + move
-
-    def left(velocity: Array) -> float:
-        return float(oracle.at(q + dt * velocity).of(clearance.pairs).min()) - 0.005
-
-    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=7)))
-    assert max(map(left, corners)) > 1e-4  # there is a way
-    assert left(step.velocity) > -1e-6
-    assert np.abs(step.velocity).max() <= 1.0
 
 
 # ---------------------------------------------------------------------------------- in a task

@@ -131,17 +131,6 @@ def test_a_check_refutes_what_leaves_it_between_waypoints_only(depth: float, pas
         assert "outside half-space between" in str(check.verdict)
 
 
-def test_a_check_names_what_is_left_at_a_waypoint() -> None:
-    q = np.array([[0.0, 0.0], [1.0, -0.2], [2.0, 0.0]])
-    task = joint_path(slider(2), q, None, projector=ALONG_X).path_task
-    half = HalfSpace(task.model, "tool", "site", Y, -0.05)
-    task = dataclasses.replace(task, constraints=(half,))
-    check = check_trajectory(JointRows(("slide_1", "slide_2"), q), task)
-    [at] = [f for f in check.findings if f.name == "outside half-space"]
-    assert not at.passes and at.where == "tool, waypoint 2"
-    assert at.value == pytest.approx(0.15)
-
-
 # ---------------------------------------------------------------- plans
 
 
@@ -173,22 +162,6 @@ def test_a_plan_keeps_it_and_is_as_central_as_brute_force() -> None:
     run = qt.follow(task, "qp_planned", plan=plan)
     assert run.constraint_excess.max() <= 1e-9
     assert run.position_error.max() < 1e-8 and run.axis_error.max() < 1e-8
-
-
-@pytest.mark.whole_path
-def test_a_plan_of_an_arm_without_a_closed_form_is_that_of_the_same_slab() -> None:
-    """T holds x of the planar arm; the half-space is a band of its own class."""
-    line = every(qt.load_task("planar_line"), 10, projector=ALONG_X)
-    height = 2.5
-    half = HalfSpace(line.model, line.frame_name, line.frame_type, -Y, -height)
-    plan = qt.plan(dataclasses.replace(line, constraints=(half,)))
-    slab = qt.SlabBand(Y, -9.0, height - 2.0, frame="world")
-    banded = qt.plan(dataclasses.replace(line, bands=(slab,)))
-    assert half.margins(plan.motion()).min() >= -1e-9
-    assert half.margins(between(plan.motion())).min() >= -1e-4
-    assert plan.value == pytest.approx(banded.value, rel=0.01)
-    free = qt.plan(line)
-    assert half.margins(free.motion()).min() < -1e-3
 
 
 @pytest.mark.whole_path
@@ -378,15 +351,6 @@ def test_a_controller_refuses_a_constraint_that_does_not_fit(
         qt.Controller(model, levels=[[tool], [wall]], limits=[], solver=solver)
 
 
-def test_solve_ik_says_that_a_constraint_is_for_another_robot() -> None:
-    task = qt.load_task("deburring")
-    configuration = mink.Configuration(task.model, task.start)
-    tool = qt.TwistTask.axis_free("tool", "site")
-    tool.set_target(task.waypoints[1])
-    with pytest.raises(qt.InvalidInput, match=r"limits\[0\], Wall: margins\(q\).*IndexError"):
-        qt.solve_ik(configuration, [tool], 0.01, "daqp", limits=[Wall(-9.0, (6,), 7)])
-
-
 @pytest.mark.parametrize("solver", [None, "daqp", "solve_ik"])
 def test_a_step_says_which_constraint_is_left(solver: str | None) -> None:
     task = qt.load_task("deburring")
@@ -407,42 +371,3 @@ def test_a_step_says_which_constraint_is_left(solver: str | None) -> None:
     outside = step(at + 0.1)
     assert outside.recovering == ("wall is 0.1 rad outside its wall limit",)
     assert "recovering: wall is 0.1 rad outside" in outside.message
-
-
-def test_margins_that_are_no_numbers_or_may_not_change_are_named_and_prove_nothing() -> None:
-    task = qt.load_task("planar_line")
-    at_first = task.model.qpos0
-
-    class NanElsewhere(HalfSpace):  # type: ignore[misc, valid-type]
-        def margins(self, q: Array) -> Array:
-            margins = np.array(super().margins(q))
-            margins[np.abs(q - at_first).max(axis=1) > 0.1] = np.nan
-            return margins
-
-    class Backwards(HalfSpace):  # type: ignore[misc, valid-type]
-        def change(self, q: Array, travel: Array) -> Array:
-            return -super().change(q, travel)
-
-    run = qt.follow(task, "qp_gradient")
-    made = NanElsewhere(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
-    kept = dataclasses.replace(task, constraints=(made,))
-    with pytest.raises(qt.InvalidInput, match=r"margins.* is NaN at q"):
-        check_trajectory(run, kept)
-    with pytest.raises(qt.InvalidInput, match=r"margins.* is NaN at q"):
-        qt.plan(kept)
-    backwards = Backwards(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
-    with pytest.raises(qt.InvalidInput, match="at least 0"):
-        dataclasses.replace(task, constraints=(backwards,))
-
-
-def test_a_bound_that_takes_no_second_derivatives_is_refused() -> None:
-    task = qt.load_task("planar_line")
-
-    class WithoutCurve(HalfSpace):  # type: ignore[misc, valid-type]
-        def least(self, before: Array, after: Array, travel: Array) -> Array:
-            least: Array = super().least(before, after, travel)
-            return least
-
-    made = WithoutCurve(task.model, "link_3", "body", [0.0, 0.0, 1.0], -1.0)
-    with pytest.raises(qt.InvalidInput, match=r"least\(before, after, travel, curve\)"):
-        dataclasses.replace(task, constraints=(made,))

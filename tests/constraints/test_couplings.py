@@ -15,18 +15,15 @@ from oracles.arms import chain
 from oracles.banded_paths import every
 from oracles.half_space import HalfSpace
 from oracles.joint_paths import between, evenly, joint_path
-from oracles.twists import ALONG_X, NOTHING, POINT
+from oracles.twists import ALONG_X, NOTHING
 
 import qp_twist as qt
-from qp_twist.constraints import COUPLED_WITHIN, PositionLimit
+from qp_twist.constraints import COUPLED_WITHIN
 from qp_twist.following.batch import follow as follow_many
 from qp_twist.planning import random_start
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import closed_form_arm
-from qp_twist.studies.judge import Judge
 from qp_twist.trajectories import JointRows, check_trajectory
-from qp_twist.viewing.live_arm import LiveArm
-from qp_twist.viewing.settings import PageSettings
 
 Array = np.ndarray
 ROOT = Path(__file__).parents[2]
@@ -147,25 +144,6 @@ def test_the_bound_of_the_change_holds_on_ways_that_turn_back(seed: int) -> None
     assert (least <= margins.min(axis=0) + 1e-9).all()
 
 
-def test_a_joint_by_itself_stays_where_its_coupling_puts_it() -> None:
-    model = planar('<joint joint1="joint_2" polycoef="0.3 7 7 7 7"/>').model
-    [couplings] = qt.constraints.couplings_of(model)
-    assert couplings.names == ("joint_2",) and couplings.units == ("rad",)
-    assert couplings.residuals(np.array([[1.0, 0.5, 2.0]])) == pytest.approx(0.2)
-
-
-def test_coefficients_that_are_no_numbers_and_tolerances_that_are_none_are_refused() -> None:
-    model = planar('<joint joint1="joint_1" joint2="joint_2"/>').model
-    for tolerance in (0.0, -1.0, np.nan, "1"):
-        with pytest.raises(qt.InvalidInput, match="tolerance"):
-            qt.JointCouplings(model, tolerance)  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match="unit"):
-        qt.JointCouplings(model, unit="deg")
-    model.eq_data[0, 2] = np.nan
-    with pytest.raises(qt.InvalidInput, match="joint_1 to joint_2 has coefficients that are no n"):
-        qt.JointCouplings(model)
-
-
 # ---------------------------------------------------------------- who has it
 
 
@@ -253,82 +231,6 @@ def test_reference_and_kernel_take_the_same_step(seed: int) -> None:
     assert {(b.joint, b.kind) for b in one.binding} == {(b.joint, b.kind) for b in other.binding}
 
 
-def test_motion_limits_and_couplings_are_kept_together() -> None:
-    """A chain of couplings, led to and fro at its limits of speed and acceleration."""
-    hardest = np.array([5.0, 9.0, 1.0, 3.0])
-    model = chain(
-        'range="-1 1" ref="0.2"', 'range="-0.7 1.5"', 'range="-1 1"', 'range="-2 2"',
-        equality="""<joint joint1="joint_1" joint2="joint_2" polycoef="-0.1 -2.5 0 0 0"/>
-        <joint joint1="joint_3" joint2="joint_1" polycoef="0.1 0.5 0 0 0"/>""",
-    )  # fmt: skip
-    limit = qt.MotionLimit(model, velocity=[1.0, 0.8, 3.0, 2.0], acceleration=hardest)
-    task = qt.TwistTask("tool", "site", ALONG_X)
-    posture = qt.PostureReference(model, np.zeros(4), 0.3)
-    controller = qt.Controller(
-        model, [task], secondary=[posture], limits=[limit, qt.JointCouplings(model)]
-    )
-    configuration = mink.Configuration(model, np.array([0.1, 0.0, 0.05, 0.0]))
-    task.set_target_from_configuration(configuration)
-    assert task.target is not None
-    middle, rng = task.target.translation(), np.random.default_rng(1)
-    passed, velocities = [configuration.q.copy()], [np.zeros(4)]
-    for number in range(400):
-        if number % 40 == 0:
-            posture.q_ref = rng.uniform(-2, 2, 4)
-            task.set_target(mink.SE3.from_translation(middle + 0.2 * rng.normal(size=3)))
-        velocities.append(controller.step(configuration, 0.01).velocity)
-        configuration.integrate_inplace(velocities[-1], 0.01)
-        passed.append(configuration.q.copy())
-    assert np.ptp(passed, axis=0)[1] > 0.1
-    assert (np.abs(np.diff(velocities, axis=0)) <= 0.01 * hardest + 1e-12).all()
-    assert np.abs(mujocos_residuals(model, np.array(passed))).max() <= COUPLED_WITHIN + 1e-9
-
-
-@pytest.mark.parametrize("solver", ["compiled", "daqp"])
-@pytest.mark.parametrize("fastest", [1.0, 0.05])
-def test_a_joint_that_is_held_gives_way_to_how_fast_it_may_return(
-    solver: str, fastest: float
-) -> None:
-    """0.3 rad from where it is held: at the constraint's speed, or slower where it may not."""
-    path = planar('<joint joint1="joint_2" polycoef="0.5 0 0 0 0"/>')
-    task = qt.TwistTask("tip", "site", ALONG_X)
-    task.set_target(path.waypoints[1])
-    limits = [qt.MotionLimit(path.model, velocity=fastest), qt.JointCouplings(path.model)]
-    controller = qt.Controller(path.model, [task], limits=limits, solver=solver)
-    configuration = mink.Configuration(path.model, np.array([1.0, 0.8, 1.0]))
-    step = controller.step(configuration, 0.1)
-    assert step.velocity[1] == pytest.approx(-min(fastest, 0.1), abs=1e-9)
-    assert "joint_2 is 0.3 rad outside its coupling limit" in step.message
-
-
-def test_a_free_body_beside_coupled_joints_is_no_hindrance_to_a_run_and_refused_by_a_plan() -> None:
-    text = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
-    box = '<body name="box" pos="5 5 0"><freejoint/><geom size="0.1"/></body>'
-    equality = '<joint joint1="joint_2" joint2="joint_1" polycoef="1.2 -0.5 0 0 0"/>'
-    text = text.replace("</worldbody>", f"{box}</worldbody>")
-    text = text.replace("</mujoco>", f"<equality>{equality}</equality></mujoco>")
-    model = mujoco.MjModel.from_xml_string(text)
-    task = dataclasses.replace(
-        every(qt.load_task("planar_line"), 10, projector=ALONG_X),
-        model=model,
-        start=np.append([1.0, 0.7, 1.0], model.qpos0[3:]),
-        velocity_limits=np.full(9, np.inf),
-        acceleration_limits=np.full(9, np.inf),
-    )
-    run = qt.follow(task, "qp_gradient")
-    assert mujocos_residuals(model, run.q)[:, :1] == pytest.approx(0.0, abs=1.1e-5)
-    assert run.position_error.max() < 1e-5
-    with pytest.raises(qt.InvalidInput, match="planar_line's scene has ball or free joints; only"):
-        qt.plan(task)
-
-
-def test_models_without_couplings_have_the_limits_that_they_had() -> None:
-    task = qt.load_task("deburring")
-    twist = qt.TwistTask("tool", "site", task.projector)
-    [limit] = qt.Controller(task.model, tasks=[twist]).limits
-    assert type(limit) is PositionLimit and task.constraints == ()
-
-
 # ---------------------------------------------------------------- runs and their checks
 
 
@@ -375,27 +277,6 @@ def test_curved_couplings_are_kept_by_a_run_to_what_a_check_lets_pass() -> None:
     assert run.position_error.max() < 1e-5
     assert np.ptp(run.q[:, 0]) > 0.2
     assert mujocos_residuals(task.model, run.q) == pytest.approx(0.0, abs=2.1e-5)
-
-
-def test_the_live_page_keeps_it() -> None:
-    task = with_gripper()
-    torn = np.append(task.start[:6], [0.03, 0.01])
-    arm = LiveArm(task, PageSettings.of(task, "qp_gradient"), torn)
-    arm.target = task.waypoints[1]
-    for _ in range(40):
-        moment = arm.step()
-    assert abs(moment.q[7] - moment.q[6]) <= COUPLED_WITHIN + 1e-12
-
-
-def test_a_study_judges_it() -> None:
-    task = with_gripper(step=5)
-    run = qt.follow(task, "qp_gradient")
-    judge = Judge(task)
-    assert judge.fault(run) is None
-    q = run.q.copy()
-    q[3:, 6] += 1e-3
-    fault = judge.fault(dataclasses.replace(run, q=q))
-    assert fault is not None and (fault.kind, fault.waypoint) == ("constraint", 4)
 
 
 @pytest.mark.whole_path
@@ -459,38 +340,7 @@ def test_a_path_is_refused_where_it_would_tear_a_closed_loop(of: str) -> None:
         assert {c.kind for c in made.path_task.stated_constraints} == {"clearance"}
 
 
-def test_a_path_on_a_moving_body_is_refused_likewise() -> None:
-    made = joint_path(with_equality(""), np.zeros((3, 3)), evenly(3, 1.0), 1.0, 1.0).path_task
-    loop, *_ = LOOPS["closed at a point"]
-    with pytest.raises(qt.InvalidInput, match=r"<connect> 'loop' between 'a' and 'b'"):
-        dataclasses.replace(made, model=with_equality(loop), relative_to="b")
-
-
 # ---------------------------------------------------------------- plans
-
-
-@given(SEEDS)
-@settings(max_examples=15, deadline=None)
-def test_the_rows_of_a_path_bring_joints_together_and_leave_the_rest_free(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = coupled_chain(rng, 7)
-    near = rng.uniform(-0.3, 0.3, model.nq)
-    task = joint_path(model, near[None] + np.zeros((2, 1)), None, projector=ALONG_X).path_task
-    rows = PathRows(task)
-    at = np.zeros(20, dtype=np.intp)
-    q, arrived = rows.correct(near + 0.05 * rng.normal(size=(20, 7)), at)
-    independent = rows.couplings.independent()
-    if arrived.any():
-        residuals = mujocos_residuals(model, q[arrived])
-        assert residuals[:, independent] == pytest.approx(0.0, abs=1e-8)
-    rank = np.linalg.matrix_rank(rows.couplings.slopes(model.qpos0[None])[0])
-    assert len(independent) == rank and (rows.freedom == 7 - 1 - rank).all()
-    basis = rows.motions(q, at)
-    assert basis.shape[2] == rows.freedom[0]
-    slopes = rows.couplings.slopes(q)[:, independent]
-    assert np.abs(slopes @ basis).max(initial=0.0) < 1e-9 * (1.0 + np.abs(slopes).max())
-    # What the multipliers say is what a tiny change of the rows is worth.
-    assert len(rows.multipliers(q, at, np.ones(q.shape))) == 3
 
 
 @pytest.mark.whole_path
@@ -513,14 +363,6 @@ def test_a_plan_of_an_arm_with_a_gripper_is_as_central_as_without() -> None:
     for start in (random_start(task, np.random.default_rng(0)), qt.find_starts(task)[0].q):
         assert start is not None
         assert abs(start[7] - start[6]) <= COUPLED_WITHIN
-
-
-def test_an_arm_with_free_fingers_is_planned_too() -> None:
-    """A closed form of six joints says nothing of eight."""
-    task = with_gripper("")
-    assert task.constraints == ()
-    plan = qt.plan(dataclasses.replace(task, waypoints=task.waypoints[:3], durations=None))
-    assert plan.motion().shape == (3, 8)
 
 
 def test_a_coupling_in_the_chain_is_kept_and_the_plan_as_good_as_brute_force() -> None:
@@ -548,27 +390,6 @@ def test_a_coupling_in_the_chain_is_kept_and_the_plan_as_good_as_brute_force() -
     assert total - 1e-6 <= plan.value <= 1.02 * total
     assert plan.bound <= plan.value + 1e-9
     assert plan.bound >= 0.98 * total
-
-
-@pytest.mark.whole_path
-@pytest.mark.parametrize("left", [0, 2])
-def test_an_arm_whose_closed_form_knows_nothing_of_its_linkage_is_planned(left: int) -> None:
-    """The third joint follows the second; with a free roll that leaves single configurations."""
-    equality = '<joint joint1="joint_3" joint2="joint_2" polycoef="0.2 -0.5 0.1 0 0"/>'
-    free = POINT
-    if left == 0:
-        free = qt.load_task("deburring").projector
-    model = scene("m16ib_deburring", equality)
-    rng = np.random.default_rng(3)
-    step = 0.03 * rng.normal(size=6)
-    q = np.array([0.3, 0.2, 0.1, 0.2, -0.8, 0.1]) + np.outer(np.arange(4), step)
-    q[:, 2] = 0.2 - 0.5 * q[:, 1] + 0.1 * q[:, 1] ** 2
-    path = joint_path(model, q, None, projector=free).path_task
-    assert closed_form_arm(path) is None and (PathRows(path).freedom == left).all()
-    plan = qt.plan(path)
-    assert mujocos_residuals(model, plan.motion()) == pytest.approx(0.0, abs=1e-8)
-    assert plan.value <= qt.JointRanges.of(model).centring(q).mean() + 1e-9
-    assert all(f.passes for f in plan.examined() if "coupling" in f.name)
 
 
 @pytest.mark.whole_path

@@ -5,9 +5,6 @@ Each odd argument goes to both; where mink finds a velocity ours is the same one
 
 from __future__ import annotations
 
-import gc
-import logging
-import weakref
 from collections.abc import Callable
 from fractions import Fraction
 from types import SimpleNamespace
@@ -19,7 +16,6 @@ import numpy as np
 import pytest
 import qpsolvers
 from oracles import mink_problems
-from oracles.twists import ALONG_X, at, site
 
 import qp_twist as qt
 
@@ -301,14 +297,6 @@ def test_what_mink_raises_is_raised(case: Case, name: str) -> None:
             solve_ik(**arguments(case, change))
 
 
-def test_an_unknown_solver_is_an_error_of_both_packages(case: Case) -> None:
-    with pytest.raises(qt.UnknownSolver, match="'magic' is not installed") as caught:
-        qt.solve_ik(case.c, [case.posture], DT, "magic")
-    assert isinstance(caught.value, qpsolvers.SolverNotFound)
-    assert isinstance(caught.value, qt.InvalidInput)
-    assert isinstance(caught.value, mink.MinkError)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -326,35 +314,6 @@ def test_what_means_nothing_is_a_sentence(case: Case, change: dict[str, Any]) ->
     """mink fails at these in all sorts of ways, or returns NaN or a velocity of no meaning."""
     with pytest.raises(qt.InvalidInput):
         qt.solve_ik(**arguments(case, lambda s: change))
-
-
-def test_each_is_asked_once_whatever_becomes_of_the_step(case: Case) -> None:
-    for speed, status in ((1e3, qt.Status.SOLVED), (1e-3, qt.Status.SCALED)):
-        everywhere = np.vstack([np.eye(case.nv), -np.eye(case.nv)])
-        task, dense = Asked(case.frame), Dense(case.posture)
-        limit = rows(everywhere, np.full(2 * case.nv, speed * DT))
-        constraint = Constraint(case.twist)
-        step = qt.ik_step(
-            case.c, [task, dense], DT, "daqp", limits=[limit], constraints=[constraint]
-        )  # type: ignore[list-item]
-        assert step.status is status
-        assert [x.calls for x in (task, dense, limit, constraint)] == [1, 1, 1, 1]
-
-
-def test_a_task_may_ask_for_a_step_itself(case: Case) -> None:
-    """One program is laid down after the other in the same arrays."""
-
-    def nested(stated: Any) -> Any:
-        qt.solve_ik(case.c, [case.com, case.posture], DT, "daqp", limits=[case.speeds])
-        return stated
-
-    plain = qt.solve_ik(case.c, [case.frame, case.posture], DT, "daqp", constraints=[case.twist])
-    velocity = qt.solve_ik(
-        case.c, [Asked(case.frame, nested), Asked(case.posture, nested)], DT, "daqp",
-        limits=[Limit(mink.ConfigurationLimit(case.c.model), nested)],
-        constraints=[Constraint(case.twist, nested, case.twist.gain)],
-    )  # type: ignore[list-item]  # fmt: skip
-    np.testing.assert_allclose(velocity, plain, atol=1e-9)
 
 
 def test_the_velocity_is_the_callers_own(case: Case) -> None:
@@ -480,52 +439,6 @@ def test_what_is_edited_is_noticed(name: str, ball: bool, passed: bool) -> None:
     assert (np.abs(after - before).max() > 1e-3) == (passed != of_the_model)
 
 
-CHAIN = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>
-<body><joint name="a" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
-<body pos="1 0 0"><joint name="b" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
-<body pos="1 0 0"><joint name="c" axis="0 0 1" range="0.05 0.31"/><geom size="0.1"/>
-<site name="tip" pos="1 0 0"/></body></body></body>
-</worldbody></mujoco>"""
-
-
-@pytest.mark.parametrize(
-    ("made", "indices"),
-    [
-        (mink.ConfigurationLimit, [0]), (mink.ConfigurationLimit, []),
-        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), [2, 1]),
-        (lambda model: mink.VelocityLimit(model, {"a": 0.2, "b": 0.2}), []),
-    ],
-)  # fmt: skip
-def test_a_controller_notices_that_a_limit_is_about_other_joints(
-    made: Callable[[mujoco.MjModel], Any], indices: list[int]
-) -> None:
-    model = mujoco.MjModel.from_xml_string(CHAIN)
-    c, limit = mink.Configuration(model, np.array([0.1, 0.3, 0.2])), made(model)
-    pull = ALONG_X
-    task = qt.TwistTask("tip", "site", pull)
-    tip = site(c, "tip")
-    task.set_target(at(-0.05, 0.0, 0.0) @ tip)
-    controller = qt.Controller(model, [task], limits=[limit])
-    before = controller.step(c, 0.1).velocity
-    limit.indices = np.array(indices, dtype=int)
-    limit.projection_matrix = np.eye(3)[indices] if indices else None
-    after = controller.step(c, 0.1).velocity
-    anew = qt.Controller(model, [task], limits=[limit], solver="daqp").step(c, 0.1).velocity
-    np.testing.assert_allclose(after, anew, atol=1e-8)
-    assert np.abs(after - before).max() > 1e-3
-
-
-def test_a_model_is_not_kept(case: Case) -> None:
-    model = mujoco.MjModel.from_xml_string(ARM)
-    c, tasks = tight(model)
-    qt.solve_ik(c, tasks, DT, "daqp")
-    qt.ik_step(c, tasks, DT, "daqp", limits=[mink.ConfigurationLimit(model)])
-    gone = weakref.ref(model)
-    del model, c, tasks
-    gc.collect()
-    assert gone() is None
-
-
 def test_two_models_of_one_size_do_not_mix() -> None:
     wide = mujoco.MjModel.from_xml_string(ARM)
     narrow = mujoco.MjModel.from_xml_string(ARM.replace("-1 1", "-0.1 0.1"))
@@ -533,16 +446,6 @@ def test_two_models_of_one_size_do_not_mix() -> None:
         c, tasks = tight(model)
         expected = mink.solve_ik(c, tasks, DT, "daqp")
         np.testing.assert_allclose(qt.solve_ik(c, tasks, DT, "daqp"), expected, atol=1e-6)
-
-
-@pytest.mark.parametrize("size", [3, 1000])
-def test_bounds_of_another_size_are_a_sentence(case: Case, size: int) -> None:
-    class Wrong(qt.constraints.BoxLimit):
-        def bounds(self, configuration: mink.Configuration, dt: float) -> Any:
-            return np.full(size, -1.0), np.full(size, 1.0)
-
-    with pytest.raises(qt.InvalidInput, match=rf"bounds of shape \({size},\)"):
-        qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=[Wrong()])
 
 
 @pytest.mark.parametrize("name", mink_problems.LIMITS)
@@ -567,23 +470,6 @@ def test_what_a_limit_of_a_newer_mink_has_is_refused(case: Case, name: str, ask:
         asked()
     limit.__class__ = type("Elastic", (type(limit),), {})
     asked()
-
-
-def test_minks_lines_of_the_log_are_written_where_somebody_reads_them(
-    case: Case, caplog: pytest.LogCaptureFixture
-) -> None:
-    c = outside(case)
-    with caplog.at_level(logging.DEBUG, logger="mink"):
-        qt.solve_ik(c, [case.posture], DT, "daqp")
-    assert "outside of its limits" in caplog.text
-    calls = []
-
-    class Mine(mink.Configuration):
-        def check_limits(self, tol: float = 1e-6, safety_break: bool = True) -> None:
-            calls.append(safety_break)
-
-    qt.solve_ik(Mine(case.c.model, case.c.q), [case.posture], DT, "daqp")
-    assert calls == [False]
 
 
 # ---------------------------------------------------------------- rows that depend on each other
@@ -613,32 +499,6 @@ def test_dependent_constraints_are_solved_where_mink_states_them() -> None:
         once = {id(x): x for x in constraints}.values()
         expected = mink.solve_ik(c, problem.tasks, DT, "daqp", constraints=list(once))
         np.testing.assert_allclose(step.velocity, expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("twice", [False, True])
-@pytest.mark.parametrize("seed", range(2))
-def test_steps_that_are_too_fast_are_slowed_down_as_the_reference_does(
-    seed: int, twice: bool
-) -> None:
-    """By the kernel; with an option for a backend the reference takes over."""
-    c = mink_problems.configuration(seed)
-    rng = np.random.default_rng(seed)
-    task = mink_problems.twist(c, rng)
-    posture, frame = mink_problems.posture(c, rng), mink_problems.frame(c, rng)
-    joints = [f"{side}_{k}" for side in ("left", "right") for k in range(1, 8)]
-    speeds = {joint: rng.uniform(0.02, 0.3) for joint in (*joints, "cart_x", "cart_y", "cart_yaw")}
-    limits = [mink.VelocityLimit(c.model, speeds), mink_problems._collision_limit(c)]
-    given = {"limits": limits, "constraints": [task, task] if twice else [task]}
-    step = qt.ik_step(c, [posture, frame], DT, "daqp", **given)
-    reference = qt.ik_step(c, [posture, frame], DT, "daqp", primal_tol=1e-11, **given)
-    assert (step.solver, reference.solver) == ("compiled", "daqp")
-    assert step.status is reference.status is qt.Status.SCALED
-    assert step.scale == pytest.approx(reference.scale, abs=1e-6)
-    np.testing.assert_allclose(step.velocity, reference.velocity, atol=1e-4)
-    assert {str(x) for x in step.binding} == {str(x) for x in reference.binding}
-    assert len(step.residuals) == 1 + twice
-    for residual in step.residuals:
-        np.testing.assert_allclose(residual, 0.0, atol=1e-8)
 
 
 def test_rows_that_depend_but_ask_for_something_else_are_not_called_solved(case: Case) -> None:

@@ -201,33 +201,6 @@ def test_a_joint_at_its_limit_may_stand_still_and_never_goes_over_by_rounding() 
             assert (moved <= arm.model.jnt_range[:, 1]).all()
 
 
-def test_a_window_shares_one_allowance_among_the_iterations_of_a_waypoint() -> None:
-    arm = Arm(5, away=2.0)
-    begin = arm.configuration.q.copy()
-    window = qt.constraints.DisplacementWindow(arm.model, begin, np.full(7, 0.03))
-    controller = qt.Controller(arm.model, [arm.task], limits=[window])
-    controller.smooth = False
-    for _ in range(6):
-        velocity = controller.step(arm.configuration, 0.5).velocity
-        arm.configuration.integrate_inplace(velocity, 0.5)
-    assert np.abs(arm.configuration.q - begin).max() <= 0.03 + 1e-12
-    assert np.abs(arm.configuration.q - begin).max() == pytest.approx(0.03, abs=1e-6)
-
-
-def test_mink_limits_and_ours_are_the_same_box() -> None:
-    arm = Arm(8, away=1.0)
-    ours = [qt.PositionLimit(arm.model), arm.velocity_limit(0.5)]
-    minks = [mink.ConfigurationLimit(arm.model, gain=1.0), arm.velocity_limit(0.5)]
-    first = qt.Controller(arm.model, [arm.task], limits=ours).step(arm.configuration, 0.1)
-    second = qt.Controller(arm.model, [arm.task], limits=minks).step(arm.configuration, 0.1)
-    assert second.velocity == pytest.approx(first.velocity, abs=1e-9)
-    assert second.scale == pytest.approx(first.scale, abs=1e-9)
-    # And our box limits are mink limits: mink itself can use them.
-    rows = qt.PositionLimit(arm.model).compute_qp_inequalities(arm.configuration, 0.1)
-    assert rows.G is not None
-    assert (rows.G @ np.zeros(7) <= rows.h).all()
-
-
 def test_a_limit_with_general_rows_holds_and_is_named() -> None:
     arm = Arm(2)
     free = qt.Controller(arm.model, [arm.task], limits=[]).step(arm.configuration, 0.1)
@@ -250,38 +223,6 @@ def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
         arm.configuration, [posture], 0.1, "daqp", limits=[], constraints=[arm.task]
     )
     assert ours == pytest.approx(minks, abs=1e-6)
-
-
-@pytest.mark.parametrize("space", ["joint", "twist"])
-def test_rows_of_rounding_dust_do_not_contradict_the_others(space: str) -> None:
-    # A tilted planar arm asked for all three directions of position: the row across its plane is
-    # dust, and so is its right-hand side.
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        quat = " ".join(str(x) for x in rng.normal(size=4))
-        model = mujoco.MjModel.from_xml_string(
-            f"""<mujoco><worldbody><body quat="{quat}"><joint name="a" axis="0 0 1"/>
-            <geom size="0.01"/><body pos="1 0 0"><joint name="b" axis="0 0 1"/><geom size="0.01"/>
-            <body pos="1 0 0"><joint name="c" axis="0 0 1"/><geom size="0.01"/>
-            <site name="tip" pos="1 0 0"/></body></body></body></worldbody></mujoco>"""
-        )
-        configuration = mink.Configuration(model, np.array([0.4, 0.7, 0.9]))
-        task = qt.TwistTask("tip", "site", ROLL_FREE)
-        task.set_target_from_configuration(configuration)
-        J, desired = task.state(configuration).jacobian, rng.normal(size=3)
-        task.set_target(task.target, J @ desired)
-        controller = qt.Controller(model, [task], limits=[], secondary_space=space)
-        step = controller.step(configuration, 0.01)
-        assert step.status is qt.Status.SOLVED
-        assert J[:3] @ step.velocity == pytest.approx(J[:3] @ desired, abs=1e-7)
-
-
-def test_twist_space_without_a_twist_task_is_joint_space() -> None:
-    arm = Arm(1)
-    posture = mink.PostureTask(arm.model, cost=1.0)
-    posture.set_target(np.zeros(7))
-    controller = qt.Controller(arm.model, [posture], secondary_space="twist", limits=[])
-    assert np.isfinite(controller.step(arm.configuration, 0.1).velocity).all()
 
 
 # Input that is refused, with a sentence.
@@ -362,20 +303,6 @@ def test_a_step_that_cannot_be_asked_for_is_refused(
     controller = qt.Controller(arm.model, given["tasks"], limits=given["limits"])
     with pytest.raises(error, match=sentence):
         controller.step(given["configuration"], given["dt"])
-
-
-def test_a_limited_ball_joint_is_refused_by_name() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        """<mujoco><worldbody><body><joint name="shoulder" type="ball" range="0 60"/>
-        <geom size="0.1"/><site name="tool" pos="0 0 1"/></body></worldbody></mujoco>"""
-    )
-    with pytest.raises(qt.InvalidInput, match=r"'shoulder'.*mink\.ConfigurationLimit"):
-        qt.PositionLimit(model)
-    task = qt.TwistTask("tool", "site", ROLL_FREE)
-    configuration = mink.Configuration(model)
-    task.set_target_from_configuration(configuration)
-    controller = qt.Controller(model, [task], limits=[mink.ConfigurationLimit(model)])
-    assert controller.step(configuration, 0.1).status is qt.Status.SOLVED
 
 
 def test_a_step_says_itself_in_a_sentence() -> None:

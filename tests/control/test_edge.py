@@ -13,19 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import planar_arm, random_arm, random_configuration, seven_axes
-from oracles.twists import NOTHING, PLANE, SPATIAL, at, pose, site
+from oracles.twists import PLANE, SPATIAL, at, pose, site
 from oracles.walks import reversals, walk
 
 import qp_twist as qt
 from qp_twist.constraints import stopping_share, stopping_speed
-from qp_twist.constraints.stopping_speed import BRAKING
-from qp_twist.control import solving
-from qp_twist.kernel import directions as compiled_directions
-from qp_twist.kernel import edge_step
-from qp_twist.kernel import one_program as compiled_program
-from qp_twist.qp import Directions, one_program, scaling
+from qp_twist.qp import Directions, one_program
 from qp_twist.qp import directions as read
-from qp_twist.shipped import shipped_folder
 
 Array = npt.NDArray[np.float64]
 SEEDS = st.integers(0, 10**6)
@@ -103,16 +97,6 @@ def test_no_weak_singular_value_changes_faster_than_its_bound(seed: int) -> None
         v = right[i]
         change = (rows(q + 1e-6 * v) - rows(q - 1e-6 * v)) / 2e-6
         assert abs(left[:, i] @ change @ v) <= read.BEND * sigma[0]
-
-
-def test_both_statements_have_the_same_constants() -> None:
-    """In the kernel they are compiled in; a difference would be one of the step."""
-    for name in ("REGULAR", "BEND", "SMOOTHED"):
-        assert getattr(compiled_directions, name) == getattr(read, name)
-    for name in ("WORTH", "BEYOND", "CURVED", "SOFT", "DEAD", "LEAST_MOTION"):
-        assert getattr(compiled_program, name) == getattr(one_program, name)
-    assert compiled_directions.BRAKING == BRAKING
-    assert compiled_program.BACKOFF == scaling.SCALE_BACKOFF and edge_step.WHOLE == solving.WHOLE
 
 
 # ----------------------------------------------------------------------------- one step of a robot
@@ -211,23 +195,6 @@ def test_a_small_error_in_a_weak_direction_falls_by_the_stated_share(mode: str) 
     assert np.linalg.norm(step.residuals[0]) == pytest.approx(missing, rel=1e-2)
 
 
-def test_noise_of_a_target_inside_the_edge_is_not_amplified() -> None:
-    """0.1 mm of it, 2 mm inside, at 200 Hz: joints keep their direction, and no error stays."""
-    model, rng = planar_arm([0.42, 0.4]), np.random.default_rng(5)
-    configuration = mink.Configuration(model, np.array([0.0, 0.14]))
-    task = qt.TwistTask("tip", "site", PLANE)
-    tip = site(configuration, "tip").translation()
-    assert 0.001 < 0.82 - np.linalg.norm(tip) < 0.003
-
-    def noise(t: float) -> None:
-        task.set_target(at(*(tip + np.append(1e-4 * rng.normal(size=2) * (t < 2.0), 0.0))))
-
-    controller = qt.Controller(model, [task], limits=[qt.MotionLimit(model, velocity=FASTEST)])
-    _, velocities = walk(controller, configuration, 600, DT, noise)
-    assert reversals(velocities) == 0
-    assert np.linalg.norm(site(configuration, "tip").translation() - tip) < 1e-9
-
-
 @BOTH_MODES
 def test_noise_at_the_edge_turns_no_joint_round_with_an_acceleration_limit(mode: str) -> None:
     """A noisy pose 6 mm inside; the default of a joint with a speed limit: full speed in 50 ms."""
@@ -314,23 +281,6 @@ def test_no_joint_chatters_when_the_target_leaves_the_reach(name: str, mode: str
         assert found.final < 1e-4
 
 
-@BOTH_MODES
-@pytest.mark.parametrize("name", ["out", "jump"])
-def test_nor_with_acceleration_limits(name: str, mode: str) -> None:
-    offset, length = CASES[name]
-    found = run(offset, length + 2.0, mode, acceleration=10.0)
-    assert found.flips <= 5
-    assert found.excess <= 1e-9
-    assert found.final < 1e-4
-
-
-def test_a_named_backend_is_as_calm() -> None:
-    offset, length = CASES["diagonal"]
-    calm, other = run(offset, length, "scale", solver="daqp"), run(offset, length, "scale")
-    assert calm.flips <= 5
-    assert calm.rms == pytest.approx(other.rms, rel=1e-3)
-
-
 def rushing(seed: int, start: mink.SE3) -> Callable[[float], mink.SE3]:
     """Excursions up to metres beyond the reach, and back within two seconds."""
     rng = np.random.default_rng([seed, 7])
@@ -377,19 +327,6 @@ def test_no_joint_reverses_again_and_again_as_a_target_rushes_past(
     np.testing.assert_allclose(site(configuration).translation(), start.translation(), atol=1e-4)
 
 
-def test_what_is_lost_far_outside_does_not_shake_the_other_directions() -> None:
-    """Two arms, the target of one up to 1.5 m outside, which made joints reverse at every step."""
-    model = mujoco.MjModel.from_xml_path(str(shipped_folder("scenes") / "two_arms.xml"))
-    home = np.tile(HOME, 2)
-    tasks = [qt.TwistTask.axis_free(name, "site") for name in ("left_tool", "right_tool")]
-    controller = controller_of(model, tasks, home)
-    configuration = mink.Configuration(model, home)
-    tasks[1].set_target_from_configuration(configuration)
-    goal = rushing(10269, site(configuration, "left_tool"))
-    _, v = walk(controller, configuration, 250, DT, lambda t: tasks[0].set_target(goal(t)))
-    assert reversals(v) <= 5
-
-
 # ---------------------------------------------------------------------------------------- braking
 
 
@@ -431,13 +368,6 @@ def test_a_target_is_reached_without_overshoot(mode: str, seed: int) -> None:
     assert errors[-1] < 1e-6
 
 
-def test_a_target_with_its_twist_keeps_its_speed() -> None:
-    """0.1 m/s along y under acceleration limits: without a lag once the arm is at speed."""
-    speed = np.array([0.0, 0.1, 0.0])
-    found = run(lambda t: speed * t, 1.0, "scale", acceleration=10.0, twist=lambda _: speed)
-    assert found.final < 1e-4 + 0.1 * DT
-
-
 def test_a_braked_step_names_the_joint_that_could_not_stop() -> None:
     configuration = mink.Configuration(SEVEN, HOME.copy())
     task = qt.TwistTask.axis_free("tool", "site")
@@ -455,24 +385,6 @@ def test_a_braked_step_names_the_joint_that_could_not_stop() -> None:
     assert free.step(configuration, DT).status is qt.Status.SOLVED
 
 
-def test_joints_that_just_stop_at_their_limits_are_braked_in_the_kernel() -> None:
-    """At the stopping speed rounding decides which bound is higher: acceleration counts first."""
-    away = np.array([2.9, 2.0, -2.9, 2.0, 2.9, -2.0, 3.0])
-    found = []
-    for solver in ("compiled", "daqp"):
-        configuration = mink.Configuration(SEVEN, 0.3 * away)
-        task = qt.TwistTask("tool", "site", NOTHING)
-        task.set_target_from_configuration(configuration)
-        controller = qt.Controller(
-            SEVEN, [task], limits=[qt.MotionLimit(SEVEN, velocity=FASTEST, acceleration=10.0)],
-            solver=solver, secondary=[qt.PostureReference(SEVEN, 2.0 * away, gain=1.0)],
-        )  # fmt: skip
-        found.append(walk(controller, configuration, 400, DT)[0][-1])
-        assert controller.reference_steps == 0 or solver == "daqp"
-    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
-    np.testing.assert_allclose(np.abs(found[0]), SEVEN.jnt_range[:, 1], atol=1e-6)
-
-
 # ------------------------------------------------------------------- around what is in the way
 
 
@@ -486,25 +398,6 @@ def test_a_limit_that_would_stop_the_scaled_task_is_gone_around() -> None:
     limit = qt.MotionLimit(SEVEN, velocity=FASTEST)
     walk(qt.Controller(SEVEN, [task], limits=[limit]), configuration, 500, DT)
     np.testing.assert_allclose(site(configuration).translation(), home.translation(), atol=1e-4)
-
-
-def test_a_weak_direction_that_a_limit_stops_is_gone_around_in_both_statements() -> None:
-    """Joint 2 of six at its limit, the target 0.5 m away in the direction that is nearly lost."""
-    model = DEBURRING.model
-    q = np.array([0.083140453, -1.5708, -1.725138589, -0.452886106, 0.257855346, -2.722331898])
-    q[1] = model.jnt_range[1, 0]
-    configuration = mink.Configuration(model, q)
-    task = qt.TwistTask.axis_free("tool", "site")
-    task.set_target(site(mink.Configuration(model, SIX_HOME)))
-    found = []
-    for solver in ("compiled", "daqp"):
-        controller = controller_of(model, [task], SIX_HOME, solver=solver)
-        found.append(controller.step(configuration, DT))
-        assert controller.reference_steps == 0 or solver == "daqp"
-    np.testing.assert_allclose(found[0].velocity, found[1].velocity, atol=1e-6)
-    assert found[0].status is found[1].status
-    A, b = task.velocity_rows(configuration, DT)
-    assert b @ A @ found[0].velocity > 0.0  # it comes nearer
 
 
 def test_a_lower_level_out_of_reach_is_calm_and_moves_nothing_above_it() -> None:
@@ -529,57 +422,3 @@ def test_a_lower_level_out_of_reach_is_calm_and_moves_nothing_above_it() -> None
         velocities.append(step.velocity)
         configuration.integrate_inplace(step.velocity, DT)
     assert reversals(velocities) <= 5
-
-
-# ---------------------------------------------------------------------------------------- settings
-
-
-@BOTH_MODES
-@pytest.mark.parametrize(
-    ("before", "name", "value"),
-    [
-        ({}, "smooth", False),
-        ({"smooth": False}, "smooth", True),
-        ({}, "singularity", 0.0),
-        ({"singularity": 0.0}, "singularity", 5e-3),
-        ({}, "braking", False),
-        ({"acceleration": np.inf}, "max_acceleration", np.full(7, 5.0)),
-        ({"velocity": np.inf, "acceleration": np.inf}, "max_velocity", np.full(7, 1.0)),
-    ],
-)
-def test_settings_that_change_between_two_steps_are_those_of_the_next(
-    mode: str, before: dict, name: str, value: object
-) -> None:
-    """The compiled step beside the reference, which reads them anew at every step."""
-    before = dict(before)
-    motion = {"velocity": 1.5, "acceleration": 10.0}
-    motion |= {key: before.pop(key) for key in motion if key in before}
-    near, stretched = (
-        mink.Configuration(SEVEN, q) for q in (HOME, HOME * [0, 1, 0, 0.04, 0, 0.2, 0])
-    )
-    steps = []
-    for solver in (None, "daqp"):
-        task = qt.TwistTask.axis_free("tool", "site")
-        limit = qt.MotionLimit(SEVEN, **motion)  # type: ignore[arg-type]
-        controller = qt.Controller(
-            SEVEN, [task], limits=[limit], solver=solver, on_infeasible=mode  # type: ignore[arg-type]
-        )  # fmt: skip
-        for setting, first in before.items():
-            setattr(controller, setting, first)
-        result = []
-        for change in (False, True):
-            if change:
-                setattr(limit if name.startswith("max") else controller, name, value)
-            for configuration, distance in ((near, 0.1), (stretched, 0.01)):
-                task.set_target(at(distance, 0.0, 0.5 * distance) @ site(configuration))
-                result.append(controller.step(configuration, DT, velocity=np.zeros(7)))
-        assert controller.reference_steps == (0 if solver is None else 4)
-        steps.append(result)
-    for compiled, reference in zip(*steps, strict=True):
-        assert compiled.status is reference.status
-        np.testing.assert_allclose(compiled.velocity, reference.velocity, atol=1e-6)
-        assert compiled.scale == pytest.approx(reference.scale, rel=1e-6)
-    pairs = [(steps[1][k], steps[1][k + 2]) for k in (0, 1)]
-    changes = [[*(a.velocity - b.velocity), a.scale / b.scale - 1.0] for a, b in pairs]
-    # Otherwise nothing is tested. From rest the acceleration limit scales as much as braking would.
-    assert np.abs(changes).max() > 1e-4 or (name, mode) == ("braking", "scale")

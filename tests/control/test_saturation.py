@@ -121,21 +121,6 @@ def test_without_an_active_bound_it_is_the_minimum_norm(
     assert not result.saturated.any()
 
 
-@FORMS
-def test_a_projector_selects_the_rows(optimal: bool) -> None:
-    rng = np.random.default_rng(3)
-    T = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]))
-    J, twist, bound = rng.normal(size=(6, 7)), rng.normal(size=6), np.full(7, 0.3)
-    expected = saturation_in_null_space(
-        T.basis.T @ J, None, T.basis.T @ twist, -bound, bound, optimal=optimal
-    )
-    for projector in (T, T.matrix):
-        found = saturation_in_null_space(J, projector, twist, -bound, bound, optimal=optimal)
-        assert found.displacement == pytest.approx(expected.displacement, abs=1e-12)
-        assert found.scale == pytest.approx(expected.scale)
-        assert found.saturated.tolist() == expected.saturated.tolist()
-
-
 def test_on_random_problems() -> None:
     """The basic form is the published one; the optimal one is the linear program's, and shortest.
 
@@ -170,29 +155,6 @@ def test_on_random_problems() -> None:
     assert short > 0
 
 
-@given(SEEDS)
-@settings(max_examples=40)
-def test_where_many_bounds_meet_at_once(seed: int) -> None:
-    """Whole numbers everywhere: ties, dependent rows, joints at a limit, fixed and unlimited."""
-    rng = np.random.default_rng(seed)
-    joints = int(rng.integers(1, 13))
-    rows = int(rng.integers(1, joints, endpoint=True))
-    A = rng.integers(-1, 1, size=(rows, joints), endpoint=True).astype(float)
-    if rng.uniform() < 0.3:
-        A[-1] = A[0]
-    lower = -rng.integers(0, 3, size=joints).astype(float)
-    upper = rng.integers(0, 3, size=joints).astype(float)
-    b = A @ np.clip(rng.integers(-2, 3, size=joints), lower, upper) * rng.choice([0.5, 1.0, 2.0])
-    lower[rng.integers(joints)] = -np.inf
-    basic = saturation_in_null_space(A, None, b, lower, upper)
-    check_what_is_promised(basic, A, b, lower, upper)
-    optimal = saturation_in_null_space(A, None, b, lower, upper, optimal=True)
-    check_what_is_promised(optimal, A, b, lower, upper)
-    assert optimal.proven
-    assert optimal.scale == pytest.approx(largest_scale(A, b, lower, upper), abs=1e-9)
-    assert distance_from_optimality(optimal.displacement, A, lower, upper) < 1e-9
-
-
 @FORMS
 def test_of_dependent_rows_the_part_in_their_range_counts(optimal: bool) -> None:
     A = np.array([[1.0, 1.0], [1.0, 1.0]])
@@ -204,22 +166,6 @@ def test_of_dependent_rows_the_part_in_their_range_counts(optimal: bool) -> None
         np.zeros((2, 2)), None, [1, 1], [-1, -1], [1, 1], optimal=optimal
     )
     assert still.displacement.tolist() == [0.0, 0.0]
-
-
-@pytest.mark.parametrize("optimal", [False, True])
-@pytest.mark.parametrize("rest", [0.0, 4e-19, 1e-14, 9e-9])
-def test_a_task_that_is_met_up_to_rounding_is_not_scaled(optimal: bool, rest: float) -> None:
-    """A joint stands at its bound, and what is left of the task would move it beyond."""
-    result = saturation_in_null_space(
-        [[1.0, 0.0]], None, [rest], [-1.0, -1.0], [0.0, 1.0], optimal=optimal
-    )
-    assert result.scale == 1.0
-    assert result.proven
-    np.testing.assert_array_equal(result.displacement, 0.0)
-    real = saturation_in_null_space(
-        [[1.0, 0.0]], None, [1e-6], [-1.0, -1.0], [2.5e-7, 1.0], optimal=optimal
-    )
-    assert real.scale == pytest.approx(0.25)
 
 
 @FORMS
@@ -241,12 +187,6 @@ def test_wrong_input_is_refused(optimal: bool) -> None:
 
 
 # ---------------------------------------------------------------- along a path
-
-
-def test_on_the_deburring_run_no_limit_is_active(deburring: qt.Comparison) -> None:
-    found, shortest = (deburring.trajectories[name] for name in ("sns", "minimum_norm"))
-    assert found.q == pytest.approx(shortest.q, abs=1e-9)
-    assert metrics(found)["status"] == "ok"
 
 
 @FORMS
@@ -277,13 +217,6 @@ def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program
     assert [set(found.binding[i]) for i in held] == [set(program.binding[i]) for i in held]
     steps = np.abs(np.diff(found.q, axis=0))
     assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
-
-
-def test_a_start_outside_a_limit_is_corrected_into_it_as_for_the_quadratic_program() -> None:
-    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
-    found, program = (qt.follow(task, name, stop=lambda *_: True) for name in ("sns", "qp"))
-    assert found.q[0] == pytest.approx(program.q[0], abs=1e-9)
-    assert metrics(found)["violations"] == 0
 
 
 def test_a_joint_outside_its_range_goes_no_further_out() -> None:

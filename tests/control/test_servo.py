@@ -17,7 +17,7 @@ from oracles.twists import SPATIAL, at, pose, site, twists
 from oracles.walks import reversals
 
 import qp_twist as qt
-from qp_twist.control import ServoState, Tick, TickTimes
+from qp_twist.control import ServoState, Tick
 from qp_twist.control.target_stream import moved, twist_between
 from qp_twist.shipped import shipped_folder
 
@@ -219,16 +219,6 @@ def test_where_no_step_is_found_the_joints_are_brought_to_rest(
     assert DT * accelerations(again).max() < 0.2 * np.abs(again[-1].velocity).max()
 
 
-def test_after_the_joints_were_moved_no_task_goes_back_to_where_it_was() -> None:
-    rig = Rig()
-    rig.run(0.2, lambda t: rig.servo.track(rig.shifted(0.0)))
-    rig.run(1.0, lambda t: rig.servo.move([0.3, 0.2, 0.0, 0.0, 0.0, 0.0]))
-    rig.run(0.05, lambda t: rig.servo.jog(REST))  # the joints brake
-    moved_to = rig.pose()
-    assert fastest(rig.run(0.2, lambda t: rig.servo.jog(REST))) < 1e-6
-    assert rig.off(moved_to) < 1e-6
-
-
 @pytest.mark.any_blas
 def test_inputs_of_other_threads_disturb_no_tick() -> None:
     rig = Rig()
@@ -266,23 +256,6 @@ def test_jogging_after_a_jump_of_the_stream_does_not_go_on_at_its_speed(cartesia
     assert rig.went()[1] == pytest.approx(cartesian * (1.0 - 0.25 / 4.0), abs=1e-3)
     assert 0.0 <= rig.went()[0] < 0.021
     assert ticks[-1].state is ServoState.TRACKING
-
-
-def test_jogging_goes_on_at_the_speed_of_a_steady_stream() -> None:
-    rig = Rig()
-    moving = rig.run(0.6, lambda t: rig.servo.track(rig.shifted(0.1 * t)))
-    before = rig.pose().translation()[0]
-    slowing = rig.run(0.6, lambda t: rig.servo.jog(REST))
-    speeds = [np.linalg.norm(tick.velocity) for tick in (moving[-1], *slowing)]
-    assert np.abs(np.diff(speeds)).max() < 0.1 * speeds[0]
-    assert rig.pose().translation()[0] - before == pytest.approx(0.1 * 0.25 / 4.0, rel=0.1)
-
-
-def test_jogging_is_not_called_the_approach_of_the_target_before() -> None:
-    rig = Rig()
-    rig.run(0.1, lambda t: rig.servo.track(rig.shifted(0.0, 0.15, 0.1)))
-    assert rig.tick().state is ServoState.APPROACHING
-    assert rig.run(0.3, lambda t: rig.servo.jog(REST))[-1].state is ServoState.TRACKING
 
 
 @pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
@@ -341,15 +314,6 @@ def test_old_late_and_future_inputs_are_counted_and_left_out() -> None:
     assert rig.servo.refused == {"older than the last": 1, "out of date": 1, "of the future": 1}
     rig.run(0.05)
     assert rig.off(rig.shifted(0.01)) < 0.01
-
-
-def test_jogging_back_from_a_limit_begins_at_once() -> None:
-    rig = Rig(velocity=0.5)
-    up = rig.run(7.0, lambda t: rig.servo.jog([0.0, 0.0, 0.3, 0.0, 0.0, 0.0]))
-    assert up[-1].state in (ServoState.SLOWED, ServoState.AT_THE_EDGE)
-    high = rig.pose().translation()[2]
-    rig.run(0.4, lambda t: rig.servo.jog([0.0, 0.0, -0.3, 0.0, 0.0, 0.0]))
-    assert rig.pose().translation()[2] < high - 0.005
 
 
 def test_jogging_along_the_axes_of_the_tool() -> None:
@@ -445,49 +409,6 @@ def test_a_stop_is_obeyed_whatever_its_stamp(how: str, at: float) -> None:
 
 
 # ---------------------------------------------------------------- limits in every state
-
-
-def test_a_late_tick_while_no_step_is_found_keeps_the_acceleration_limits() -> None:
-    rig = Rig(velocity=1.0, acceleration=10.0, on_infeasible="raise")
-    ticks, blocked = rig.run(0.5, lambda t: rig.servo.jog([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])), 0
-    for _ in range(400):
-        rig.servo.jog([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # faster than the joints may go
-        ticks.append(rig.tick())
-        blocked += ticks[-1].state is ServoState.BLOCKED
-        if blocked == 3:
-            rig.now += 0.3
-            rig.servo.jog([6.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert blocked > 3
-    assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
-
-
-@pytest.mark.parametrize("how", ["jog", "move"])
-def test_where_no_limit_can_be_asked_the_joints_brake_as_hard_as_they_may(how: str) -> None:
-    """A configuration that is not finite stops the arm, and says why."""
-    rig = Rig(velocity=1.0, acceleration=5.0)
-    ticks = rig.run(0.5, lambda t: STREAMS[how](rig, t))
-    q = rig.configuration.q.copy()
-    rig.configuration.data.qpos[2] = np.nan
-    for _ in range(20):
-        ticks.append(rig.servo.tick())
-        assert ticks[-1].state is ServoState.BLOCKED
-    assert how == "move" or "configuration.q: entry 2 is nan" in ticks[-20].message
-    assert accelerations(ticks).max() < 5.0 * (1.0 + 1e-9)
-    assert not ticks[-1].velocity.any()
-    rig.configuration.update(q)
-    assert rig.tick().state is not ServoState.BLOCKED
-
-
-@pytest.mark.parametrize("factor", [1.0, 20.0, 1e5])
-def test_moving_faster_than_the_joints_may_ends_in_time(factor: float) -> None:
-    rig = Rig(velocity=1.0, acceleration=4.2)
-    ticks = rig.run(0.6, lambda t: rig.servo.move(factor * np.array([0.8, 0, 0, -0.8, 0, 0])))
-    ticks += rig.run(rig.servo.stale_after + rig.servo.stop_within + DT)
-    assert np.abs(ticks[-1].velocity).max() < 1e-2
-    ticks += rig.run(0.1)
-    assert ticks[-1].state is ServoState.HOLDING
-    assert fastest([tick for tick in ticks if tick.state is ServoState.HOLDING]) < 1e-2
-    assert accelerations(ticks).max() < 4.2 * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])
@@ -597,45 +518,3 @@ def test_an_arm_that_is_jogged_out_of_a_singularity_names_and_leaves_it(
     assert reversals([tick.velocity for tick in ticks]) == 0
     assert accelerations(ticks).max() < 15.0 * (1.0 + 1e-6)
     assert accelerations(ticks[-100:]).max() < 1.0  # it moves on smoothly
-
-
-def test_from_any_posture_with_a_straight_wrist_an_arm_can_be_jogged() -> None:
-    rng = np.random.default_rng(3)
-    q = np.concatenate([rng.uniform(-0.6, 0.6, 3), [rng.uniform(-1.0, 1.0), 0.0, 0.0]])
-    twist = np.concatenate([rng.normal(size=3), np.zeros(3)])
-    twist *= 0.05 / np.linalg.norm(twist)
-    ticks, went, tilt = jogged(FREE_AXIS, twist, 6.0, q)
-    assert went @ twist[:3] / 0.05 > 0.1
-    assert tilt < 0.03 and reversals([tick.velocity for tick in ticks]) == 0
-
-
-def test_the_edge_of_the_reach_is_not_called_a_singularity_that_can_be_left() -> None:
-    ticks, *_ = jogged(FREE_AXIS, np.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0]), 8.0)
-    assert ticks[-1].state is ServoState.AT_THE_EDGE
-    assert ticks[-1].message.startswith("at the edge of the reach")
-    assert ServoState.SINGULAR not in {tick.state for tick in ticks}
-    assert fastest(ticks[-200:]) < 1e-2
-    assert reversals([tick.velocity for tick in ticks]) == 0
-
-
-# ---------------------------------------------------------------- times
-
-
-def test_quantiles_are_those_of_the_durations_to_the_width_of_a_bin() -> None:
-    durations = np.random.default_rng(0).lognormal(np.log(5e-5), 0.8, 20_000)
-    times = TickTimes(1e-3)
-    for seconds in durations:
-        times.add(float(seconds), float(seconds))
-    for share in (0.1, 0.5, 0.99, 0.9999):
-        exact = np.quantile(durations, share, method="inverted_cdf")
-        assert exact <= times.quantile(share) * (1.0 + 1e-9)
-        assert times.quantile(share) <= 1.024 * exact
-    assert times.late == (durations > 1e-3).sum() == times.late_by_itself
-    assert times.count == 20_000 and times.longest == durations.max()
-
-
-def test_a_tick_that_the_machine_held_up_is_not_late_by_itself() -> None:
-    times = TickTimes(1e-3)
-    times.add(5e-3, 2e-4)
-    assert (times.late, times.late_by_itself) == (1, 0)
-    assert "1 longer than 1 ms, 0 of them by their own work" in repr(times)

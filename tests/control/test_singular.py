@@ -169,14 +169,6 @@ def test_raise_raises_where_a_direction_is_lost() -> None:
     assert step.status is qt.Status.SOLVED
 
 
-def test_without_the_guard_the_arm_snaps() -> None:
-    """What the threshold is for."""
-    guarded, _, b = stretched(1e-6)
-    bare, _, _ = stretched(1e-6, singularity=0.0)
-    assert np.linalg.norm(bare.velocity) > 1e3 * np.linalg.norm(b) / EPSILON
-    assert np.linalg.norm(guarded.velocity) < np.linalg.norm(b) / EPSILON
-
-
 def test_a_secondary_leads_out_of_the_singularity() -> None:
     """The target is inwards, which J cannot see: the secondary decides, and bends the elbow."""
     configuration = mink.Configuration(TWO_LINKS, np.array([0.3, 0.0]))
@@ -216,54 +208,3 @@ def test_a_straight_wrist_loses_one_direction_of_the_full_pose(q5: float) -> Non
         assert len(step.lost) == lost
         assert step.status is (qt.Status.DEGRADED if lost else qt.Status.SOLVED)
         assert lost == (1 if name == "full" and q5 < 0.02 else 0)
-
-
-# -------------------------------------------------- directions that are no more than rounding
-
-
-@pytest.mark.parametrize("metric", [None, qt.JointRanges.of(ARM.model).metric])
-@given(seed=SEEDS)
-@settings(max_examples=8, deadline=None)
-def test_a_lower_level_that_the_upper_one_fixes_wholly_takes_the_same_step(
-    metric: Array | None, seed: int
-) -> None:
-    """What the upper level leaves of it is rounding, whose direction is random."""
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(-1.5, 1.5, 6)
-    q[4] = rng.uniform(-0.1, 0.1)  # near the wrist's singularity, so that a direction is weak
-    whole, part = (
-        qt.TwistTask("flange", "site", ARM.projector),
-        qt.TwistTask.point("flange", "site"),
-    )
-    whole.set_target(ARM.waypoints[0])
-    part.set_target(ARM.waypoints[10])
-    velocities = []
-    for solver in (None, "daqp", "quadprog"):
-        controller = qt.Controller(
-            ARM.model, levels=[[whole], [part]], limits=[], metric=metric, solver=solver
-        )
-        controller.singularity = 0.05
-        velocities.append(controller.step(mink.Configuration(ARM.model, q), 0.05).velocity)
-    for velocity in velocities[1:]:
-        np.testing.assert_allclose(velocity, velocities[0], rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-@pytest.mark.parametrize("singularity", [0.0, 1e-4, None])
-@given(seed=SEEDS)
-@settings(max_examples=8, deadline=None)
-def test_joints_that_do_not_act_on_a_relaxed_task_stay(
-    solver: str | None, singularity: float | None, seed: int
-) -> None:
-    rng = np.random.default_rng(seed)
-    task = qt.TwistTask("tool", "site", ARM.projector, relative_to=("link_2", "body"))
-    task.set_target(ARM.waypoints[int(rng.integers(400))])
-    limit = qt.MotionLimit(ARM.model, velocity=1.0, acceleration=None)
-    controller = qt.Controller(
-        ARM.model, [task], limits=[limit], solver=solver, on_infeasible="relax"
-    )
-    if singularity is not None:
-        controller.singularity = singularity
-    q = ARM.start + 0.3 * rng.normal(size=6)
-    step = controller.step(mink.Configuration(ARM.model, q), 0.005)
-    assert np.abs(step.velocity[:2]).max() <= 1e-5

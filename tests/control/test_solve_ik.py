@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import copy
-import dataclasses
 import inspect
 import logging
-import pickle
 from typing import Any
 
 import mink
@@ -150,23 +147,6 @@ def test_rows_that_contradict_themselves_are_met_where_they_can_be() -> None:
     assert np.linalg.norm(task.compute_error(c)) < 1e-7
 
 
-def test_of_constraints_that_contradict_each_other_none_gives_way() -> None:
-    c = mink_problems.configuration(3)
-    model, rng = c.model, np.random.default_rng(0)
-    freeze = mink.DofFreezingTask(model, list(range(model.nv)))
-    hand = mink_problems.frame(c, rng)
-    with pytest.raises(mink.NoSolutionFound):
-        mink.solve_ik(c, [], DT, "daqp", constraints=[freeze, hand])
-    step = qt.ik_step(c, [], DT, "daqp", constraints=[freeze, hand])
-    assert step.status is qt.Status.SCALED
-    assert step.scale == pytest.approx(0.0, abs=1e-6)
-    assert "contradict" in step.message
-    np.testing.assert_allclose(step.velocity, 0.0, atol=1e-6)
-    # Whoever says which comes first gets it exactly.
-    levels = qt.Controller(model, levels=[[freeze], [hand]], limits=[])
-    np.testing.assert_allclose(levels.step(c, DT).velocity, 0.0, atol=1e-9)
-
-
 def test_outside_a_range_as_mink_does(caplog: pytest.LogCaptureFixture) -> None:
     problem = mink_problems.named(1)["FrameTask in tasks"]
     c = problem.configuration
@@ -252,29 +232,6 @@ def test_twist_tasks_are_minks_tasks(name: str, solver: str) -> None:
     assert np.linalg.norm(task.compute_error(c)) < (1e-3 if solver == "clarabel" else 1e-5)
 
 
-def test_rows_are_minimal_for_wrappers_with_an_exact_penalty() -> None:
-    """A penalty on |residual| above the largest multiplier holds consistent rows exactly."""
-    c, rng = mink_problems.configuration(4), np.random.default_rng(4)
-    task, posture = mink_problems.twist(c, rng), mink_problems.posture(c, rng)
-    J, b = task.compute_jacobian(c), -task.gain * task.compute_error(c)
-    stated = mink.build_ik(c, [posture], DT, 1e-9, limits=[])
-    n, r = c.model.nv, len(b)
-    assert np.linalg.matrix_rank(J) == r
-    # Unknowns (Δq, s⁺, s⁻): J Δq − s⁺ + s⁻ = b, cost 1·(s⁺ + s⁻).
-    P = np.zeros((n + 2 * r, n + 2 * r))
-    P[:n, :n] = stated.P
-    elastic = qpsolvers.Problem(
-        P, np.concatenate([stated.q, np.ones(2 * r)]), None, None,
-        np.hstack([J, -np.eye(r), np.eye(r)]), b,
-        np.concatenate([np.full(n, -np.inf), np.zeros(2 * r)]), np.full(n + 2 * r, np.inf),
-    )  # fmt: skip
-    solution = qpsolvers.solve_problem(elastic, solver="clarabel")
-    assert solution.x is not None
-    np.testing.assert_allclose(solution.x[n:], 0.0, atol=1e-6)
-    held = mink.solve_ik(c, [posture], DT, "daqp", 1e-9, limits=[], constraints=[task])
-    np.testing.assert_allclose(solution.x[:n], held * DT, atol=1e-5)
-
-
 def test_the_time_step_reaches_the_feed_forward() -> None:
     c = mink_problems.configuration(2)
     task = qt.TwistTask.point("left_hand", "site")
@@ -319,42 +276,6 @@ def test_the_controller_takes_all_of_minks_limits_and_keeps_loops_closed() -> No
     assert kinds >= {"velocity", "FreeJointVelocityLimit"}
 
 
-@pytest.mark.parametrize("far", [1e8, 1e300])
-@pytest.mark.parametrize("solver", ["daqp", "quadprog"])
-def test_a_constraint_far_beyond_any_robot_is_refused_by_name(far: float, solver: str) -> None:
-    """At 1e300 m it took 45 s, and came back as a velocity of NaN."""
-    configuration = mink.Configuration(PLANAR)
-    hand = mink.FrameTask("tip", "site", 1.0, 0.0)
-    hand.set_target(at(far, 0.0, 0.0))
-    for options in ({}, {"primal_tol": 1e-9} if solver == "daqp" else {}):
-        with pytest.raises(qt.InvalidInput, match=r"FrameTask\('tip', 'site'\) asks for a speed"):
-            qt.ik_step(configuration, [], DT, solver, constraints=[hand], **options)
-
-
-def test_a_target_that_is_no_number_is_named() -> None:
-    configuration = mink.Configuration(PLANAR)
-    good, bad = (mink.FrameTask("tip", "site", 1.0, 0.0) for _ in range(2))
-    good.set_target(mink.SE3.identity())
-    bad.frame_name, bad.frame_type = "link_2", "body"
-    bad.set_target(mink.SE3(np.array([1.0, 0.0, 0.0, 0.0, 0.0, np.nan, 0.0])))
-    for tasks, constraints in (([good, bad], []), ([good], [bad])):
-        with pytest.raises(
-            qt.InvalidTarget, match=r"FrameTask\('link_2', 'body'\): its target: entry 5 is nan"
-        ):
-            qt.solve_ik(configuration, tasks, DT, "daqp", constraints=constraints)
-
-
-def test_a_class_in_place_of_an_object_is_a_sentence() -> None:
-    configuration = mink.Configuration(PLANAR)
-    for name, given in (
-        ("tasks", mink.FrameTask), ("constraints", qt.TwistTask), ("limits", mink.VelocityLimit),
-        ("limits", qt.PositionLimit),
-    ):  # fmt: skip
-        arguments = {"tasks": [], name: [given]}
-        with pytest.raises(qt.InvalidInput, match=rf"{name}\[0\] is the class {given.__name__}"):
-            qt.solve_ik(configuration, dt=DT, solver="daqp", **arguments)  # type: ignore[arg-type]
-
-
 class Elastic(mink.FrameTask):
     """As in the mink that follows 1.3."""
 
@@ -394,47 +315,3 @@ def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
     assert Mine(colour="red", on_infeasible="raise").colour == "red"
     with pytest.raises(TypeError, match="on_infeasable"):
         Mine(colour="red", on_infeasable="raise")
-
-
-def test_options_of_a_backend_that_sound_like_arguments_reach_it() -> None:
-    """``time_limit`` is near to ``limits``."""
-    task = mink.PostureTask(PLANAR, 1.0)
-    task.set_target(np.zeros(PLANAR.nq))
-    qt.solve_ik(mink.Configuration(PLANAR), [task], DT, "daqp", iter_limit=100)
-
-
-def test_a_number_that_is_an_array_is_called_one() -> None:
-    with pytest.raises(qt.InvalidInput, match=r"dt: expected a single number, got an array of "):
-        qt.solve_ik(mink.Configuration(PLANAR), [], np.array([DT, DT]), "daqp")  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("scaled", [False, True])
-def test_what_a_step_is_asked_for_later_goes_with_its_copies(scaled: bool) -> None:
-    """The names of active limits, residuals and σ_min are found when somebody asks."""
-    in_plane = qt.Projector.plane([0.0, 0.0, 1.0])
-    task = qt.TwistTask(
-        "tip", "site", qt.TwistProjector(linear=in_plane, angular=qt.Projector.none())
-    )
-    task.set_target(at(0.2, 9.0 if scaled else 0.3, 0.0))
-    controller = qt.Controller(
-        PLANAR, [task], limits=[qt.MotionLimit(PLANAR, velocity=0.5)], solver="daqp",
-        secondary=[qt.PostureReference(PLANAR, np.ones(3))],
-    )  # fmt: skip
-    configuration = mink.Configuration(PLANAR, np.array([0.4, 0.5, 0.6]))
-
-    def asked(step: qt.Step) -> tuple[Any, ...]:
-        return step.binding, [r.tolist() for r in step.residuals], step.sigma_min, step.message
-
-    step = controller.step(configuration, 0.1)
-    step.velocity[:] = 0.0  # whose residuals do not change with it
-    copies = [pickle.loads(pickle.dumps(step)), copy.copy(step), copy.deepcopy(step)]
-    assert step.binding
-    A = controller.step(configuration, 0.1).problem.A
-    assert step.sigma_min == pytest.approx(np.linalg.svd(A, compute_uv=False)[-1])
-    assert np.abs(np.concatenate(step.residuals)).max() < 1e-8
-    changed = dataclasses.replace(step, solver="other")
-    for other in [*copies, changed]:
-        assert asked(other) == asked(step)
-    assert changed.solver == "other"
-    with pytest.raises(AttributeError):
-        step.colour  # noqa: B018

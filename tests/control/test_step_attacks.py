@@ -16,7 +16,6 @@ from oracles.same_steps import by_reference, plain_controller, same
 from oracles.twists import at
 
 import qp_twist as qt
-from qp_twist.control.lazy_step import LazyStep
 
 pytestmark = pytest.mark.numerical
 ARM = """<mujoco><compiler angle="radian"/><worldbody>{before}
@@ -94,65 +93,6 @@ def test_a_limit_that_takes_a_step_of_its_own_does_not_disturb_the_one_it_is_ask
     np.testing.assert_allclose(asked.step(configuration, 0.1).velocity, free, atol=1e-9)
 
 
-def test_what_a_task_was_told_cannot_be_written_into() -> None:
-    controller, task, configuration = plain_controller("daqp")
-    assert task.target is not None
-    task.set_target(task.target, np.full(6, 0.01))
-    controller.step(configuration, 0.1)
-    for array in (
-        task.feedforward, task.target_wxyz_xyz, task.target.wxyz_xyz,
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.5
-
-
-def test_a_velocity_that_is_written_into_changes_no_report() -> None:
-    controller, _, configuration = plain_controller("compiled")
-    step = controller.step(configuration, 0.1)
-    velocity = step.velocity
-    velocity *= 0.5
-    assert np.abs(step.residuals[0]).max() < 1e-9
-
-
-class Fixed(mink.Limit):
-    """|q̇| ≤ speed, of a class that the package does not know."""
-
-    def __init__(self, nv: int, speed: float) -> None:
-        self.G, self.h = np.vstack([np.eye(nv), -np.eye(nv)]), np.full(2 * nv, speed)
-
-    def compute_qp_inequalities(self, configuration: Any, dt: float) -> mink.Constraint:
-        return mink.Constraint(G=self.G, h=self.h * dt)
-
-
-class AaaLimit(Fixed):
-    pass
-
-
-class ZzzLimit(Fixed):
-    pass
-
-
-@pytest.mark.parametrize("order", ["avz", "vaz", "zva", "za", "va"])
-def test_of_limits_that_say_the_same_the_first_is_named(order: str) -> None:
-    model = qt.load_task("deburring").model
-    speeds = {model.joint(i).name: 0.01 for i in range(model.njnt)}
-    found = []
-    for name in ("daqp", "compiled"):
-        limits = {
-            "a": AaaLimit(6, 0.01), "z": ZzzLimit(6, 0.01), "v": mink.VelocityLimit(model, speeds),
-        }  # fmt: skip
-        desired = qt.PostureReference(model, np.full(6, 0.5))
-        controller, _, configuration = plain_controller(
-            name, limits=[limits[letter] for letter in order], secondary=[desired]
-        )
-        controller.twist_tasks[0].gain = 0.01
-        found.append((controller, configuration))
-    by_reference(found[0][0])
-    expected, step = (controller.step(place, 0.1) for controller, place in found)
-    assert isinstance(step, LazyStep) and step.binding
-    assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
-
-
 @pytest.mark.parametrize("gain", [1e300, np.inf, np.nan])
 def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
     controller, task, configuration = plain_controller("compiled")
@@ -163,46 +103,6 @@ def test_what_overflows_is_refused_without_warnings(gain: float) -> None:
         warnings.simplefilter("error")
         with pytest.raises(qt.InvalidInput):
             controller.step(configuration, 0.1)
-
-
-@pytest.mark.parametrize("returned", [None, (np.eye(6), np.ones(6))])
-def test_a_limit_that_returns_no_constraint_is_named(returned: Any) -> None:
-    class Odd(mink.Limit):
-        def compute_qp_inequalities(self, configuration: Any, dt: float) -> Any:
-            return returned
-
-    controller, _, configuration = plain_controller("compiled", limits=[Odd()])
-    with pytest.raises(qt.InvalidInput, match=r"Odd: .*mink.Constraint"):
-        controller.step(configuration, 0.1)
-
-
-@pytest.mark.filterwarnings("ignore:the matrix subclass")
-def test_rows_may_be_matrices_or_masked() -> None:
-    expected = None
-    for kind in (np.array, np.asmatrix, np.ma.masked_array):
-        limit = Fixed(6, 0.5)
-        limit.G = kind(limit.G)
-        controller, _, configuration = plain_controller("compiled", limits=[limit])
-        step = controller.step(configuration, 0.1)
-        expected = step if expected is None else expected
-        same(expected, step)
-
-
-@pytest.mark.parametrize("desired", [np.ones(3), np.ones((6, 1)), None, "a"])
-def test_a_displacement_of_another_shape_is_refused_with_the_name_of_who_has_it(
-    desired: Any,
-) -> None:
-    class Wishes(qt.SecondaryObjective):
-        def direction(self, configuration: mink.Configuration) -> Any:
-            return desired
-
-        def displacement(self, configuration: mink.Configuration) -> Any:
-            return desired
-
-    model = qt.load_task("deburring").model
-    controller, _, configuration = plain_controller("compiled", secondary=[Wishes(model)])
-    with pytest.raises(qt.InvalidInput, match="Wishes: its displacement"):
-        controller.step(configuration, 0.1)
 
 
 # ---------------------------------------------------------------- model and data replaced
@@ -291,19 +191,3 @@ def test_a_copy_of_a_configuration_goes_its_own_way() -> None:
     with pytest.raises(qt.InvalidInput, match=r"configuration\.data belongs to a model"):
         controller.step(other, 0.1)
     np.testing.assert_array_equal(controller.step(configuration, 0.1).velocity, expected)
-
-
-def test_foreign_data_are_refused_wherever_a_frame_is_read() -> None:
-    """MuJoCo reads what the model says is there, without a look at the sizes of the data."""
-    task = qt.TwistTask.point("tip", "site")
-    configuration = mink.Configuration(arm(), np.array([0.3, 0.4, 0.5]))
-    task.set_target_from_configuration(configuration)
-    configuration.data = data_of(SHORTER)
-    for read in (
-        task.compute_error,
-        task.compute_jacobian,
-        task.set_target_from_configuration,
-        lambda there: qt.solve_ik(there, [task], 0.1, "daqp"),
-    ):
-        with pytest.raises(qt.InvalidInput, match=r"configuration\.data belongs to a model"):
-            read(configuration)

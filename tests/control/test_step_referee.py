@@ -146,22 +146,6 @@ def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(study: ModuleType) -
     assert (steps.found(other, steps.s)[far] == [False, False, True, False]).all()
 
 
-def test_multipliers_of_other_solvers_prove_only_what_is_optimal(study: ModuleType) -> None:
-    """Where the referee's own do not: quadprog and HiGHS are asked, and their answer is tested."""
-    for number in (1, 3):
-        steps = Steps(study, number, 40)
-        assert (steps.s < 1.0).any()
-        for k, (x, s) in enumerate(zip(steps.x, steps.s, strict=True)):
-            step = steps.case, steps.chain, steps.q[k], steps.targets[k]
-            gradient, slack = study.proved_by_others(*step, x, s)
-            assert gradient <= study.GRADIENT and slack <= study.SLACK
-            gradient, _ = study.proved_by_others(*step, x + 1e-4 * np.sign(-x), s)
-            assert gradient > study.GRADIENT
-            if s < 1.0:
-                _, slack = study.proved_by_others(*step, 0.99 * x, 0.99 * s)
-                assert slack == pytest.approx(0.01 / 0.99, rel=1e-3)
-
-
 @pytest.fixture
 def asked(study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """The study from its command line, with its results in the test's folder."""
@@ -190,26 +174,3 @@ def test_a_kernel_that_lies_is_found_out(
     result = json.loads((tmp_path / "piece_0000.json").read_text())
     assert [step for step, *_ in result["refused"]] == [3, 5]
     assert result["counts"]["off the rows"] == 2
-
-
-def test_pieces_are_kept_and_not_run_again(
-    study: ModuleType, tmp_path: Path, asked: Callable[..., int]
-) -> None:
-    pieces = ["--pieces", "2", "--steps", "300"]
-    assert asked(*pieces) == 0
-    files = sorted(tmp_path.glob("piece_*.json"))
-    first = [file.read_text() for file in files]
-    assert len(files) == 2 and json.loads(first[0])["seed"] == [study.SEED, 0]
-    files[1].unlink()
-    assert asked(*pieces, "--backwards") == 0
-    assert [file.read_text() for file in files] == first
-    text, refused = study.table(tmp_path)
-    assert refused == 0 and "| all | 600 |" in text
-    result = json.loads(first[1])
-    result["counts"]["off the rows"] = 1
-    files[1].write_text(json.dumps(result))
-    assert study.table(tmp_path)[1] == 1
-    result["sources"]["package"] = "other"
-    files[1].write_text(json.dumps(result))
-    with pytest.raises(SystemExit, match="different sources"):
-        study.table(tmp_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -66,13 +65,6 @@ def test_a_velocity_servo_stays_behind_by_speed_times_delay(lag: float, bandwidt
     assert servos.delay == pytest.approx(delay)
 
 
-def test_the_lag_of_a_ramp_of_speed_is_its_slope_times_the_time_constants() -> None:
-    servos = Servos(pendulum(), "velocity", lag=0.04, bandwidth=10.0)
-    time, _, _, velocity = turn(servos, lambda t: 3.0 * t, 1.0)
-    late = 3.0 * time[-1] - velocity[-1]
-    assert late == pytest.approx(3.0 * (0.04 + 1.0 / (20.0 * np.pi)), abs=3.0 * servos.timestep)
-
-
 @pytest.mark.parametrize("feedforward", [0.0, 0.6, 1.0])
 def test_a_position_servo_stays_behind_by_what_it_is_not_told(feedforward: float) -> None:
     servos = Servos(
@@ -96,22 +88,6 @@ def test_a_position_servo_steps_like_the_second_order_system_that_it_states() ->
         assert servos.data.qpos[0] == pytest.approx(expected, abs=2e-3)
 
 
-def test_what_is_compensated_of_the_weight_does_not_bend_the_arm() -> None:
-    light, heavy = Servos(PATH.model), Servos(PATH.model, gravity_compensation=0.9)
-    data = mujoco.MjData(PATH.model)
-    for servos in (light, heavy):
-        servos.start(PATH.start)
-        for _ in range(1500):
-            servos.advance(PATH.start, np.zeros(6))
-    assert np.abs(light.data.qpos - PATH.start).max() < 1e-9
-    # A tenth of the static torque, from the model's own gravity, stretches the springs.
-    data.qpos[:] = heavy.data.qpos
-    mujoco.mj_forward(PATH.model, data)
-    bend = -0.1 * data.qfrc_bias / heavy.stiffness
-    assert heavy.data.qpos - PATH.start == pytest.approx(bend, abs=1e-7)
-    assert np.abs(bend).max() > 1e-5
-
-
 # ---------------------------------------------------------------- the loop
 
 
@@ -130,39 +106,6 @@ def test_stiff_servos_without_lag_and_noise_do_what_the_kinematics_do(feedback: 
         path(0.01 * i)
         configuration.integrate_inplace(controller.step(configuration, 0.01).velocity, 0.01)
     assert np.abs(record.q[-1] - PATH.start).max() > 0.01
-
-
-def test_the_noise_has_the_deviation_asked_for_and_the_controller_sees_it_or_not() -> None:
-    sigma = np.array([1e-3, 2e-3, 1e-4, 5e-4, 0.0, 1e-3])
-    loop = resting(Servos(PATH.model, timestep=0.01), noise=sigma, seed=3)
-    record = loop.run(3.0)
-    noise = record.measured - record.q
-    # Of 300 samples: the deviation to 4 %, the mean to 6 % of the deviation; here four times it.
-    assert noise.std(axis=0) == pytest.approx(sigma, rel=0.16, abs=1e-12)
-    assert (np.abs(noise.mean(axis=0)) <= 0.24 * sigma).all()
-    assert abs(np.corrcoef(noise[1:, 0], noise[:-1, 0])[0, 1]) < 0.24
-    quiet = resting(Servos(PATH.model, timestep=0.01)).run(0.5)
-    assert (record.command[:50] == quiet.command).all()
-
-
-def test_the_same_seed_gives_the_same_record_and_another_another() -> None:
-    def command(seed: int) -> Array:
-        loop = resting(Servos(PATH.model, "velocity"), "measured", noise=1e-3, seed=seed)
-        return loop.run(0.3).command
-
-    assert (command(1) == command(1)).all()
-    assert np.abs(command(1) - command(2)).max() > 1e-3
-
-
-def test_two_runs_are_one_long_run() -> None:
-    def loop() -> ClosedLoop:
-        return resting(Servos(PATH.model, "velocity", lag=0.02), "blended", noise=1e-3)
-
-    whole, parts = loop().run(0.4), loop()
-    first, second = parts.run(0.1), parts.run(0.3)
-    assert (np.concatenate([first.q, second.q]) == whole.q).all()
-    assert np.concatenate([first.time, second.time]) == pytest.approx(whole.time)
-    assert parts.time == pytest.approx(0.4)
 
 
 def pushed(kind: str, feedback: str) -> Record:
@@ -190,15 +133,6 @@ def test_a_push_is_noticed_by_the_feedback_that_looks() -> None:
     assert after["velocity", "integrated"] > 0.05  # nothing does
     assert after["velocity", "measured"] < 1e-3
     assert after["velocity", "blended"] < 1e-2
-
-
-def test_a_push_is_a_wrench_for_its_duration() -> None:
-    servos = Servos(pendulum(), "velocity", bandwidth=1e-6)
-    push = Push("arm", torque=(0.0, 0.0, 3.0), start=0.1, duration=0.2)
-    for _ in range(500):
-        servos.advance(np.zeros(1), np.zeros(1), [push])
-    # Angular momentum: torque × duration.
-    assert servos.data.qvel[0] * servos.inertia[0] == pytest.approx(3.0 * 0.2, rel=1e-4)
 
 
 @pytest.mark.parametrize("on_infeasible", ["scale", "raise"])
@@ -237,75 +171,7 @@ def test_an_infeasible_step_does_not_stop_the_loop(on_infeasible: str) -> None:
         assert np.abs(record.command).max() == pytest.approx(0.2)
 
 
-def test_a_narrowed_range_keeps_the_true_joint_inside_its_own() -> None:
-    model = copy.copy(PATH.model)
-    model.jnt_range[0, 1] = PATH.start[0] + 0.2
-
-    def beyond(margin: float) -> tuple[float, float]:
-        task = qt.TwistTask("tool", "site", PATH.projector, gain=0.1)
-        limit = qt.MotionLimit(model, velocity=2.0, margin=margin)
-        controller = qt.Controller(model, [task], limits=[limit])
-        servos = Servos(model, "velocity", lag=0.03)
-        turned = mink.SE3.from_rotation(mink.SO3.from_z_radians(0.6)) @ PATH.waypoints[0]
-        path = TimedPath(task, [PATH.waypoints[0], turned], [0.0, 0.4])
-        record = ClosedLoop(controller, servos, PATH.start, feedback="measured").run(0.45, path)
-        nearest = (model.jnt_range[0, 1] - record.q[:, 0]).min()
-        assert record.room.min() == pytest.approx(nearest, abs=5e-3)
-        speed = np.abs(record.velocity[:, 0]).max()
-        return -float(record.room.min()), float(speed * (servos.delay + 0.01))
-
-    excess, margin = beyond(0.0)
-    assert 0.01 < excess < margin
-    assert beyond(margin)[0] < 0.0
-
-
-def test_a_loop_that_diverges_ends_its_run() -> None:
-    # Explicit in the spring: a stiffness beyond what the time step carries.
-    wild = Servos(PATH.model, bandwidth=150.0, damping_ratio=0.01)
-    with np.errstate(all="ignore"):
-        loop = resting(wild, "measured", noise=1e-3)
-        record = loop.run(2.0)
-    assert record.diverged
-    assert np.isfinite(record.q).all()
-    assert len(record.time) < 200
-
-
 # ---------------------------------------------------------------- the record
-
-
-def test_a_record_says_of_the_true_state_what_the_arrays_say() -> None:
-    task, controller = controlled(limits=[qt.MotionLimit(PATH.model, velocity=2.0)])
-    loop = ClosedLoop(controller, Servos(PATH.model), PATH.start)
-    path = TimedPath(task, PATH.waypoints[:30], PATH.durations[:30], start=0.1)
-    record = loop.run(0.5, path)
-    configuration = mink.Configuration(PATH.model)
-    axis = PATH.waypoints[0].rotation().as_matrix()[:, 2]
-    assert record.position_error[0] == pytest.approx(
-        np.linalg.norm(_tool(configuration, record.q[0])[1] - PATH.waypoints[0].translation())
-    )
-    found = _tool(configuration, record.q[0])[0][:, 2]
-    assert record.angle_error[0] == pytest.approx(
-        np.arctan2(np.linalg.norm(np.cross(found, axis)), found @ axis)
-    )
-    low, high = PATH.model.jnt_range.T
-    margins = 1.0 - np.abs(record.q - (low + high) / 2.0) / ((high - low) / 2.0)
-    assert (record.margin <= margins.min(axis=1) + 1e-12).all()
-    assert record.margin == pytest.approx(margins.min(axis=1), abs=1e-2)
-    slopes = np.abs(np.diff(record.velocity, axis=0)) / record.period
-    assert (record.acceleration_max[:-1] >= slopes - 1e-9).all()
-    assert (record.acceleration_rms <= record.acceleration_max + 1e-12).all()
-    summary = record.summary(since=0.1)
-    tail = record.position_error[10:]
-    assert summary["position_error_rms"] == pytest.approx(np.sqrt(np.mean(tail**2)))
-    assert summary["position_error_max"] == tail.max()
-    assert sum(record.count().values()) == 50
-    assert len(record.figure("a title").axes) == 5
-
-
-def _tool(configuration: mink.Configuration, q: Array) -> tuple[Array, Array]:
-    configuration.update(q)
-    pose = configuration.get_transform_frame_to_world("tool", "site")
-    return pose.rotation().as_matrix(), pose.translation()
 
 
 def test_a_timed_path_is_at_each_pose_in_time_and_its_twist_is_its_derivative() -> None:

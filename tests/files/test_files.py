@@ -218,16 +218,6 @@ def test_a_robot_does_not_lead_to_what_is_no_file(named: str, kind: str, tmp_pat
     assert Path(leads_to).name in str(refused.value)
 
 
-def test_a_robot_with_a_name_that_no_file_can_have_goes_on_without(tmp_path: Path) -> None:
-    for stated in ("{0}.stl", "package://{0}/hand.stl", "package://hand/{0}.stl"):
-        (tmp_path / "r.urdf").write_text(VISUAL.format(name=stated.format(5000 * "a")))
-        assert qt.load_robot(tmp_path / "r.urdf").model.njnt == 1
-    with pytest.raises(qt.InvalidInput, match="there is no folder"):
-        qt.load_robot(tmp_path / "r.urdf", packages={"hand": 5000 * "a"})
-    with pytest.raises(qt.InvalidInput, match="no shipped task"):
-        qt.load_task(5000 * "a")
-
-
 @pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
 def test_new_files_have_the_permissions_that_the_umask_leaves(umask: int, tmp_path: Path) -> None:
     before = os.umask(umask)

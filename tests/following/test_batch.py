@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.arms import random_arm, random_configuration
 
 import qp_twist as qt
-from qp_twist.kinematics import frame_pose
 from qp_twist.paths import PathTask
 
 Array = np.ndarray
@@ -101,36 +99,6 @@ def test_runs_that_limits_hold_are_finished_by_the_reference() -> None:
     assert runs.by_reference.all()
     assert runs.q is not None
     np.testing.assert_allclose(runs.q[0], alone.q, atol=1e-9)
-
-
-def test_numbers_alone_take_no_memory_for_waypoints() -> None:
-    path_task = small(qt.load_task("deburring"), 20)
-    starts = np.repeat(path_task.start[None], 7, axis=0)
-    kept = qt.batch.follow(path_task, "minimum_norm", starts=starts)
-    runs = qt.batch.follow(path_task, "minimum_norm", starts=starts, keep=False)
-    assert runs.q is None
-    np.testing.assert_array_equal(runs.mean_z, kept.mean_z)
-    arrays = [getattr(runs, f.name) for f in dataclasses.fields(runs)]
-    assert sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) < 7 * 100
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_poses_and_jacobians_of_many_configurations(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, int(rng.integers(1, 8)), slides=bool(rng.random() < 0.5))
-    q = np.array([random_configuration(model, rng) for _ in range(9)])
-    whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-    found = qt.batch.kinematics(model, "tool", "site", q, threads=2)
-    for row, here in enumerate(q):
-        configuration = mink.Configuration(model, here)
-        rotation, position = frame_pose(configuration, "tool", "site")
-        np.testing.assert_allclose(found.rotations[row], rotation, atol=1e-12)
-        np.testing.assert_allclose(found.positions[row], position, atol=1e-12)
-        task = qt.TwistTask("tool", "site", whole)
-        task.set_target(mink.SE3.identity())
-        expected = task.state(configuration).jacobian
-        np.testing.assert_allclose(found.jacobians[row], expected, atol=1e-12)
 
 
 def test_what_cannot_be_done_is_a_sentence() -> None:

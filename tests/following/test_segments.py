@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import qp_twist as qt
-from qp_twist.following.blending import Ramp, towards
+from qp_twist.following.blending import towards
 from qp_twist.pages.roadmap import roadmap_figure
 from qp_twist.paths import Segment, shipped_folder
 
@@ -67,24 +67,6 @@ def test_twist_projectors_meet_block_by_block_in_the_frame_that_matters() -> Non
 
 
 # ---------------------------------------------------------------- the ramp
-
-
-@pytest.mark.parametrize("length", [1, 2, 7, 40])
-def test_the_ramp_starts_and_ends_at_rest(length: int) -> None:
-    ramps = [Ramp(step, length) for step in range(length + 2)]
-    weights = np.array([ramp.weight for ramp in ramps])
-    assert weights[[0, -1]] == pytest.approx([0.0, 1.0])
-    assert weights + weights[::-1] == pytest.approx(np.ones(length + 2))
-    assert np.diff(weights).min() > 0.0
-    assert np.diff(weights).max() <= 1.5 / (length + 1)
-    # What is left of an error of which every step at weight 1 removes its share: m³/(n + 1)³.
-    left = np.cumprod([1.0 - ramp.share for ramp in ramps[1:]])
-    togo = np.arange(length, -1, -1)
-    assert left == pytest.approx((togo / (length + 1)) ** 3)
-    # With the weights it leaves and arrives at rest, and is gone.
-    left = np.cumprod([1.0 - ramp.weight * ramp.share for ramp in ramps])
-    error = np.concatenate([[1.0], left, [0.0, 0.0]])
-    assert np.abs(np.diff(error, 2)).max() <= 8.3 / (length + 1) ** 2
 
 
 @given(st.integers(0, 10**6), st.sampled_from(KINDS), st.sampled_from(FRAMES), st.floats(0.0, 1.0))
@@ -256,32 +238,7 @@ def test_limits_hold_through_a_blend(method: str) -> None:
     assert share[11:21].max() > 0.99  # a limit is active in the blend
 
 
-def test_a_method_that_fixes_the_whole_twist_keeps_to_it() -> None:
-    task = qt.load_task(TASK)
-    short = dataclasses.replace(task, waypoints=task.waypoints[:50], segments=task.segments[:1])
-    plain = dataclasses.replace(short, segments=())
-    assert np.array_equal(qt.follow(short, "rmr").q, qt.follow(plain, "rmr").q)
-
-
-def test_the_figure_of_the_path_marks_the_changes() -> None:
-    task = run("minimum_norm", 10).path_task
-    comparison = qt.Comparison(task, "daqp", {"minimum_norm": run("minimum_norm", 10)})
-    panels = comparison.figures()["along_the_path"].axes
-    for panel in panels:
-        spans = [patch.get_x() for patch in panel.patches]
-        assert spans == [ROLL + 1, FREED + 1]
-    assert len(panels) == 4
-
-
 # ---------------------------------------------------------------- task files
-
-
-def test_the_shipped_task_changes_twice() -> None:
-    task = qt.load_task(TASK)
-    assert [t.rank for t in task.projectors] == [6, 5, 3]
-    assert [s.first for s in task.segments] == [ROLL, FREED]
-    assert task.redundancy == 0
-    assert repr(task) == f"PathTask({TASK!r}, 181 waypoints, rank 6, then 5, then 3 of 6)"
 
 
 TEXT = """\
@@ -391,13 +348,6 @@ def test_a_path_between_two_waypoints_is_their_line_and_shortest_rotation(
     assert task.feed_at(np.array([s])) == pytest.approx(
         task.durations[: k + 1].sum() + (s - k) * task.durations[k + 1]
     )
-
-
-def test_only_the_ends_of_a_joint_move_are_on_the_path() -> None:
-    task = dataclasses.replace(qt.load_task("deburring"), joint_moves=(3, 5, 6))
-    path = task.at(np.array([2.0, 2.5, 3.0, 4.0, 4.5, 5.0, 5.5, 6.0, 7.0]))
-    assert path.on_path.tolist() == [True, False, True, True, False, False, False, True, True]
-    assert path.moves.tolist() == [True, True, False, True, True, True, True, False]
 
 
 @pytest.mark.parametrize("s", [[-0.5], [181.0], [3.0, 2.0], [np.nan], ["a"], [[1.0]]])

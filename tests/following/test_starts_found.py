@@ -176,12 +176,6 @@ def test_starts_are_on_the_waypoint_inside_the_limits_and_apart(
         assert all(np.abs(start.q - o.q).max() > 0.01 for o in found[:number])
 
 
-def test_an_industrial_arm_starts_in_several_branches() -> None:
-    found = find_starts(qt.load_task("deburring"), 4, runs=False)
-    assert len({start.branch for start in found}) == 4
-    assert None not in {start.branch for start in found}
-
-
 def test_a_run_tells_how_far_a_start_leads(tmp_path: Path) -> None:
     # The second half of the way is out of reach of all of them.
     task = line_task(tmp_path, "seven_axis_arm.xml", [[0.6, 0, 0.3], [1.3, 0, 0.3]])
@@ -194,22 +188,6 @@ def test_a_run_tells_how_far_a_start_leads(tmp_path: Path) -> None:
         )  # fmt: skip
         assert start.reached == len(run.q) - 1
     assert find_starts(planar(tmp_path), 1)[0].completed
-
-
-def test_joints_without_limits_have_starts_too(tmp_path: Path) -> None:
-    task = line_task(
-        tmp_path, "mobile_arm.xml", [[4.0, 0, 0.6], [4.0, 0.2, 0.6]], frame="arm_tool", steps=4
-    )
-    [best] = find_starts(task, 1)
-    assert best.completed
-    ranges = qt.JointRanges.of(task.model)
-    assert not ranges.limited[:3].any()
-    assert np.hypot(*best.q[:2]) > 2.0  # it drives there
-    # z counts the arm alone: more reach than the arm's does not cost any.
-    nearer = line_task(
-        tmp_path, "mobile_arm.xml", [[1.0, 0, 0.6], [1.0, 0.2, 0.6]], frame="arm_tool"
-    )
-    assert best.z == pytest.approx(central_configurations(nearer)[0].z, abs=1e-6)
 
 
 def test_a_start_is_inside_hard_bands() -> None:
@@ -266,14 +244,6 @@ def test_the_joint_that_forbids_a_start_is_named(tmp_path: Path) -> None:
         qt.follow(task, "qp_gradient")
 
 
-@pytest.mark.parametrize("name", ["planar_line", "deburring_bands"])
-def test_a_waypoint_that_is_missed_by_the_search_alone_is_said_to_be(name: str) -> None:
-    """Also where nothing forbids it there is a sentence, and no failure."""
-    task = qt.load_task(name)
-    assert central_configurations(task)
-    assert "has configurations inside the limits" in what_forbids(task)
-
-
 # ---------------------------------------------------------------- task files and the command
 
 
@@ -286,14 +256,6 @@ def test_a_task_file_may_ask_for_the_central_start(tmp_path: Path) -> None:
     both = "start = { central = true, best = true }"
     with pytest.raises(qt.TaskFileError, match="give either"):
         line_task(tmp_path, "seven_axis_arm.xml", [[0.5, 0, 0.3], [0.5, 0.1, 0.3]], start=both)
-
-
-@pytest.mark.parametrize(("count", "what"), [(0, "at least 1"), (1.5, "whole number")])
-def test_wrong_counts_are_refused(count: float, what: str, tmp_path: Path) -> None:
-    with pytest.raises(qt.InvalidInput, match=what):
-        find_starts(planar(tmp_path), count)  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match="unknown method"):
-        find_starts(planar(tmp_path), method="fastest")
 
 
 def test_the_command_prints_a_start_that_can_be_pasted(

@@ -97,21 +97,6 @@ def test_the_basis_turns_with_the_axis_so_that_task_rows_stay_continuous(
     close(projector.rotated(R).axis, R @ e)
 
 
-def test_the_four_kinds_have_the_papers_ranks() -> None:
-    ranks = [
-        p.rank for p in (Projector.full(), Projector.plane(Z), Projector.line(Z), Projector.none())
-    ]
-    assert ranks == [3, 2, 1, 0]
-    assert [kind.value for kind in ProjectorKind] == ranks
-
-
-def test_an_axis_may_be_a_list_of_integers_and_is_not_changed() -> None:
-    axis = np.array([0.0, 3.0, 4.0])
-    close(Projector.line(axis).axis, [0.0, 0.6, 0.8])
-    np.testing.assert_array_equal(axis, [0.0, 3.0, 4.0])
-    close(Projector.plane([0, 0, 7]).matrix, np.diag([1.0, 1.0, 0.0]))
-
-
 @given(projectors)
 def test_the_text_of_a_projector_builds_it_again(projector: Projector) -> None:
     again = eval(repr(projector), {"Projector": Projector})
@@ -204,11 +189,6 @@ def test_a_broken_rotation_is_refused(frame: str, rotation: Array, sentence: str
         projector.resolved(**{frame: rotation})
 
 
-def test_a_projector_fixed_to_the_world_needs_no_rotation() -> None:
-    projector = TwistProjector(linear=Projector.line(Z), angular=Projector.plane([1, 0, 0]))
-    close(projector.resolved().matrix, np.diag([0.0, 0.0, 1.0, 0.0, 1.0, 1.0]))
-
-
 @pytest.mark.parametrize("block", ["linear", "angular"])
 @pytest.mark.parametrize("wrong", [np.eye(3), "full", None, Projector.full, ProjectorKind.FULL])
 def test_a_block_that_is_no_projector_is_refused(block: str, wrong: object) -> None:
@@ -261,12 +241,6 @@ def test_a_task_outside_the_operational_space_is_refused() -> None:
         tilting = TwistProjector(linear=linear, angular=angular)
         with pytest.raises(InvalidInput, match="direction outside the operational space"):
             task_redundancy(operational=PLANAR, task=tilting)
-
-
-def test_a_task_of_more_rank_than_the_operational_space_is_refused() -> None:
-    task = ROLL_FREE
-    with pytest.raises(InvalidInput, match=r"of rank 5, .* of rank 3"):
-        task_redundancy(operational=PLANAR, task=task)
 
 
 # ----------------------------------------------------------------- the paper's planar examples

@@ -89,50 +89,6 @@ def test_an_edit_of_a_kernel_reaches_the_kernels_that_call_it(package: Path) -> 
     assert run(package)[0] == 21.0
 
 
-def test_a_kernel_is_compiled_anew_where_what_it_calls_was(package: Path) -> None:
-    """Its machine code jumps to a symbol that is not there any more: that would end the process."""
-    assert run(package) == [21.0, 0]
-    for file in package.rglob("inner.*.nb?"):
-        file.unlink()
-    # Symbols are numbered in the order in which a process meets its functions.
-    earlier = "from numba import njit\nnjit(lambda x: x)(1.0)\nnjit(lambda x: x + 1)(1.0)\n"
-    assert run(package, earlier + CALL) == [21.0, 0]
-    assert run(package) == [21.0, 1]
-
-
-def test_an_edit_of_another_file_reaches_a_kernel_of_this_package(tmp_path: Path) -> None:
-    folder = tmp_path / "qp_twist" / "kernel"
-    shutil.copytree(KERNEL, folder, ignore=shutil.ignore_patterns("__pycache__"))
-    (tmp_path / "qp_twist" / "__init__.py").touch()
-    # One of the shortest kernels; the rule for the nearer of two bounds is in another file.
-    script = """
-import numpy as np
-from qp_twist.kernel.gather_bounds_and_rows import narrow_box
-box = np.array([[-3.0], [3.0], [0.0], [0.0]])
-print(int(narrow_box(np.array([-1.0]), np.array([2.0]), 1.0, box)), *box[:, 0])
-"""
-    assert run(folder, script) == [1, -1.0, 2.0, 1.0, 1.0]
-    bounds = folder / "bounds.py"
-    assert bounds.read_text().count("if bound > least or ") == 1
-    bounds.write_text(bounds.read_text().replace("if bound > least or ", "if bound < least or "))
-    assert run(folder, script) == [1, -3.0, 2.0, 0.0, 1.0]
-
-
-def test_what_is_compiled_after_an_edit_of_the_sources_is_not_kept(package: Path) -> None:
-    inner = package / "inner.py"
-    script = f"""
-from pathlib import Path
-import qp_twist.kernel.inner
-Path({str(inner)!r}).write_text({INNER.replace("2.0", "5.0")!r})
-{CALL}
-"""
-    assert run(package, script) == [21.0, 0]  # of what was imported
-    assert not kept(package)
-    assert run(package) == [51.0, 0]  # of what stands in the files now
-    inner.write_text(INNER)
-    assert run(package) == [21.0, 0]
-
-
 def test_processes_that_compile_at_once_do_not_disturb_each_other(package: Path) -> None:
     together = [started(package) for _ in range(4)]
     done = [printed(process) for process in together]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numerical
 import pytest
 from oracles.scripts import script
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -33,25 +30,6 @@ def test_two_kernels_that_run_and_differ_are_chosen(
     monkeypatch.setattr(kernels, "WANTED", 2)
     monkeypatch.setattr(kernels, "digits", lambda name: name or "SkylakeX")
     assert kernels.chosen() == ["Haswell", "Zen"]
-
-
-@pytest.mark.any_blas
-def test_the_environment_names_one_kernel_or_none(
-    kernels: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OPENBLAS_CORETYPE", "Nehalem")
-    assert "OPENBLAS_CORETYPE" not in kernels.with_kernel(None)
-    assert kernels.with_kernel("Haswell")["OPENBLAS_CORETYPE"] == "Haswell"
-    assert kernels.digits(None) == kernels.digits(None) != ""
-
-
-@pytest.mark.parametrize("machine", ["arm64", "aarch64"])
-def test_where_there_is_no_choice_it_says_so(
-    kernels: Any, monkeypatch: pytest.MonkeyPatch, machine: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(kernels.platform, "machine", lambda: machine)
-    assert kernels.main() == 0
-    assert f"on {machine} there is no choice of kernels" in capsys.readouterr().out
 
 
 def test_what_is_numerical_lies_where_it_is_looked_for(request: pytest.FixtureRequest) -> None:

@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.comparison import metrics
-from qp_twist.constraints import gather_limits
 from qp_twist.kinematics import FramePair, frame_pose
 from qp_twist.kinematics.cone_band import FACES
 from qp_twist.paths import shipped_folder
@@ -123,23 +122,6 @@ def test_the_gradients_of_the_cone(frame: str, seed: int) -> None:
     assert found == pytest.approx(np.append(expected, -rate @ e), rel=1e-5, abs=1e-6)
 
 
-def test_a_box_is_its_three_slabs() -> None:
-    rng = np.random.default_rng(0)
-    pair = random_pair(rng)
-    low, high = np.array([-0.1, -0.2, -0.3]), np.array([0.3, 0.2, 0.1])
-    for frame in FRAMES:
-        box = qt.BoxBand(low, high, frame=frame)
-        rows, bounds = box.half_spaces(pair, 0.1, NOTHING)
-        slabs = [
-            qt.SlabBand(e, a, b, frame=frame) for e, a, b in zip(np.eye(3), low, high, strict=True)
-        ]
-        parts = [slab.half_spaces(pair, 0.1, NOTHING) for slab in slabs]
-        np.testing.assert_allclose(rows, np.vstack([r for r, _ in parts]), atol=1e-14)
-        np.testing.assert_allclose(bounds, np.concatenate([b for _, b in parts]), rtol=1e-12)
-        assert box.excess(pair) == pytest.approx(max(slab.excess(pair) for slab in slabs))
-        assert box.excess(pair) > 0.0
-
-
 def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:
     """Rates of the value along random joint velocities of random arms, slides included."""
     for seed in range(20):
@@ -196,35 +178,6 @@ def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
     assert max(polygon) <= corner * (1.0 + upper**2)
     assert max(polygon) > 1.005 * upper
     assert max(single) > 2.0 * upper
-
-
-def test_at_the_rim_a_sideways_motion_overshoots_by_its_square() -> None:
-    upper = math.radians(10.0)
-    band = qt.ConeBand(Z, Z, upper)
-    pair = pair_at(turn(upper * X), 0 * X, 0 * X)
-    rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
-    u = pair.rotation @ Z
-    for t in (0.02, 0.01, 0.005):
-        omega = t * np.cross(u, X)
-        assert (rows[:, 3:] @ omega <= bounds + 1e-12).all()
-        excess = band.excess(moved(pair, np.append(np.zeros(3), omega), 1.0))
-        assert excess == pytest.approx(t**2 / (2.0 * upper), rel=0.03)
-
-
-@settings(max_examples=25)
-@given(seed=seeds)
-def test_the_lower_end_of_a_cone_is_safe_sideways(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    lower = rng.uniform(0.1, 1.2)
-    start = rng.uniform(lower, 1.5)
-    band = qt.ConeBand(Z, Z, math.pi, lower)
-    pair = pair_at(turn(start * X), 0 * X, 0 * X)
-    rows, bounds = band.half_spaces(pair, 1.0, NOTHING)
-    u = pair.rotation @ Z
-    omega = np.cross(u, random_direction(rng))
-    omega *= rng.uniform(0.0, 1.5) / np.linalg.norm(omega)
-    if (rows[:, 3:] @ omega <= bounds).all():
-        assert band.excess(moved(pair, np.append(np.zeros(3), omega), 1.0)) < 1e-9
 
 
 def test_a_cone_beyond_a_right_angle_is_the_one_about_the_opposite_direction() -> None:
@@ -324,35 +277,6 @@ def outwards(task: qt.TwistTask, configuration: mink.Configuration, dt: float) -
     return row / np.linalg.norm(row)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_overshoots_along_the_edge_do_not_add_up(kind: str) -> None:
-    ratios = []
-    for seed in range(1, 4):
-        rng = np.random.default_rng(seed)
-        model = random_arm(rng, 7, limited=False)
-        home = random_configuration(model, rng)
-        band = build(kind, random_direction(rng), random_direction(rng))
-        desired = 0.5 * rng.normal(size=7)
-        mean = []
-        for dt in (0.01, 0.005):
-            configuration = mink.Configuration(model, home)
-            task = qt.TwistTask("tool", "site", NOTHING, bands=[band])
-            task.set_target_from_configuration(configuration)
-            excess = []
-            for _ in range(round(0.5 / dt)):
-                push = outwards(task, configuration, dt)
-                velocity = solve(task, configuration, dt, desired + push)
-                configuration.integrate_inplace(velocity, dt)
-                excess.append(float(task.band_excess(configuration)[0]))
-                angle = dt * float(np.abs(velocity).sum())
-                assert excess[-1] <= bound(kind, configuration, angle) + 1e-12
-            mean.append(np.mean(excess))
-        if mean[0] > 1e-8:
-            ratios.append(mean[0] / mean[1])
-    assert len(ratios) >= 1  # where the value's curvature points inwards it never leaves at all
-    assert np.array(ratios) == pytest.approx(4.0, abs=0.6)
-
-
 def test_a_band_beside_five_rows_moves_with_the_target() -> None:
     """The rows of T stay equalities; without the target's twist the excess is of first order."""
     rng = np.random.default_rng(4)
@@ -412,31 +336,11 @@ def test_outside_it_comes_back_at_the_recovery_speed_and_no_faster(
     assert excess[0] > 0.3
 
 
-def test_a_slab_comes_back_at_its_speed_and_lands_on_its_edge() -> None:
-    band = qt.SlabBand(Z, -0.001, 0.001)
-    for height, room in ((0.05, -0.1), (0.002, -0.01)):
-        pair = pair_at(np.eye(3), height * Z, 0 * X)
-        _, bounds = band.half_spaces(pair, 0.1, NOTHING)
-        assert bounds[1] == pytest.approx(room)
-        assert bounds[0] == pytest.approx((height + 0.001) / 0.1)
-
-
 def test_a_roll_band_may_lie_across_the_half_turn() -> None:
     band = qt.RollBand(Z, math.radians(150.0), math.radians(210.0))
     for degrees, expected in ((180, 0), (-170, 0), (155, 0), (-140, 10), (140, 10), (0, 150)):
         pair = pair_at(turn(math.radians(degrees) * Z))
         assert math.degrees(band.excess(pair)) == pytest.approx(expected, abs=1e-9)
-
-
-def test_where_the_axis_points_backwards_there_is_no_roll_and_rows_are_finite() -> None:
-    pair = pair_at(turn(math.pi * X))
-    rows, bounds = qt.RollBand(Z, -0.1, 0.1).half_spaces(pair, 0.1, NOTHING)
-    assert rows.shape == (0, 6) and bounds.shape == (0,)
-    rows, bounds = qt.ConeBand(Z, Z, 0.1).half_spaces(pair, 0.1, NOTHING)
-    assert np.isfinite(rows).all()
-    assert bounds == pytest.approx([-0.5])
-    # The whole range of angles holds everything: no rows, also at its ends.
-    assert qt.ConeBand(Z, Z, math.pi).half_spaces(pair, 0.1, NOTHING)[0].shape == (0, 6)
 
 
 # ---------------------------------------------------------------------------------- beside mink
@@ -469,19 +373,6 @@ def test_minks_own_solver_keeps_the_band() -> None:
     assert min(max(tilts[:100]), max(heights[:100])) > 0.1
     assert max(tilts[100:]) < math.radians(0.3)
     assert max(heights[100:]) < 1e-3
-
-
-def test_gathered_rows_are_called_band() -> None:
-    path_task = qt.load_task("deburring")
-    configuration = mink.Configuration(path_task.model, path_task.start)
-    task = qt.TwistTask("tool", "site", NOTHING, bands=[qt.ConeBand(Z, Z, 0.1)])
-    task.set_target(path_task.waypoints[0])
-    gathered = gather_limits([qt.BandLimit(task)], configuration, 0.1)
-    assert len(gathered.rows) == 16
-    assert gathered.sources[0].names[0] == ("TwistTask('tool', 'site') band row 0", "band")
-    [rows] = task.band_rows(configuration, 0.1)
-    assert gathered.rows == pytest.approx(rows.rows)
-    assert gathered.bounds == pytest.approx(rows.bounds)
 
 
 # ---------------------------------------------------------------------------------- what T fixes
@@ -534,68 +425,7 @@ def test_a_band_that_contradicts_the_projector_is_refused(
         qt.TwistTask("tool", "site", projector, bands=[band])
 
 
-@settings(max_examples=25)
-@given(seed=seeds)
-def test_what_counts_as_fixed_is_fixed(seed: int) -> None:
-    """Anywhere on the motion that a projector leaves free, at zero task error."""
-    rng = np.random.default_rng(seed)
-    frame = rng.choice(["body", "target"])
-    e, a = random_direction(rng), random_direction(rng)
-    target = random_rotation(rng)
-    free = target @ turn(rng.uniform(-3.0, 3.0) * e)  # the body has rolled about e
-    pair = FramePair(free, X, target, X, np.zeros(6))
-    plane = qt.TwistProjector(
-        linear=qt.Projector.full(), angular=qt.Projector.plane(e), frame=frame
-    )
-    assert np.linalg.norm(qt.geometry.twist_error(*pair[:4], plane)) < 1e-9
-    across = np.cross(e, a) / np.linalg.norm(np.cross(e, a))
-    held = math.acos(e @ a)
-    for band in (
-        qt.RollBand(across, -1e-6, 1e-6),
-        qt.ConeBand(e, a, held + 1e-6, held - 1e-6),
-        qt.ConeBand(a, e, held + 1e-6, held - 1e-6),
-    ):
-        task = qt.TwistTask("tool", "site", plane, bands=[band])  # none of them contradicts
-        assert band.excess(pair) < 1e-9
-        assert band.half_spaces(pair, 0.1, task.projector)[0].shape == (0, 6)
-    # And what counts as free is free: the roll about e is anything.
-    assert len(qt.RollBand(e, 0.5, 1.0).half_spaces(pair, 0.1, plane)[0]) == 2
-
-
 # ---------------------------------------------------------------------------------- bad input
-
-JUNK = [None, "abc", float("nan"), float("inf"), [], [1, 2], {}, np.zeros(4), np.full(3, np.nan)]
-
-
-@pytest.mark.parametrize(
-    "build",
-    [
-        lambda x: qt.RollBand(x, -1.0, 1.0),
-        lambda x: qt.RollBand(Z, x, 1.0),
-        lambda x: qt.RollBand(Z, -1.0, x),
-        lambda x: qt.RollBand(Z, -1.0, 1.0, frame=x),
-        lambda x: qt.RollBand(Z, -1.0, 1.0, weight="heavy" if x is None else x),
-        lambda x: qt.RollBand(Z, -1.0, 1.0, recovery_speed=x),
-        lambda x: qt.ConeBand(x, Z, 0.1),
-        lambda x: qt.ConeBand(Z, x, 0.1),
-        lambda x: qt.ConeBand(Z, Z, x),
-        lambda x: qt.ConeBand(Z, Z, 0.1, x),
-        lambda x: qt.ConeBand(Z, Z, 0.1, frame=x),
-        lambda x: qt.SlabBand(x, -1.0, 1.0),
-        lambda x: qt.SlabBand(Z, x, 1.0),
-        lambda x: qt.SlabBand(Z, -1.0, 1.0, frame=x),
-        lambda x: qt.BoxBand(x, [1, 1, 1]),
-        lambda x: qt.BoxBand([-1, -1, -1], x),
-        qt.BandLimit,
-        lambda x: qt.TwistTask("tool", "site", NOTHING, bands=[x]),
-    ],
-)  # fmt: skip
-def test_junk_is_refused_with_a_sentence(build: object) -> None:
-    assert callable(build)
-    for junk in JUNK:
-        with pytest.raises(qt.InvalidInput) as caught:
-            build(junk)
-        assert 10 < len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize(
@@ -686,13 +516,6 @@ def test_bands_of_a_task_file_are_those_of_the_task(tmp_path: Path) -> None:
     assert (slab.ranges[0], slab.frame) == ((-0.01, 0.02), "world")
     assert isinstance(box, qt.BoxBand)
     assert (box.upper.tolist(), box.frame) == ([0.1, 0.2, 0.3], "body")
-
-
-def test_the_bands_of_the_documentation_load(tmp_path: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "task_files.md").read_text("utf-8")
-    [bands] = [b.split("```")[0] for b in page.split("```toml\n")[1:] if b.startswith("[[bands]]")]
-    kinds = [band.kind for band in qt.load_task(write(tmp_path, bands)).bands]
-    assert kinds == ["roll", "cone", "slab"]
 
 
 @pytest.mark.parametrize(

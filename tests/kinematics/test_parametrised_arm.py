@@ -260,26 +260,6 @@ def test_an_arm_that_is_nearly_of_the_kind_is_solved_nearly() -> None:
 # ---------------------------------------------------------------- layers
 
 
-def test_the_layer_of_seven_joints_is_near_all_solutions_of_another_form() -> None:
-    """At random places, with a free roll: all angles of the elbow, the last joint at rest."""
-    for index in (0, 3, 5, 11):
-        task = plans.placed_seven(index)
-        rows = PathRows(task)
-        spacing = np.radians(8.0)
-        net = ManifoldNet(task, rows, spacing)
-        assert net.seeds.cover(0)
-        layer, ranges = net.layer(0).q, qt.JointRanges.of(task.model)
-        assert ranges.inside(layer).all()
-        for q in layer[:: max(1, len(layer) // 50)]:
-            rotation, position = pose(task.model, q)
-            assert np.abs(position - task.waypoints[0].translation()).max() < 1e-8
-            assert np.abs((rotation - task.waypoints[0].rotation().as_matrix())[:, 2]).max() < 1e-8
-        every = plans.SevenKinematics(task, 0.4).layer(task.waypoints[0])
-        if len(every):
-            distance, _ = net.seeds.tree(layer).query(net.seeds.scaled(every))
-            assert (distance < 2.0).mean() > 0.999
-
-
 def whole_pose(model: mujoco.MjModel, waypoints: tuple[mink.SE3, ...], start: Array) -> qt.PathTask:
     """A task that prescribes all six directions of some poses."""
     whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
@@ -287,39 +267,6 @@ def whole_pose(model: mujoco.MjModel, waypoints: tuple[mink.SE3, ...], start: Ar
         plans.seven(2), model=model, waypoints=waypoints, projector=whole, constraints=(),
         start=start,
     )  # fmt: skip
-
-
-def test_what_is_left_of_a_layer_goes_on_in_the_next() -> None:
-    """Speed limits and obstacles may leave a few configurations that no grid meets again.
-
-    By steps of least norm each leads to one of the next waypoint, 1 mm away, and near it there has
-    to be one of the layer: within the share of the spacing below which two count as one.
-    """
-    model, rng = panda(), np.random.default_rng(4)
-    ranges = qt.JointRanges.of(model)
-    checked = 0
-    for q in ranges.random(6, rng):
-        rotation, position = pose(model, 0.5 * (q + ranges.middle))
-        waypoints = tuple(
-            mink.SE3.from_rotation_and_translation(
-                mink.SO3.from_matrix(rotation), position + by * np.array([1e-3, 0.0, 0.0])
-            )
-            for by in (0.0, 1.0)
-        )
-        task = whole_pose(model, waypoints, q)
-        net = ManifoldNet(task, PathRows(task), np.radians(4.0))
-        first = net.layer(0)
-        # A few that lie between those of a grid.
-        between = first.q[:: 1 + len(first.q) // 30] + 0.02
-        few, arrived = net.rows.correct(between, np.zeros(len(between), dtype=int))
-        few = few[arrived & ranges.inside(few)]
-        next_, arrived = net.rows.correct(few, np.ones(len(few), dtype=int))
-        next_ = next_[arrived & ranges.inside(next_)]
-        layer = net.layer(1, dataclasses.replace(first, q=few))
-        distance, _ = net.seeds.tree(layer.q).query(net.seeds.scaled(next_))
-        assert distance.max(initial=0.0) <= 0.6 + 1e-6
-        checked += len(next_)
-    assert checked > 60
 
 
 @pytest.mark.parametrize("arm", ["panda", "seven"])

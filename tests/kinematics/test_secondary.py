@@ -16,10 +16,9 @@ from oracles.arms import (
     random_direction,
     random_rotation,
 )
-from oracles.twists import FRAMES, KINDS, PLANE, POINT, SPATIAL, close, pose, regular, twists
+from oracles.twists import FRAMES, KINDS, PLANE, POINT, SPATIAL, close, pose, twists
 
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import (
     JointCentering,
     JointRanges,
@@ -27,7 +26,6 @@ from qp_twist.kinematics import (
     PostureReference,
     SecondaryObjective,
     TwistTask,
-    frame_pose,
     total_displacement,
 )
 
@@ -60,18 +58,6 @@ def floating(rng: np.random.Generator) -> mink.Configuration:
     configuration = mink.Configuration(model)
     configuration.integrate_inplace(rng.normal(size=model.nv), 1.0)
     return configuration
-
-
-def task_at(configuration: mink.Configuration, rng: np.random.Generator) -> TwistTask:
-    """Return the task of a tool whose roll is free, some way off its target."""
-    projector = TwistProjector(
-        linear=Projector.full(), angular=Projector.plane(random_direction(rng)), frame="body"
-    )
-    task = TwistTask("tool", "site", projector, gain=0.7)
-    R, p = frame_pose(configuration, "tool", "site")
-    target = mink.SO3.exp(0.2 * random_direction(rng)).as_matrix() @ R
-    task.set_target(pose(mink.SO3.from_matrix(target), p + 0.05 * random_direction(rng)))
-    return task
 
 
 def slope(function: object, configuration: mink.Configuration, step: float = 1e-6) -> Array:
@@ -117,27 +103,6 @@ def test_z_and_the_margins_are_the_papers(slides: bool) -> None:
         close(ranges.margins(high), np.zeros(joints))
         close(ranges.margins((low + high) / 2), np.ones(joints))
         assert ranges.names == tuple(f"joint_{i + 1}" for i in range(joints))
-
-
-def test_joints_without_a_range_count_for_nothing() -> None:
-    rng = np.random.default_rng(1)
-    configuration = floating(rng)
-    ranges = JointRanges.of(configuration.model)
-    counted = np.array([False] * 10 + [True, True])
-    np.testing.assert_array_equal(ranges.limited, counted)
-    assert ranges.names == (
-        *["float"] * 6, *["ball"] * 3, "free_hinge", "hinge", "slide",
-    )  # fmt: skip
-    assert not ranges.weight[:10].any()
-    close(ranges.weight[10:], [1 / 4, 1 / 0.6])
-    close(ranges.middle[10:], [1.0, 0.2])
-    # q = (7 of the base, 4 of the ball, and one for each scalar joint).
-    hinge, slide = configuration.q[12:]
-    expected = ((1.0 - hinge) / 4) ** 2 / 2 + ((0.2 - slide) / 0.6) ** 2 / 2
-    assert ranges.centring(configuration.q) == pytest.approx(expected)
-    margins = ranges.margins(configuration.q)
-    assert np.isposinf(margins[:10]).all()
-    close(margins[10:], [1.0 - abs(hinge - 1.0) / 2.0, 1.0 - abs(slide - 0.2) / 0.3])
 
 
 # -------------------------------------------------------------------------------- joint centring
@@ -191,11 +156,6 @@ def test_joints_without_a_range_do_not_move(weight: str) -> None:
     np.testing.assert_array_equal(centering.displacement(anywhere), np.zeros(6))
 
 
-def test_an_unknown_weight_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="expected one of gradient, paper, natural; got 'W'"):
-        JointCentering(planar_arm([1.0]), weight="W")
-
-
 # ------------------------------------------------------------------------------ posture reference
 
 
@@ -212,14 +172,6 @@ def test_a_posture_reference_is_reached_at_gain_one_with_floating_base_and_ball_
             close(reached.data.body(name).xmat, reference.data.body(name).xmat, atol=1e-9)
             close(reached.data.body(name).xpos, reference.data.body(name).xpos, atol=1e-9)
         close(objective.displacement(reached), np.zeros(12), atol=1e-9)
-
-
-def test_a_posture_reference_goes_its_gain_of_the_way() -> None:
-    rng = np.random.default_rng(6)
-    model = random_arm(rng, 5, slides=True)
-    q, q_ref = random_configuration(model, rng), random_configuration(model, rng)
-    objective = PostureReference(model, q_ref, gain=0.2)
-    close(objective.displacement(mink.Configuration(model, q)), 0.2 * (q_ref - q))
 
 
 @pytest.mark.parametrize(
@@ -266,33 +218,6 @@ def test_the_gradient_of_manipulability_is_that_of_its_measure(joints: int, fram
         close(objective.gradient(configuration), expected, atol=1e-6 * (1 + np.abs(expected).max()))
         checked += 1
     assert checked >= 5
-
-
-@pytest.mark.parametrize("frame", FRAMES)
-def test_the_gradient_of_manipulability_holds_with_floating_base_and_ball_joint(
-    frame: str,
-) -> None:
-    rng = np.random.default_rng(8)
-    configuration = floating(rng)
-    for linear, angular in (("full", "plane"), ("line", "full"), ("plane", "line")):
-        projector = twists(linear, angular, frame, (random_direction(rng), random_direction(rng)))
-        task = TwistTask("tool", "site", projector)
-        task.set_target(random_pose(rng))
-        objective = Manipulability(configuration.model, task)
-        expected = slope(objective.measure, configuration)
-        assert np.abs(expected).max() > 1e-3
-        close(objective.gradient(configuration), expected, atol=1e-7)
-
-
-def test_the_measure_is_the_logarithm_of_the_determinant() -> None:
-    rng = np.random.default_rng(9)
-    configuration = regular(rng)
-    task = task_at(configuration, rng)
-    rows = task.compute_jacobian(configuration)
-    sign, logarithm = np.linalg.slogdet(rows @ rows.T)
-    assert sign == 1.0
-    measure = Manipulability(configuration.model, task).measure(configuration)
-    assert measure == pytest.approx(logarithm, abs=1e-9)
 
 
 def planar_positioning(q: list[float]) -> tuple[mink.Configuration, TwistTask]:
@@ -353,19 +278,6 @@ def test_a_measure_without_rows_or_with_too_many_is_refused(linear: str, angular
     task = TwistTask("tip", "site", projector)
     with pytest.raises(InvalidInput, match=f"has {projector.rank} rows and the robot 3 degrees"):
         Manipulability(planar_arm([1.0, 1.0, 1.0]), task)
-
-
-@pytest.mark.parametrize("longest", [0.0, -0.5, np.nan, "far"])
-def test_a_longest_direction_that_is_no_length_is_refused(longest: object) -> None:
-    # A negative one would turn the objective round, NaN would reach the joints.
-    task = TwistTask("tip", "site", PLANE)
-    with pytest.raises(InvalidInput, match="longest"):
-        Manipulability(planar_arm([1.0, 1.0]), task, longest=longest)
-
-
-def test_manipulability_of_a_frame_that_the_model_lacks_is_refused() -> None:
-    with pytest.raises(mink.InvalidFrame, match="gripper"):
-        Manipulability(planar_arm([1.0, 1.0]), TwistTask("gripper", "site", PLANE))
 
 
 # ------------------------------------------------------------------------- as plain mink tasks

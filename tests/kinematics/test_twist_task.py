@@ -28,7 +28,6 @@ from oracles.twists import (
     across,
     close,
     pose,
-    projector,
     regular,
     turn,
     twists,
@@ -37,7 +36,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from qp_twist.errors import InvalidInput, InvalidTarget
-from qp_twist.kinematics import GazeTask, TwistTask, frame_jacobian, frame_pose
+from qp_twist.kinematics import TwistTask, frame_jacobian, frame_pose
 
 Array = npt.NDArray[np.float64]
 
@@ -155,20 +154,6 @@ def test_linear_rows_are_the_derivative_at_any_misalignment_unless_they_turn_wit
         close(jacobian[rows], derivative(task, configuration)[rows], atol=1e-7)
 
 
-@pytest.mark.parametrize("frame", FRAMES)
-def test_the_rows_of_a_plane_see_the_axis_where_it_is_now(frame: str) -> None:
-    rng = np.random.default_rng(11)
-    configuration = regular(rng)
-    R, p = frame_pose(configuration, "tool", "site")
-    R_d, axis = random_rotation(rng), random_direction(rng)
-    task = tool(twists("none", "plane", frame, (Z, axis)))
-    task.set_target(pose(R_d, p))
-    e = {"world": axis, "body": R @ axis, "target": R_d @ axis}[frame]
-    J = frame_jacobian(configuration, "tool", "site")[3:]
-    rows = task.compute_jacobian(configuration)
-    close(rows.T @ rows, J.T @ (np.eye(3) - np.outer(e, e)) @ J)
-
-
 @pytest.mark.parametrize("frame", ["world", "body"])
 @pytest.mark.parametrize("distance", [1e-2, 1e-5])
 def test_a_full_task_is_minks_frame_task_to_first_order(frame: str, distance: float) -> None:
@@ -234,34 +219,6 @@ def test_a_task_works_in_minks_solve_ik_at_any_misalignment(
         assert np.linalg.norm(error) >= 0.0999  # there was something to do
 
 
-@pytest.mark.parametrize("degrees", [0.01, 90.0, 179.0])
-def test_minks_own_axis_task_cannot_stand_where_ours_does(degrees: float) -> None:
-    # AxisAlignTask has three rows of rank two. Once misaligned they contradict each other, so as
-    # constraints no joint motion satisfies them. If mink mends it this test says so.
-    rng = np.random.default_rng(7)
-    configuration = regular(rng)
-    R, _ = frame_pose(configuration, "tool", "site")
-    direction = turn(np.deg2rad(degrees) * across(R[:, 2], rng)) @ R[:, 2]
-    theirs = mink.AxisAlignTask("tool", "site", axis=Z, cost=1.0)
-    theirs.set_target(direction)
-    rows, error = theirs.compute_jacobian(configuration), theirs.compute_error(configuration)
-    assert rows.shape[0] == 3
-    assert np.linalg.matrix_rank(rows, tol=1e-9) == 2
-    best = np.linalg.lstsq(rows, -error, rcond=1e-9)[0]
-    assert np.linalg.norm(rows @ best + error) > 1e-9
-    with pytest.raises(mink.NoSolutionFound):
-        solve(configuration, theirs, 1.0)
-
-    ours = tool(twists("none", "plane", "body"))
-    tilt = Rotation.align_vectors(direction, R[:, 2])[0].as_matrix()
-    ours.set_target(pose(tilt @ R, np.zeros(3)))
-    # The joints turn the tool by the angle that was missing.
-    omega = frame_jacobian(configuration, "tool", "site")[3:] @ solve(configuration, ours, 1.0)
-    towards = direction - R[:, 2] * (R[:, 2] @ direction)
-    towards /= np.linalg.norm(towards)
-    close(np.cross(omega, R[:, 2]), np.deg2rad(degrees) * towards, atol=1e-8)
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_iterating_solve_ik_reaches_the_target_and_leaves_the_roll(solver: str) -> None:
     rng = np.random.default_rng(8)
@@ -300,29 +257,6 @@ def test_what_mink_stacks_is_cost_times_rows_and_cost_times_gain_times_error(
     H, c = task.compute_qp_objective(configuration)
     close(H, J.T @ W @ W @ J + mu * np.eye(6))
     close(c, 0.4 * J.T @ W @ W @ e)
-
-
-def test_the_error_of_a_task_is_minus_the_twist_to_the_target() -> None:
-    configuration = regular(np.random.default_rng(10))
-    R, p = frame_pose(configuration, "tool", "site")
-    step = np.array([0.1, -0.2, 0.3, 0.4, 0.1, -0.2])
-    task = tool()
-    task.set_target(pose(turn(step[3:]) @ R, p + step[:3]))
-    close(task.compute_error(configuration), -step, atol=1e-10)
-    state = task.state(configuration)
-    close(state.error, step, atol=1e-10)
-    close(state.jacobian, frame_jacobian(configuration, "tool", "site"))
-
-
-def test_the_velocity_rows_are_the_constraint_of_a_step_of_that_length() -> None:
-    rng, dt = np.random.default_rng(12), 0.02
-    configuration = regular(rng)
-    task = tool(ROLL_FREE, gain=0.3, max_linear_step=0.05)
-    task.set_target(misaligned(configuration, rng, 40.0), twist=rng.normal(size=6))
-    task.set_dt(dt)
-    A, b = task.velocity_rows(configuration, dt)
-    close(A, task.compute_jacobian(configuration))
-    close(b, -0.3 * task.compute_error(configuration) / dt)
 
 
 # --------------------------------------------------------------------------------- feed-forward
@@ -396,12 +330,6 @@ def test_feed_forward_at_gain_zero_is_refused_since_mink_would_drop_it() -> None
     task.set_target(task.target, twist=np.ones(6))
     with pytest.raises(InvalidInput, match="with gain 0 mink drops the feed-forward"):
         task.compute_error(configuration)
-
-
-@pytest.mark.parametrize("dt", [0.0, -0.01, np.nan, np.inf])
-def test_a_time_step_that_is_none_is_refused(dt: float) -> None:
-    with pytest.raises(InvalidInput, match=r"^dt: "):
-        tool().set_dt(dt)
 
 
 # -------------------------------------------------------------------------------------- targets
@@ -497,54 +425,12 @@ def test_an_unknown_frame_is_refused_by_name_with_the_names_there_are(
             use(mink.Configuration(planar_arm([1.0, 1.0])))
 
 
-def test_a_frame_may_be_given_by_its_id() -> None:
-    configuration = mink.Configuration(planar_arm([1.0, 1.0]), np.array([0.3, 0.4]))
-    by_name, by_id = (TwistTask(frame, "body", SPATIAL) for frame in ("link_2", 2))
-    for task in (by_name, by_id):
-        task.set_target(mink.SE3.identity())
-    close(by_id.compute_error(configuration), by_name.compute_error(configuration))
-
-
 @pytest.mark.parametrize("frame_type", ["joint", "Site", "", None])
 def test_an_unsupported_type_of_frame_is_refused(frame_type: object) -> None:
     with pytest.raises(mink.UnsupportedFrame, match=r"body.*geom.*site"):
         TwistTask("tool", frame_type, SPATIAL)
     with pytest.raises(mink.UnsupportedFrame):
         frame_jacobian(mink.Configuration(planar_arm([1.0])), "tip", frame_type)
-
-
-NO_PROJECTOR = r"TwistTask\('tool', 'site'\): projector must be a Tw"
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "sentence"),
-    [
-        ({"projector": projector("full")}, InvalidInput, NO_PROJECTOR),
-        ({"projector": np.eye(6)}, InvalidInput, NO_PROJECTOR),
-        ({"projector": None}, InvalidInput, NO_PROJECTOR),
-        ({"gain": np.nan}, InvalidInput, "^gain: "),
-        ({"gain": "high"}, InvalidInput, "^gain: "),
-        ({"gain": -0.1}, mink.InvalidGain, r"in the range \[0, 1\]"),
-        ({"gain": 1.1}, mink.InvalidGain, r"in the range \[0, 1\]"),
-        ({"max_linear_step": 0.0}, InvalidInput, "^max_linear_step: expected a number above 0"),
-        ({"max_angular_step": -0.1}, InvalidInput, "^max_angular_step: expected a number above 0"),
-        ({"max_angular_step": np.nan}, InvalidInput, "^max_angular_step: "),
-    ],
-)
-def test_arguments_without_meaning_are_refused(
-    options: dict[str, Any], error: type[Exception], sentence: str
-) -> None:
-    with pytest.raises(error, match=sentence):
-        tool(**options)
-
-
-@pytest.mark.parametrize("cost", [2.0, [2.0], np.full(5, 2.0)])
-def test_one_cost_for_all_rows(cost: object) -> None:
-    assigned = TwistTask.axis_free("tool", "site")
-    assigned.cost = cost
-    for task in (tool(ROLL_FREE, cost=cost), assigned):
-        np.testing.assert_array_equal(task.cost, np.full(5, 2.0))
-    assert GazeTask("tool", "site", cost=2.0).cost.tolist() == [2.0, 2.0]
 
 
 @pytest.mark.parametrize(
@@ -584,11 +470,6 @@ def test_a_carrier_that_is_none_is_refused_at_once(carrier: object, sentence: st
     with pytest.raises(InvalidInput, match=sentence):
         task.relative_to = carrier
     assert task.relative_to == ("part", "body")
-
-
-def test_minks_arguments_of_a_relative_task_are_told_ours() -> None:
-    with pytest.raises(InvalidInput, match=r"root_type, is relative_to=\(name, type\)"):
-        TwistTask("tool", "site", "part", "body")
 
 
 # ----------------------------------------------------------------------------- the longest step

@@ -140,10 +140,6 @@ def test_an_address_that_names_another_server_is_refused(server):
         assert answer(server.get_port(), "Host: 127.0.0.1:PORT", path=path)[0] == 403
 
 
-def test_a_page_is_handed_on_by_nobody_elsewhere(server):
-    assert server.request_share_url() is None
-
-
 def test_the_recorder_of_the_report_answers_nobody():
     with recordings._server() as recorder:
         number = recorder.get_port()
@@ -164,10 +160,6 @@ def test_a_server_that_cannot_look_at_requests_does_not_start(monkeypatch):
         ("127.0.0.1", started[0].get_port()), timeout=5.0
     ):  # fmt: skip
         pass
-
-
-def test_the_port_is_looked_for_where_the_server_listens():
-    assert local_server.HOST == "127.0.0.1"
 
 
 # What is sent
@@ -219,30 +211,6 @@ def test_a_malformed_message_is_one_line_of_the_log(server, message, caplog, cap
     assert not any(record.exc_info for record in caplog.records)
     assert "Traceback" not in capfd.readouterr().err
     assert answer(server.get_port(), "Host: 127.0.0.1:PORT")[0] == 200  # it lives on
-
-
-def test_what_is_no_http_is_one_line_and_a_hung_up_call_none(server, caplog):
-    for said in (b"\x00\x1b[2J\r\n\r\n", b"POST / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n", b"", b"GE"):
-        with socket.create_connection(("127.0.0.1", server.get_port()), timeout=10.0) as caller:
-            caller.sendall(said)
-            caller.shutdown(socket.SHUT_WR)
-            while caller.recv(4096):
-                pass
-    lines = [record.getMessage() for record in caplog.records if record.levelname != "INFO"]
-    assert len(lines) == 2
-    assert all(line.isprintable() and line.startswith("refused a request (") for line in lines)
-    assert not any(record.exc_info for record in caplog.records)
-
-
-def test_a_stranger_that_comes_again_and_again_fills_no_log(caplog):
-    opened = LocalServer(0)
-    try:
-        for number in range(60):
-            answer(opened.get_port(), f"Host: evil-{number % 30}.example")
-    finally:
-        opened.stop()
-    assert 1 <= len(caplog.records) <= 20
-    assert "“evil-0.example”" in caplog.records[0].getMessage()
 
 
 @pytest.fixture

@@ -12,9 +12,8 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.drawing.palette import ORANGE, RED, rgb
-from qp_twist.drawing.sight import overview, sight
 from qp_twist.pages.local_server import LocalServer
-from qp_twist.pages.near_pairs import NEAR, LitPairs, NearPairs, distance_text, shape_over
+from qp_twist.pages.near_pairs import NEAR, LitPairs, NearPairs, distance_text
 from qp_twist.paths import Tolerances
 
 NEAR_RGB, TOO_NEAR_RGB = rgb(ORANGE), rgb(RED)
@@ -88,15 +87,6 @@ def test_between_a_ball_and_a_block_is_the_point_below_the_ball() -> None:
     assert near.geoms(np.array([[-0.33, 0.0]])) == {model.geom("block").id: False, ball: False}
     assert near.geoms(np.array([[-0.345, 0.0]])) == {model.geom("block").id: True, ball: True}
     assert rod not in near.geoms(np.array([[-0.345, 0.0], [0.0, 0.0]]))
-
-
-def test_without_pairs_nothing_is_near() -> None:
-    model = mujoco.MjModel.from_xml_string(TWO)
-    empty = qt.Clearance(model, 0.01, [("ball", "block"), ("rod", "block"), ("rod", "ball")])
-    distances, pairs = empty.closest(np.zeros((2, 2)))
-    assert distances.tolist() == [np.inf, np.inf]
-    assert pairs.tolist() == [-1, -1]
-    assert NearPairs(SimpleNamespace(model=model, clearances=())).nearest(np.zeros(2)) is None
 
 
 @pytest.mark.usefixtures("without_picture")
@@ -176,34 +166,3 @@ def test_near_geoms_are_lit_in_the_colour_of_their_distance(
             np.testing.assert_allclose(shape.position, data.geom_xpos[geom], atol=1e-9)
     finally:
         server.stop()
-
-
-@pytest.mark.parametrize("scene", ["deburring_cell", "planar_line"])
-def test_a_lit_shape_covers_its_geom_and_no_more(scene: str) -> None:
-    model = qt.load_task(scene).model
-    kinds = set()
-    for geom in range(model.ngeom):
-        kind = int(model.geom_type[geom])
-        kinds.add(kind)
-        vertices, faces = shape_over(model, geom)
-        if kind == int(mujoco.mjtGeom.mjGEOM_PLANE):
-            assert not len(faces)
-            continue
-        middle, half = np.split(model.geom_aabb[geom], 2)
-        over = np.abs(vertices - middle).max(axis=0) - half
-        assert over.min() > 0.0
-        assert over.max() < 0.003
-    assert len(kinds) > 1
-
-
-def test_a_distance_is_in_mm_and_an_overlap_has_its_depth() -> None:
-    assert distance_text(0.01234) == "12.3 mm"
-    assert distance_text(-0.0571) == "overlap by 57.1 mm"
-
-
-def test_a_scene_that_includes_another_has_its_own_camera(cell: qt.PathTask) -> None:
-    assert overview(cell.model) == "cell_overview"
-    assert overview(qt.load_task("deburring").model) == "overview"
-    seen = sight(cell)
-    camera = cell.model.camera("cell_overview")
-    np.testing.assert_allclose(seen.look_at - seen.distance * seen.forward, camera.pos, atol=1e-9)

@@ -22,11 +22,7 @@ from oracles.browser import open_page
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import csv_table
-from qp_twist.drawing.charts import thinned
-from qp_twist.drawing.figures import METHOD, inline_svg
 from qp_twist.drawing.sight import sight
-from qp_twist.pages.comparison_charts import spread
-from qp_twist.pages.recordings import recordings
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]
 SECTIONS = [
@@ -117,11 +113,6 @@ def test_ids_occur_once_and_references_have_their_target(page: str) -> None:
     assert used <= set(ids)
     assert len(used) > 20
     assert without_text == []
-
-
-def test_red_and_green_come_with_a_sign(page: str) -> None:
-    cells = re.findall(r'<td class="(bad|good)">(.)', page)
-    assert {("bad", "✗"), ("good", "✓")} == set(cells)
 
 
 def test_the_command_is_that_which_made_it(page: str) -> None:
@@ -224,55 +215,6 @@ def _pixels(png: bytes) -> np.ndarray:
     from PIL import Image
 
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
-
-
-def test_recordings_hold_every_method_and_print_nothing(
-    planar: qt.Comparison, capsys: pytest.CaptureFixture[str]
-) -> None:
-    geom_rgba = planar.path_task.model.vis.rgba.contactpoint.copy()
-    chosen = {name: planar.trajectories[name].q[::10] for name in ("twa", "qp")}
-    found = recordings(planar.path_task, chosen)
-    assert list(found) == ["twa", "qp"]
-    assert found["twa"] != found["qp"]
-    assert capsys.readouterr() == ("", "")
-    # The task's own model is as it was.
-    assert (planar.path_task.model.vis.rgba.contactpoint == geom_rgba).all()
-
-
-def test_an_inline_figure_brings_its_own_ids_and_its_methods_classes() -> None:
-    def drawn(key: str) -> str:
-        figure = Figure(figsize=(2, 2))
-        figure.subplots().plot([0, 1], [0, 1], gid=f"{METHOD}qp")
-        return inline_svg(figure, key, 'a "line" & more')
-
-    one, other = drawn("one"), drawn("other")
-    assert drawn("one") == one
-    assert '<g class="m m-qp">' in one
-    assert 'aria-label="a &quot;line&quot; &amp; more"' in one
-    ids = [set(re.findall(r' id="([^"]*)"', text)) for text in (one, other)]
-    assert ids[0]
-    assert not ids[0] & ids[1]
-
-
-def test_labels_are_spread_no_more_than_needed() -> None:
-    assert spread(np.array([0.1, 0.5, 0.9]), 0.1) == pytest.approx([0.1, 0.5, 0.9])
-    assert spread(np.array([0.5, 0.5]), 0.1) == pytest.approx([0.45, 0.55])
-    many = spread(np.array([0.3, 0.32, 0.33, 0.7, 0.72]), 0.1)
-    assert np.diff(many).min() == pytest.approx(0.1)
-    assert np.mean(many[:3]) == pytest.approx(0.95 / 3)
-    assert np.mean(many[3:]) == pytest.approx(0.71)
-    # Inside the panel, or the figure's edge would cut them off.
-    assert spread(np.zeros(3), 0.1) == pytest.approx([0.0, 0.1, 0.2])
-    assert spread(np.ones(3), 0.1) == pytest.approx([0.8, 0.9, 1.0])
-
-
-def test_a_long_curve_is_drawn_with_its_ends_and_extremes() -> None:
-    curve = np.sin(np.linspace(0.0, 9.0, 5000))
-    curve[[1234, 4321]] = 7.0, -7.0
-    index = thinned(curve)
-    assert len(index) < 300
-    assert {0, 1234, 4321, 4999} <= set(index.tolist())
-    assert (np.diff(index) > 0).all()
 
 
 # ---------------------------------------------------------------- for machines

@@ -277,16 +277,6 @@ def test_a_rotary_axis_that_rolls_over_takes_the_short_way(
     assert ("as written" in " ".join(as_written.notes)) == (written > 180.0)
 
 
-def test_on_an_arc_a_rotary_axis_that_rolls_over_takes_the_short_way(tmp_path: Path) -> None:
-    text = "G21 G43.4 H1\nG0 X10 Y0 Z0 A90 C350\nG3 X0 Y10 I-10 J0 C10 F100\n"
-    assert turned_in_all(read(tmp_path, text, rotary="head-ac")) == pytest.approx(20)
-
-
-def test_an_apt_file_has_no_rollover(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="leave rotary and rollover out"):
-        read(tmp_path, "UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", "a.apt", rollover="shortest")
-
-
 def test_between_two_points_the_rotary_axes_move_in_proportion(tmp_path: Path) -> None:
     """At a lean of 60° about a turning C, the axis follows the cone and not the great circle."""
     text = "G21 G43.4 H1\nG0 X0 Y0 Z0 A60 C0\nG1 X90 C90 F100\nG91 C-90\n"

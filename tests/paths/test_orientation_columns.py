@@ -105,13 +105,6 @@ def test_rotation_vectors_are_read_where_they_are_named_or_chosen(tmp_path: Path
     )
 
 
-def test_another_convention_than_that_of_the_names_is_chosen_by_columns(tmp_path: Path) -> None:
-    path = table(tmp_path, "A [deg],B [deg],C [deg]", ANGLES)
-    expected = [turned_one_by_one(("z", c), ("y", b), ("x", a)) for a, b, c in ANGLES]
-    found = rotations(path, columns=ColumnChoice(rpy=("A", "B", "C")))
-    assert found == pytest.approx(np.array(expected), abs=1e-12)
-
-
 SMALL = [[0.1, 0.2, 0.3], [0.2, 0.3, 0.4]]
 UNIT_3 = [[0.0, 0.6, 0.8], [0.0, 0.8, 0.6]]
 
@@ -143,18 +136,6 @@ def test_an_orientation_that_is_open_is_asked_for_and_never_left_out(
     with pytest.raises(InvalidInput, match=message):
         read_toolpath(path)
     assert read_toolpath(path, orientation="none").meaning == "none"
-
-
-def test_columns_of_a_table_without_names_that_are_a_direction_are_asked_for(
-    tmp_path: Path,
-) -> None:
-    path = tmp_path / "path.csv"
-    path.write_text("0,0,0,0,0.6,0.8\n1,0,0,0,0.8,0.6\n")
-    columns = ColumnChoice(position=(1, 2, 3))
-    with pytest.raises(UnclearColumns, match=r"column 4, column 5, column 6 have the length 1"):
-        read_toolpath(path, columns=columns, length_unit="m")
-    found = read_toolpath(path, columns=columns, length_unit="m", orientation="none")
-    assert found.meaning == "none"
 
 
 @pytest.mark.parametrize(
@@ -196,13 +177,6 @@ def test_thousands_apart_are_read_where_a_decimal_mark_follows(
     path.write_text("\n".join((names, *rows)) + "\n", encoding="utf-8")
     [curve] = read_toolpath(path).curves
     assert curve.positions == pytest.approx(np.array([[1.2005, -0.05, 0.4], [1.2005, 0.05, 0.4]]))
-
-
-def test_a_number_whose_mark_is_open_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "path.csv"
-    path.write_text("x [mm];y [mm];z [mm]\n1.200;5,5;6,5\n2,5;5,5;6,5\n", encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"line 2, column 'x \[mm\]'.*'1.200'.*decimal mark"):
-        read_toolpath(path)
 
 
 def test_new_asks_with_its_options_and_then_has_the_whole_pose(

@@ -188,20 +188,6 @@ def test_a_run_moves_cart_and_arm_against_each_other(cart: mujoco.MjModel) -> No
     assert np.abs(lift - 0.5 * np.sin(swing) - 0.3).max() < 1e-8
 
 
-def test_pictures_show_the_scene_as_it_stands(cart: mujoco.MjModel) -> None:
-    task = on_the_cart(cart)
-    shown = task.shown
-    assert shown.model is cart and shown.carrier == "cart"
-    assert shown.start.tolist() == [0.3, 0.1, 0.2]
-    # The cart is 0.2 m along x.
-    assert np.abs(shown.positions - [[0.4, 0, 0.3], [0.6, 0, 0.3], [0.8, 0, 0.3]]).max() < 1e-12
-    q = np.array([-0.7, 0.3, 0.1])
-    assert np.abs(shown.carrier_pose(q).translation() - [-0.7, 0.0, 0.0]).max() < 1e-12
-    plain = qt.load_task("planar_line")
-    assert plain.shown.model is plain.model and plain.shown.carrier is None
-    assert np.array_equal(plain.shown.positions, plain.positions)
-
-
 @pytest.mark.parametrize(
     ("others", "words"),
     [
@@ -244,20 +230,6 @@ def test_a_path_on_a_body_is_placed_on_it_but_takes_no_body_along() -> None:
     assert np.abs(moved.positions - task.positions - by).max() < 1e-12
     with pytest.raises(qt.InvalidInput, match="the path lies on 'part', which joints move"):
         placed(task, mink.SO3.identity(), origin, by, body="grinder")
-
-
-def test_the_world_of_the_scene_is_ignored_by_its_name(tmp_path: Path) -> None:
-    """The floor is the world's only geom here; everything else is on bodies."""
-    text = (shipped_folder("tasks") / "part_in_hand.toml").read_text("utf-8")
-    changed = text.replace('[["wheel", "part"]]', '[["wheel", "part"], ["world", "link_5"]]')
-    assert changed != text
-    (tmp_path / "task.toml").write_text(changed.replace("../scenes/", ""), "utf-8")
-    tasks = (qt.load_task(IN_HAND), qt.load_task(tmp_path / "task.toml"))
-    more, fewer = ({*task.clearances[0].names} for task in tasks)
-    gone = {frozenset(name.split(" to ")) for name in more - fewer}
-    # The world stands for what is fixed to it: the grinder and the base.
-    fixed = {"floor", "stand", "spindle", "wheel", "base"}
-    assert gone == {frozenset((one, "wrist")) for one in fixed}
 
 
 # ---------------------------------------------------------------- distances
@@ -329,18 +301,6 @@ def test_the_start_is_in_the_order_of_the_scene() -> None:
         zip(qt.JointRanges.of(hand.model).names, np.degrees(hand.known_limits[1]), strict=True)
     )
     assert math.isclose(known["joint_6"], 520.0) and math.isclose(known["joint_1"], 165.0)
-
-
-def test_starts_are_listed_as_the_task_file_states_them(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    main(["starts", IN_HAND, "--count", "1", "--json"])
-    [start] = json.loads(capsys.readouterr().out)
-    assert list(start["q"]) == [f"joint_{k}" for k in range(1, 7)]
-    q = np.array(list(start["q"].values()))
-    position, z = CELLS[IN_HAND].seen(tuple(start["q"]), q)
-    assert np.abs(position - [0.11, -0.07, 0.05]).max() < 1e-6
-    assert np.abs(z - [0.0, 0.0, -1.0]).max() < 1e-6
 
 
 def test_two_arms_share_a_part() -> None:

@@ -67,11 +67,6 @@ def test_a_file_of_ones_own_is_followed_with_its_own_scene(
     assert trajectory.position_error.max() < 1e-8
 
 
-def test_a_shipped_scene_serves_a_file_of_ones_own(tmp_path: Path) -> None:
-    path = write(tmp_path, MINIMAL.replace("arm.xml", "planar_3r.xml"))
-    assert qt.load_task(path).scene == shipped_folder("scenes") / "planar_3r.xml"
-
-
 def test_velocity_and_acceleration_limits_are_stated_by_joint(folder: Path) -> None:
     limits = """[feed]
 dt = 0.1
@@ -167,19 +162,6 @@ def test_a_scene_with_a_free_joint_is_refused_by_name(folder: Path) -> None:
     )
     with pytest.raises(qt.TaskFileError, match=r"joint 'base' is a ball or free joint"):
         qt.load_task(write(folder, MINIMAL))
-
-
-def test_a_byte_order_mark_is_no_mistake(folder: Path) -> None:
-    path = folder / "mine.toml"
-    path.write_text(MINIMAL, encoding="utf-8-sig")
-    assert qt.load_task(path).title == "A short line"
-
-
-def test_an_arm_with_few_joints_is_not_asked_for_its_whole_twist(folder: Path) -> None:
-    # Without [operational] a planar 3R arm has six operational directions and three joints.
-    names = qt.load_task(write(folder, MINIMAL)).method_names()
-    assert "rmr" not in names
-    assert "qp" in names
 
 
 def test_a_list_of_poses_by_quaternion_or_roll_pitch_yaw(folder: Path) -> None:

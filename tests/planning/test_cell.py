@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,8 +11,7 @@ import pytest
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning import RollMap, least_mean_z
-from qp_twist.planning.layer import Layer, centred
-from qp_twist.planning.levels import Roadmap
+from qp_twist.planning.layer import centred
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 EVERY = 5
@@ -96,23 +93,6 @@ def test_the_default_method_passes_the_clamp_that_it_hits_without_clearance(
     assert min(nearest(cell, q)[0] for q in qt.follow(cell).q[::2]) >= 0.005 - 1e-6
 
 
-def test_layers_of_a_waypoint_are_made_once(
-    cell: qt.PathTask, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The best motion hits the clamp, so that parts of the path are searched again."""
-    made: list[tuple[str, int]] = []
-    layers = Roadmap.layers
-
-    def counted(self: Roadmap, waypoints: Sequence[int], *arguments: Any) -> list[Layer]:
-        made.extend((f"{self.grid} {waypoints}", index) for index in waypoints)
-        return layers(self, waypoints, *arguments)
-
-    monkeypatch.setattr(Roadmap, "layers", counted)
-    plan = qt.plan(replace(cell, waypoints=cell.waypoints[::8], durations=None), max_step_deg=60.0)
-    assert plan.q is not None and min(nearest(cell, q)[0] for q in plan.q) >= 0.005 - 1e-6
-    assert len(made) == len(set(made)) >= 51
-
-
 def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathTask) -> None:
     roll_map = RollMap.of(cell, columns=9, spacing_deg=15.0)
     arm = closed_form_arm(cell)
@@ -164,15 +144,3 @@ def test_a_distance_that_links_can_never_keep_is_refused_at_once(
     wide = replace(cell, constraints=(qt.Clearance(cell.model, distance),))
     with pytest.raises(qt.InvalidInput, match=r"floor to turret.* more. .*5 mm is 0.005"):
         qt.follow(wide)
-
-
-def test_a_start_that_comes_no_nearer_is_given_up(cell: qt.PathTask) -> None:
-    """At 30 mm all pairs are apart in some configurations, but not on the path."""
-    wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.03),))
-    with pytest.raises(qt.InvalidInput, match=r"after [2-5]\d steps it is .*clearance"):
-        qt.follow(wide)
-
-
-def test_durations_of_other_waypoints_are_refused(cell: qt.PathTask) -> None:
-    with pytest.raises(qt.InvalidInput, match="one for each of the 51 waypoints, got 401"):
-        qt.plan(replace(cell, waypoints=cell.waypoints[::8]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 import re
 from collections.abc import Callable
@@ -88,18 +87,6 @@ def test_the_travel_of_a_rail_counts_as_much_as_its_weight_says() -> None:
     assert still < 0.1 * much
 
 
-def test_the_middle_of_a_rail_counts_as_much_as_its_weight_says() -> None:
-    """z with a weight of 4 on the rail is that of half the range, at half the distance."""
-    task = dataclasses.replace(on_a_rail(), waypoints=on_a_rail().waypoints[:7])
-    ranges = qt.JointRanges.of(task.model)
-    plan = qt.plan(task, max_step_deg=20.0, joint_weights={"rail": 4.0}, seeds=())
-    q = plan.motion()
-    share = (q - ranges.middle) / (ranges.upper - ranges.lower)
-    share[:, 0] *= 2.0
-    assert math.isclose(plan.value, 0.5 * (share**2).sum(axis=1).mean(), rel_tol=1e-9)
-    assert plan.bound <= plan.value <= 1.2 * plan.bound
-
-
 def test_the_largest_margin_is_half_the_rail_a_metre_counted_as_a_radian() -> None:
     """The rail's middle is 0.5 m from both ends, and the arm reaches the path from there."""
     plan = qt.plan(on_a_rail(), "margin", max_step_deg=20.0)
@@ -139,18 +126,6 @@ def test_a_waypoint_beyond_the_length_of_the_arm_is_named() -> None:
     assert plan.certificate.waypoints == (21,)
 
 
-def test_a_layer_with_few_configurations_is_not_called_empty() -> None:
-    """Of a rail of 2 mm few random configurations lead to a place on it."""
-    task, arm = on_a_rail(), study.InverseKinematics(qt.load_task("deburring"))
-    task.model.jnt_range[0] = (0.198, 0.2)
-    rolls, back = np.radians(np.arange(0.0, 360.0, 5.0)), np.array([-0.199, 0.0, 0.0])
-    for waypoint in task.waypoints:
-        pose = mink.SE3.from_translation(back) @ waypoint
-        assert len(arm.inside_with_turns(arm.branches(pose, rolls)))
-    certificate = qt.plan(task, max_step_deg=20.0).certificate
-    assert certificate.kind not in ("unreachable", "limits")
-
-
 def on_a_table() -> qt.PathTask:
     """A quarter of the deburring run in 9 waypoints, the part on a table that turns and tilts.
 
@@ -181,25 +156,6 @@ def tool_in_the_cell(
         return turn @ (site.xpos - path.xpos), turn @ site.xmat[2::3]
 
     return tool
-
-
-def test_rows_between_keep_a_path_on_a_table_in_the_cell() -> None:
-    """A plan with three free degrees leaves the path between waypoints; its run does not."""
-    task = on_a_table()
-    task = dataclasses.replace(task, waypoints=task.waypoints[:4])
-    plan = qt.plan(task, max_step_deg=30.0)
-    assert plan.between.position_between.max() > 1e-3
-    run = qt.refine_trajectory(qt.follow(task, "qp_planned", plan=plan))
-    assert qt.check_trajectory(run, task).passes
-    tool, corners = tool_in_the_cell(task), task.positions
-    worst = 0.0
-    for first, last in itertools.pairwise(run.q):
-        for share in np.arange(10) / 10.0:
-            off = tool(first + share * (last - first))[0] - corners[:-1]
-            along = np.diff(corners, axis=0)
-            near = np.clip((off * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-            worst = max(worst, np.linalg.norm(off - near[:, None] * along, axis=1).min())
-    assert worst <= 1e-4
 
 
 def turned(turn: float, tilt: float) -> mink.SE3:
@@ -247,17 +203,6 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
     assert plan.bound >= 0.97 * alone
 
 
-def test_a_table_does_not_bring_everything_within_reach() -> None:
-    """The axes meet 1.04 m from the base, and the arm reaches less than 2.2 m from there: a point
-    that stays 5 m from where they meet is beyond it."""
-    task = on_a_table()
-    far = mink.SE3.from_translation(CENTRE + np.array([0.0, 0.0, 5.0]))
-    plan = qt.plan(dataclasses.replace(task, waypoints=(*task.waypoints[:8], far)))
-    assert plan.q is None
-    assert plan.certificate.kind == "unreachable"
-    assert plan.certificate.waypoints == (9,)
-
-
 def test_the_map_of_rolls_of_a_part_in_the_hand_is_that_of_the_cell() -> None:
     """The chain is reversed: each node of the map is posed in the scene as it stands, by MuJoCo."""
     task = qt.load_task("part_in_hand")
@@ -287,12 +232,3 @@ def test_the_map_of_rolls_of_a_part_in_the_hand_is_that_of_the_cell() -> None:
     run = qt.follow(task, "qp_gradient")
     rolls, branches = roll_map.locate(run.q)
     assert np.isfinite(rolls).all() and len(set(branches)) == 1
-
-
-def test_a_plan_in_closed_form_of_a_part_in_the_hand_is_that_of_a_net(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    task = qt.load_task("part_in_hand")
-    plan = qt.plan(task)
-    monkeypatch.setattr("qp_twist.planning.levels.closed_form_arm", lambda task: None)
-    assert plan.value == pytest.approx(qt.plan(task).value, rel=1e-4)

@@ -20,8 +20,6 @@ from qp_twist.robots import controller_joints, named_robot
 from qp_twist.trajectories import run_task
 from qp_twist.trajectories.task_run import TaskRun
 
-ON_EDGES = range(21), range(21, 42)
-"""Waypoints of the stretches: approach 5, edge 11, retreat 5."""
 RAMP = 0.25
 """Time from rest to full speed that is assumed where no acceleration limit is known, s."""
 
@@ -187,13 +185,6 @@ def test_a_plan_moves_around_the_wall_too(task: qt.PathTask) -> None:
     assert followed.position_error.max() < 1e-6
 
 
-def test_the_travel_of_a_plan_counts_the_joint_move(task: qt.PathTask) -> None:
-    plan = qt.plan(task, "travel")
-    assert plan.value == pytest.approx(np.degrees(np.abs(np.diff(plan.motion(), axis=0)).sum()))
-    assert plan.bound <= plan.value
-    assert all(finding.passes for finding in plan.examined() if "clearance" in finding.name)
-
-
 def slides(boxes: list[tuple[float, float, float, float]]) -> mujoco.MjModel:
     """A ball of 20 mm on slides along x and y, from −1 to 1 m, among boxes (x, y, half sizes)."""
     around = "".join(
@@ -266,15 +257,6 @@ def test_what_the_tool_works_on_is_not_touched_on_the_way() -> None:
     passing = qt.referee.Passing(around.times[[0, -1]], False, False)
     found = {f.name: f for f in qt.referee.examine(task, around, passing=passing)}
     assert found["outside clearance on joint moves"].passes
-
-
-def test_of_two_ways_around_the_end_is_reached_in_a_maze() -> None:
-    """Two walls with gaps at opposite ends: a straight line and one corner do not suffice."""
-    model = slides([(-0.3, -0.2, 0.05, 0.8), (0.3, 0.2, 0.05, 0.8)])
-    rows = np.array([[-0.8, -0.5], [0.8, 0.5]])
-    q = JointMoves(joint_path(model, rows, None).path_task).found(*rows)
-    assert q[np.abs(q[:, 0] + 0.3) < 0.05, 1].min() > 0.6
-    assert q[np.abs(q[:, 0] - 0.3) < 0.05, 1].max() < -0.6
 
 
 @pytest.mark.parametrize(

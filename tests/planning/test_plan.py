@@ -22,21 +22,19 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 import qp_twist as qt
-from qp_twist.kinematics import ParametrisedArm, SerialChain, frame_jacobian, frame_pose
-from qp_twist.planning import RollMap, motion_limits
-from qp_twist.planning.graph import Edges, cheapest_path, edges
+from qp_twist.kinematics import SerialChain, frame_jacobian, frame_pose
+from qp_twist.planning import RollMap
+from qp_twist.planning.graph import Edges, cheapest_path
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import PathConstraints, Problem
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
-from qp_twist.planning.search import PlanSearch
 from qp_twist.planning.smooth import refine
 
 ROOT = Path(__file__).parents[2]
 Array = np.ndarray
-Mask = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 
 DOCS = ROOT / "docs"
@@ -76,49 +74,6 @@ def test_a_chain_with_a_ball_joint_is_refused_by_name() -> None:
     )
     with pytest.raises(qt.InvalidInput, match=r"'shoulder'.*ball or free"):
         SerialChain.of(model, "tool", "site")
-
-
-def industrial_arm(rng: np.random.Generator, *, aside: bool, wrist_offset: float = 0.0) -> object:
-    """An arm with an ortho-parallel base, however its axes point and its zero is drawn."""
-    sign = rng.choice([-1, 1], 6)
-    axes = [(0, 0, sign[0]), (0, sign[1], 0), (0, sign[2], 0),
-            (sign[3], 0, 0), (0, sign[4], 0), (sign[5], 0, 0)]  # fmt: skip
-    at = [(0, 0, rng.uniform(-0.5, 0.5)), (rng.uniform(-0.3, 0.3), 0.1 * aside, 0),
-          (0, 0, rng.uniform(0.2, 1.0)), (0, 0, rng.uniform(-0.2, 0.2)),
-          (rng.uniform(0.2, 1.0), 0, wrist_offset), (rng.uniform(0.0, 0.2), 0, 0)]  # fmt: skip
-    text = [f'<body pos="0.3 0 1" quat="{" ".join(map(str, rng.normal(size=4)))}">']
-    for i in range(6):
-        text.append(
-            f'<body pos="{" ".join(map(str, at[i]))}"><joint name="joint_{i + 1}" '
-            f'axis="{" ".join(map(str, axes[i]))}" ref="{rng.uniform(-1, 1)}"/>'
-            '<geom size="0.01" mass="1"/>'
-        )
-    text.append('<site name="tool" pos="0.1 0.2 0.3" quat="1 2 3 4"/>' + "</body>" * 7)
-    return mujoco.MjModel.from_xml_string(
-        f'<mujoco><compiler angle="radian"/><worldbody>{"".join(text)}</worldbody></mujoco>'
-    )
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_industrial_arms_are_recognised_and_every_branch_holds_the_pose(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = industrial_arm(rng, aside=bool(seed % 2))
-    (arm,) = ParametrisedArm.recognise(SerialChain.of(model, "tool", "site"))
-    assert arm.exact
-    q = rng.uniform(-3.0, 3.0, 6)
-    rotation, position = frame_pose(mink.Configuration(model, q), "tool", "site")
-    branches = arm.branches(rotation[None], position[None])[0]
-    apart = np.remainder(branches - q + np.pi, 2.0 * np.pi) - np.pi
-    assert np.nanmin(np.abs(apart).max(axis=1)) < 1e-6
-    for branch in branches[np.isfinite(branches).all(axis=1)]:
-        there = frame_pose(mink.Configuration(model, branch), "tool", "site")
-        np.testing.assert_allclose(there[0], rotation, atol=1e-6)
-        np.testing.assert_allclose(there[1], position, atol=1e-6)
-
-
-def test_an_arm_with_an_offset_wrist_is_not_taken_for_one() -> None:
-    offset = industrial_arm(np.random.default_rng(0), aside=False, wrist_offset=0.05)
-    assert not ParametrisedArm.recognise(SerialChain.of(offset, "tool", "site"))
 
 
 # ---------------------------------------------------------------- ways through layers
@@ -173,40 +128,7 @@ def _cost(link: Edges, cost: Array, asked: Edges) -> Array:
     return np.array([table[i, j] for i, j in zip(asked.start, asked.end, strict=True)])
 
 
-@given(SEEDS)
-@settings(max_examples=50)
-def test_the_widest_way_is_the_widest_of_all(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    sizes = rng.integers(1, 4, rng.integers(2, 5))
-    widths = [rng.uniform(0.0, 1.0, size) for size in sizes]
-    links = [rng.uniform(size=pair) < 0.7 for pair in itertools.pairwise(sizes)]
-    every = [
-        min(w[i] for w, i in zip(widths, way, strict=True))
-        for way in itertools.product(*(range(size) for size in sizes))
-        if all(link[a, b] for link, (a, b) in zip(links, itertools.pairwise(way), strict=True))
-    ]
-    edges = [Edges(*np.nonzero(link)) for link in links]
-    way = cheapest_path(
-        [-width for width in widths], lambda k, alive: _of(edges[k], alive), join=np.maximum
-    )
-    if not every:
-        assert way.value == np.inf
-        assert len(way.nodes) < len(sizes)
-    else:
-        assert way.value == pytest.approx(-max(every))
-        assert min(w[i] for w, i in zip(widths, way.nodes, strict=True)) == pytest.approx(
-            -way.value
-        )
-
-
 # ---------------------------------------------------------------- layers
-
-
-def test_a_joint_just_below_zero_has_neighbours_on_both_sides() -> None:
-    """The remainder of -1e-17 in a whole turn is the whole turn, to rounding."""
-    q, after = np.array([[-1e-17]]), np.array([[0.1], [-0.1], [0.3]])
-    found = edges(q, after, np.array([0.2]), np.array([2.0 * np.pi]))
-    assert sorted(found.end) == [0, 1]
 
 
 def test_all_turns_inside_the_limits_are_found() -> None:
@@ -457,53 +379,6 @@ def seven_joints(waypoints: int) -> qt.PathTask:
     )
 
 
-def test_a_plan_with_two_free_degrees_is_as_good_as_many_optimisations() -> None:
-    """SLSQP over all joints of four waypoints from many random starts; none may be better."""
-    task = seven_joints(4)
-    plan = qt.plan(task, "centering", max_step_deg=10.0)
-    check(plan, np.radians(10.0))
-    rows, ranges = PathRows(task), qt.JointRanges.of(task.model)
-    rng, at, largest = np.random.default_rng(0), np.arange(4), np.radians(10.0)
-    bounds = list(zip(np.tile(ranges.lower, 4), np.tile(ranges.upper, 4), strict=True))
-    best = np.inf
-    configuration = mink.Configuration(task.model)
-    for spread in (0.1, 0.3, 0.5, 0.8):
-        around = task.start + rng.uniform(-spread, spread, 7)
-        seed, arrived = rows.correct(np.tile(around, (4, 1)), at)
-        if not arrived.all():
-            continue
-        found = minimize(
-            lambda x: ranges.centring(x.reshape(4, 7)).mean(),
-            np.clip(seed, ranges.lower, ranges.upper).ravel(),
-            method="SLSQP",
-            bounds=bounds,
-            constraints=[
-                {"type": "eq", "fun": lambda x: _lean(task, configuration, x.reshape(4, 7))},
-                {"type": "ineq",
-                 "fun": lambda x: largest - np.diff(x.reshape(4, 7), axis=0).ravel()},
-                {"type": "ineq",
-                 "fun": lambda x: largest + np.diff(x.reshape(4, 7), axis=0).ravel()},
-            ],
-            options={"maxiter": 150},
-        )  # fmt: skip
-        # The two rows of the axis cannot tell it from its opposite.
-        if found.success and rows.errors(found.x.reshape(4, 7), at).max() < 1e-4:
-            best = min(best, float(found.fun))
-    assert np.isfinite(best)
-    assert plan.bound - 1e-9 <= plan.value <= best + 1e-4
-
-
-def _lean(task: qt.PathTask, configuration: mink.Configuration, q: Array) -> Array:
-    """Position errors, and how far the tool's z leans along each waypoint's x and y."""
-    errors = []
-    for row, waypoint in zip(q, task.waypoints, strict=True):
-        configuration.update(row)
-        rotation, position = frame_pose(configuration, "tool", "site")
-        lean = waypoint.rotation().as_matrix()[:, :2].T @ rotation[:, 2]
-        errors.append(np.concatenate([position - waypoint.translation(), lean]))
-    return np.concatenate(errors)
-
-
 # ---------------------------------------------------------------- why there is none
 
 
@@ -594,16 +469,6 @@ def test_a_plan_says_what_it_is_doing() -> None:
     for part in ("run of qp_gradient", "layers", "steps", "off the grid"):
         shares = [share for what, share in said if part in what]
         assert 0.0 <= shares[0] <= shares[-1] <= 1.0
-
-
-def test_other_methods_help_where_a_free_plan_is_not_at_its_bound() -> None:
-    said: list[str] = []
-    near = qt.plan(short_line(9), "centering", progress=lambda what, share: said.append(what))
-    assert near.gap < 0.01 * near.value
-    assert not any("run" in what for what in said)
-    far = qt.plan(short_line(9), "travel", progress=lambda what, share: said.append(what))
-    assert far.gap > 0.1 * far.value
-    assert any("run" in what for what in said)
 
 
 # ---------------------------------------------------------------- the map of rolls
@@ -739,21 +604,6 @@ def test_a_comparison_with_a_plan_names_the_bound_that_no_motion_can_be_below() 
     elsewhere = dataclasses.replace(task, starts={"qp_gradient": task.start + 0.1})
     assert qt.compare(elsewhere, ["qp_gradient", "qp_planned"]).z_bound is None
     assert qt.follow(task, "qp_planned", objective="travel").z_bound is None
-
-
-def test_a_run_that_is_off_the_path_is_no_plan() -> None:
-    """The runs of other methods may miss waypoints by up to a centimetre; a plan may not."""
-    task = qt.load_task("planar_line")
-    rows, count = PathRows(task), np.arange(len(task.waypoints))
-    kept = qt.follow(task, "qp_minimum_norm").q
-    far = kept.copy()
-    far[40:] += 0.01  # which looks better than nothing, and is not on its waypoints
-    ranges = qt.JointRanges.of(task.model)
-    limits = motion_limits(task, ranges, None, fixed_start=True)
-    problem = Problem(task, rows, limits, Objective.of(ranges, "centering"), kept[0])
-    found = PlanSearch(problem, lambda task, start: [far]).run()
-    assert found.path is not None
-    assert rows.errors(found.path.q, count).max() < 1e-8
 
 
 @pytest.mark.parametrize("method_solver", ["daqp", "osqp"])

@@ -18,14 +18,11 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.following import NoStart, find_starts
-from qp_twist.kinematics import FramePair, SerialChain, Stretch, frame_pose
-from qp_twist.kinematics.tolerance_band import Range
+from qp_twist.kinematics import FramePair, SerialChain, frame_pose
 from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
-from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
-from qp_twist.referee import Tolerances
 
 Array = np.ndarray
 X, Y, Z = np.eye(3)
@@ -136,92 +133,12 @@ def test_the_rolls_of_the_shipped_task_stay_within_their_band() -> None:
     assert run.band_excess.max() <= 1e-9
 
 
-def test_a_random_placement_stays_inside_and_can_be_followed() -> None:
-    task = somewhere(2)
-    plan = qt.plan(task)
-    check_kept(plan, roll_of, -HALF, HALF)
-    step = task.velocity_limits * task.durations[1:, None]
-    assert (np.abs(np.diff(plan.motion(), axis=0)) <= step + 1e-9).all()
-    run = qt.follow(task, "qp_planned", plan=plan)
-    assert run.position_error.max() < 1e-8 and run.axis_error.max() < 1e-8
-    assert run.band_excess.max() <= 1e-9
-
-
 @pytest.mark.parametrize("objective", ["travel", "margin"])
 def test_other_objectives_keep_the_band_too(objective: str) -> None:
     task = every(BANDS, 4)
     plan = qt.plan(task, objective)
     check_kept(plan, roll_of, -math.radians(45.0), math.radians(45.0))
     assert plan.bound >= plan.value if objective == "margin" else plan.bound <= plan.value
-
-
-def test_a_given_start_inside_is_kept() -> None:
-    task = every(BANDS, 2)
-    plan = qt.plan(task, start=task.start)
-    check_kept(plan, roll_of, -math.radians(45.0), math.radians(45.0))
-    np.testing.assert_allclose(plan.start, qt.follow(task, "qp").q[0], atol=1e-6)
-
-
-def check_passes(plan: qt.Plan) -> None:
-    """The check of the plan itself lets its bands pass, at and between waypoints."""
-    found = {f.name: f for f in plan.examined() if f.name.startswith("outside a band")}
-    assert set(found) == {"outside a band", "outside a band between"}
-    assert all(finding.passes for finding in found.values()), found
-
-
-def test_rolls_between_far_waypoints_are_kept_where_the_check_looks() -> None:
-    """A plan compared the roll with the target at that share of the time: 0.34° outside."""
-    plan = qt.plan(every(somewhere(4), 5), max_step_deg=30.0)
-    check_kept(plan, roll_of, -HALF, HALF)
-    check_passes(plan)
-
-
-class OwnTilt(qt.ToleranceBand):
-    """A user's band about the target: at most a tilt, with one row along the swing."""
-
-    kind, unit = "own tilt", "rad"
-
-    def __init__(self, most: float) -> None:
-        super().__init__(None, 0.5)
-        self._cone = qt.ConeBand(Z, Z, most)
-
-    @property
-    def ranges(self) -> tuple[Range, ...]:
-        return self._cone.ranges
-
-    def values(self, pair: FramePair) -> Array:
-        return self._cone.values(pair)
-
-    def gradients(self, pair: FramePair) -> Array:
-        return self._cone.gradients(pair)
-
-    def carried(self, pair: FramePair) -> Array:
-        return self._cone.carried(pair)
-
-    def fixed(self, projector: qt.TwistProjector) -> tuple[bool, ...]:
-        return self._cone.fixed(projector)
-
-    def contradiction(self, projector: qt.TwistProjector) -> str | None:
-        return self._cone.contradiction(projector)
-
-    def span(self, before: FramePair, after: FramePair, stretch: Stretch) -> tuple[Array, Array]:
-        return self._cone.span(before, after, stretch)
-
-
-TILT = math.radians(10.0)
-
-
-@pytest.mark.parametrize(
-    ("index", "band"),
-    [(0, qt.ConeBand(Z, Z, TILT)), (2, OwnTilt(TILT))],
-)
-def test_tilts_between_far_waypoints_are_kept_where_the_check_looks(
-    index: int, band: qt.ToleranceBand
-) -> None:
-    task = every(somewhere(index), 5, projector=FREE, bands=(band,))
-    plan = qt.plan(task, max_step_deg=30.0)
-    check_kept(plan, tilt_of, 0.0, TILT)
-    check_passes(plan)
 
 
 # ---------------------------------------------------------------- against brute force
@@ -377,53 +294,6 @@ def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> No
     assert (sampled <= proved + 1e-12).all()
 
 
-@given(SEEDS)
-@settings(max_examples=30, deadline=None)
-def test_margins_rows_and_returns_of_many_are_those_of_each_and_their_derivatives(
-    seed: int,
-) -> None:
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, 5, slides=True)
-    q = np.array([random_configuration(model, rng) for _ in range(3)])
-    chain = SerialChain.of(model, "tool", "site")
-    R, p = chain.poses(q)
-    band = random_band(rng, FramePair(R[0], p[0], np.eye(3), p[0], np.zeros(6)))
-    nothing = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
-    pose = mink.SE3.from_translation(p[0])
-    task = dataclasses.replace(
-        BANDS, model=model, projector=nothing, bands=(band,), waypoints=(pose,) * 3, start=q[0],
-        flipped_waypoints=None,
-    )  # fmt: skip
-    bands, at = HardConstraints(task, chain), np.arange(3)
-    margins = bands.margins(q, at)
-    for k in range(3):
-        pair = FramePair(R[k], p[k], np.eye(3), p[0], np.zeros(6))
-        np.testing.assert_allclose(margins[k], band.margins(pair), atol=1e-12)
-        assert band.excess(pair) == pytest.approx(max(0.0, -margins[k].min()), abs=1e-12)
-    rows, rooms, of = bands.rows(q, at)
-    step = 1e-6 * rng.normal(size=(3, 5))
-    after, before = bands.margins(q + step, at), bands.margins(q - step, at)
-    change = 0.5 * (after - before)
-    for k in range(3):
-        for value in range(margins.shape[1]):
-            mine = (of == value) & np.isfinite(rooms[k])
-            if not mine.any():
-                continue
-            # The row with the least room is the margin's own.
-            row = np.flatnonzero(mine)[np.argmin(rooms[k, mine])]
-            assert rooms[k, row] == pytest.approx(margins[k, value], abs=1e-9)
-            assert -rows[k, row] @ step[k] == pytest.approx(change[k, value], abs=2e-9)
-    back, sides = bands.returns(q, at, 1e-3)
-    negative = [np.flatnonzero(each < -1e-9) for each in margins]
-    assert sides.shape == (3, max(map(len, negative)))
-    for k, values in enumerate(negative):
-        for row, value in enumerate(values):
-            depth = min(1e-3, 0.5 * bands.halves[value])
-            assert sides[k, row] == pytest.approx(depth - margins[k, value], abs=1e-12)
-            assert back[k, row] @ step[k] == pytest.approx(change[k, value], abs=2e-9)
-        assert not sides[k, len(values) :].any() and not back[k, len(values) :].any()
-
-
 # ---------------------------------------------------------------- narrow bands
 
 
@@ -440,12 +310,6 @@ def test_a_band_between_two_rolls_of_the_grid_is_found(middle_deg: float) -> Non
     rolls = roll_of(R, targets(task)[:1])
     assert np.abs(rolls - middle).max() <= half + 1e-6
     assert rolls.max() - rolls.min() > half  # both of its ends
-
-
-def test_a_band_of_no_width_is_refused() -> None:
-    task = every(BANDS, 20, bands=(qt.RollBand(Z, 0.1, 0.1),))
-    with pytest.raises(qt.InvalidInput, match=r"bands\[0\], RollBand.* is narrower than 1e-06"):
-        qt.plan(task)
 
 
 # ---------------------------------------------------------------- why there is none
@@ -506,23 +370,3 @@ def test_a_band_that_a_later_segment_contradicts_is_refused() -> None:
                  segments=(qt.paths.Segment(3, whole),))  # fmt: skip
     with pytest.raises(qt.InvalidInput, match="holds the value at 0°"):
         qt.plan(task)
-
-
-def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
-    soft = qt.RollBand(Z, -0.1, 0.1, weight=5.0)
-    hard = qt.RollBand(Z, -0.5, 0.5)
-    task = every(BANDS, 10)
-    plans = [
-        qt.plan(dataclasses.replace(task, bands=bands), max_step_deg=30.0)
-        for bands in ((hard,), (soft, hard))
-    ]
-    # To what programs settle at: the runs that a plan begins with, too, know of the soft band.
-    assert plans[0].value == pytest.approx(plans[1].value, rel=1e-6)
-    rows = PathRows(dataclasses.replace(task, bands=(soft, hard)))
-    assert rows.hard.names == ("bands[1], " + repr(hard),)
-
-
-def test_what_a_plan_promises_between_waypoints_is_what_a_check_lets_pass() -> None:
-    """A plan that was 1e-3 rad off was certified and did not pass."""
-    tolerances = Tolerances()
-    assert {"m": tolerances.position, "rad": tolerances.axis} == BETWEEN

@@ -22,7 +22,6 @@ from qp_twist.trajectories import (
     check_trajectory,
     joints_of,
     read_trajectory,
-    write_checked,
     write_trajectory,
 )
 
@@ -460,15 +459,6 @@ def test_a_long_tp_program_is_divided(tmp_path: Path) -> None:
     (tmp_path / "long_2.ls").unlink()
     with pytest.raises(qt.InvalidInput, match=r"no LONG_2.ls beside"):
         read_trajectory(path, None, joints)
-
-
-def test_a_refused_export_names_the_file_that_was_asked_for(tmp_path: Path) -> None:
-    """Though a draft of it is checked first, in another folder."""
-    rows, joints = random_rows(3, "krl")
-    far, file = dataclasses.replace(rows, q=rows.q + 7.0), tmp_path / "far.src"
-    with pytest.raises(qt.InvalidInput, match="^" + re.escape(f"{file}: ") + "row 1: axis"):
-        write_checked(far, file, qt.load_task("deburring"), joints)
-    assert not file.exists()
 
 
 def test_names_times_and_ranges_that_a_controller_does_not_take(tmp_path: Path) -> None:

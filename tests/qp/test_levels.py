@@ -14,14 +14,11 @@ from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration
 from oracles.exact_levels import KINDS, exact_cascade, kept, solved
 from oracles.hierarchies import Hierarchy, cascade, harder, random_hierarchy, residual
-from oracles.twists import PLANE, POINT, ROLL_FREE, pose, site, twists
+from oracles.twists import PLANE, ROLL_FREE, site
 from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
 from qp_twist.constraints import gather_limits
-from qp_twist.qp import levels as qp_levels
-from qp_twist.qp.backend import RawSolution
-from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import EQUALITY_TOLERANCE
 
 Array = npt.NDArray[np.float64]
@@ -84,15 +81,6 @@ EXACT = 1e-8
 """Of a level's size: what two definitions of its rank may differ by."""
 
 
-@pytest.mark.parametrize("seed", [3, 9, 17, 21])
-def test_the_exact_oracle_agrees_with_the_textbook_cascade(seed: int) -> None:
-    """Where nothing is ill-conditioned both are right to the last digits."""
-    h = random_hierarchy(seed)
-    np.testing.assert_allclose(
-        exact_cascade(h).residuals, cascade(h, h.levels).residuals, atol=1e-9
-    )
-
-
 @pytest.mark.parametrize(
     ("kind", "seed"), [("stretched", 6), ("stretched", 42), ("parallel", 37), ("parallel", 149)]
 )
@@ -122,51 +110,6 @@ def test_ill_conditioned_levels_are_the_optimum_or_say_that_they_may_not_be(kind
     # On Windows and on Apple's processors a longdouble has no more digits than a double.
     most = 0.05 if np.finfo(np.longdouble).eps < np.finfo(float).eps else 0.15
     assert len(unproven) <= most * len(kept()[kind]), unproven
-
-
-@pytest.mark.parametrize("apart", [1e-9, 3e-10, 1e-10, 3e-11, 1e-11])
-def test_rows_that_leave_a_rank_to_rounding_are_not_proven(apart: float) -> None:
-    """Two rows say the same of x, but for the last digits; the level below sees the difference."""
-    rows = np.array([[1.0, 0.0, 0.0], [1.0, apart, 0.0]])
-    below = np.array([[0.0, 1.0, 1.0]])
-    last = np.array([[0.0, 1.0, -1.0]])
-    solution = qt.solve_levels(
-        [(rows, [0.5, 0.5 + 0.3 * apart]), (below, [9.0]), (last, [-5.0])], [-1.0] * 3, [1.0] * 3
-    )
-    # Held, the difference leaves x[1] at 0.3; not held, x[1] goes up to 1.
-    true = 9.0 - 1.3 if apart > 1e-10 else 9.0 - 2.0
-    off = abs(float(solution.residuals[1][0])) - true
-    assert not solution.proven or abs(off) < 1e-6
-    if 2e-11 < apart < 5e-10:
-        assert not solution.proven
-        assert solution.gaps[1] > 0.5
-
-
-def test_a_level_that_ends_early_is_not_proven(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The proof looks at what was found, not at who found it."""
-    honest = qp_levels.solve_raw
-
-    def lazy(problem: QuadraticProgram, solver: str) -> RawSolution:
-        found = honest(problem, solver)
-        nothing = found.multipliers._replace(rows=0.0 * found.multipliers.rows)
-        return RawSolution(np.zeros(problem.n), True, nothing)
-
-    unproven = 0
-    for seed in range(25):
-        h = random_hierarchy(seed, inequalities=False)
-        right = relaxed(h)
-        with monkeypatch.context() as patch:
-            patch.setattr(qp_levels, "solve_raw", lazy)
-            wrong = relaxed(h)
-        for level, gap, x in zip(h.levels, wrong.gaps, [wrong.x] * len(h.levels), strict=True):
-            off = residual(level, x) - residual(level, right.x)
-            assert off <= gap + 1e-6, seed
-            if off > 1e-3:
-                assert not wrong.proven
-                unproven += 1
-            if abs(off) > 1e-6:
-                break  # what is below is solved for another level above
-    assert unproven > 5
 
 
 # ------------------------------------------------------------------------ what is zero, or small
@@ -437,58 +380,6 @@ def test_the_status_says_which_level_gave_way() -> None:
     assert np.abs(step.residuals[1]).max() > 1e-4
 
 
-@given(SEEDS)
-@settings(max_examples=10)
-def test_a_lower_task_does_not_touch_a_higher_one_on_an_arm(seed: int) -> None:
-    arm = Arm(seed, away=0.2)
-    limit = arm.speeds(0.5)
-
-    def first(levels: Any, mode: Any) -> qt.Step:
-        made = qt.Controller(arm.model, levels=levels, limits=[limit], on_infeasible=mode)
-        return made.step(arm.configuration, 0.1)
-
-    for mode in ("scale", "relax"):
-        alone = first([[arm.twist]], mode)
-        together = first([[arm.twist], [arm.frame, arm.com], [arm.posture]], mode)
-        assert together.scale == pytest.approx(alone.scale, abs=1e-7)
-        np.testing.assert_allclose(together.residuals[0], alone.residuals[0], atol=1e-7)
-
-
-class Offset(mink.PostureTask):
-    """A posture task whose error is off by a little, as that of an integrated configuration is."""
-
-    off: Array | float = 0.0
-
-    def compute_error(self, configuration: mink.Configuration) -> Array:
-        return super().compute_error(configuration) + self.off
-
-
-@pytest.mark.parametrize("mode", ["scale", "relax", "raise"])
-@given(seed=SEEDS)
-@settings(max_examples=8)
-def test_a_level_that_is_met_is_met_whatever_rounding_leaves_of_it(mode: Any, seed: int) -> None:
-    """Posture of two joints, met up to the tolerance, over a target that is out of reach."""
-    rng, dt = np.random.default_rng(seed), 0.01
-    arm = Arm(seed)
-    posture = Offset(arm.model, cost=np.concatenate([np.ones(2), np.zeros(6)]))
-    posture.set_target(arm.configuration.q)
-    pose = site(arm.configuration)
-    arm.twist.set_target(pose.plus(np.array([5.0, 5.0, 5.0, 0.0, 0.0, 0.0])))
-    limit = arm.speeds(1.0)
-    controller = qt.Controller(
-        arm.model, levels=[[posture], [arm.twist]], limits=[limit], on_infeasible=mode
-    )
-    met = controller.step(arm.configuration, dt)
-    assert met.status in (qt.Status.PRIORITIZED, qt.Status.DEGRADED)
-    for size in (1e-25, 4e-19, 1e-17, 1e-15, 1e-13, 1e-11, 0.99 * EQUALITY_TOLERANCE * dt):
-        away = rng.normal(size=8)
-        away[2:] = 0.0
-        posture.off = size * away / np.linalg.norm(away)
-        step = controller.step(arm.configuration, dt)
-        assert (step.status, step.scale) == (met.status, 1.0), size
-        np.testing.assert_allclose(step.velocity, met.velocity, atol=1e-6)
-
-
 TWO_LINKS = """
 <mujoco><worldbody>
   <geom name="post" type="sphere" size="0.1" pos="0.9 0.35 0"/>
@@ -580,47 +471,3 @@ def test_a_cost_without_rows_cannot_stand_in_a_level() -> None:
 def test_with_levels_a_twist_task_belongs_to_one() -> None:
     with pytest.raises(qt.InvalidInput, match="belongs to a level"):
         qt.Controller(MODEL, tasks=[_twist()], levels=[[_twist()]])
-
-
-@pytest.mark.parametrize("solver", [None, "daqp"])
-@pytest.mark.parametrize("seed", range(6))
-def test_a_level_that_is_braked_stands_in_status_and_residuals(
-    seed: int, solver: str | None
-) -> None:
-    """Steps towards targets that the joints could not stop at; the rows are MuJoCo's Jacobian."""
-    rng = np.random.default_rng([11, seed])
-    model, dt = random_arm(rng, 8), float(rng.choice([0.002, 0.01]))
-    configuration = mink.Configuration(model, random_configuration(model, rng))
-    tasks = [qt.TwistTask("tool", "site", part) for part in (POINT, twists("none", "full"))]
-    start = site(configuration)
-    # Near targets of either task, of both, or of the upper one alone.
-    twist = np.concatenate([rng.normal(size=3), rng.normal(size=3)]) * 10.0 ** rng.uniform(-4, -1.5)
-    if seed % 3 == 1:
-        twist[:3] = 0.0
-    target = pose(mink.SO3.exp(twist[3:]) @ start.rotation(), start.translation() + twist[:3])
-    for task in tasks:
-        task.set_target(target)
-    limit = qt.MotionLimit(model, velocity=20.0, acceleration=rng.uniform(5.0, 50.0))
-    controller = qt.Controller(
-        model, levels=[[task] for task in tasks], limits=[limit], solver=solver
-    )
-    seen = set()
-    for _ in range(25):
-        J = np.zeros((6, model.nv))
-        mujoco.mj_jacSite(model, configuration.data, J[:3], J[3:], model.site("tool").id)
-        here = site(configuration)
-        turn = (target.rotation() @ here.rotation().inverse()).log()
-        b = [(target.translation() - here.translation()) / dt, turn / dt]
-        step = controller.step(configuration, dt)
-        missed = [J[:3] @ step.velocity - step.scale * b[0], J[3:] @ step.velocity - b[1]]
-        tolerance = 1e-6 * (1.0 + np.abs(b).max())
-        for own, stated in zip(missed, step.residuals, strict=True):
-            assert np.linalg.norm(own) == pytest.approx(np.linalg.norm(stated), abs=tolerance)
-        met = [bool(np.linalg.norm(own) < tolerance) for own in missed]
-        seen.add(step.status)
-        if step.status is qt.Status.SOLVED:
-            assert step.scale == 1.0 and met == [True, True]
-        elif step.status is qt.Status.PRIORITIZED:
-            assert step.scale == 1.0 and met == [True, False] and step.binding
-        configuration.integrate_inplace(step.velocity, dt)
-    assert qt.Status.SCALED in seen or qt.Status.PRIORITIZED in seen

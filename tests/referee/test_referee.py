@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 
 import mink
@@ -14,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration, random_direction
 from oracles.joint_paths import evenly, joint_path, slider
-from oracles.twists import ALONG_X, KINDS, SPATIAL, X, Z, pose, projector, twists
+from oracles.twists import ALONG_X, KINDS, SPATIAL, pose, projector
 from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
@@ -28,7 +27,6 @@ from qp_twist.referee import (
     PathErrors,
     Tolerances,
     path_errors,
-    sampled_errors,
 )
 from qp_twist.trajectories import JointRows, check_trajectory
 
@@ -254,20 +252,6 @@ def test_a_check_sees_every_number_of_turns(turns: int) -> None:
     assert between.where == "waypoints 1 to 2"
 
 
-@pytest.mark.parametrize("parts", [2, 3, 5, 9, 12])
-def test_an_excursion_that_is_back_at_equal_shares_is_seen(parts: int) -> None:
-    """Two hinges that turn against each other: the frame is on its way at every k/parts."""
-    q = np.array([[0.1, 0.2], [0.1001, 0.2001], [0.1002, 0.2002]])
-    task = joint_path(links(0.3, 0.2), q, None).path_task
-    q[1:] += 2.0 * np.pi * parts * np.array([1.0, -1.0])
-    motion = JointMotion(np.arange(3.0), q)
-    for samples in (parts - 1, 8):
-        errors = path_errors(task, motion, tolerances=TIGHT, samples=samples)
-        assert errors.kept(*TIGHT).tolist() == [False, True]
-        # The tip turns about the elbow, the elbow about the base: 1 m apart at most.
-        assert errors.position_between[0] == pytest.approx(0.6, rel=0.1)
-
-
 @given(SEEDS, st.floats(0.3, 3.0))
 @settings(max_examples=15, deadline=None)
 def test_what_passes_is_within_the_tolerances_and_what_is_well_within_passes(
@@ -306,20 +290,6 @@ def test_a_target_that_turns_is_part_of_the_bound(samples: int) -> None:
     excess = dense(task, motion, 0, 20_000)[2].max(axis=0)
     assert excess[:2] == pytest.approx([0.05, 0.9], abs=1e-3)
     assert (errors.bands_bound[0] >= excess - 1e-8).all()
-
-
-def test_a_way_that_the_rows_do_not_see_is_passed_evenly() -> None:
-    """T holds x, the path goes along y: the band moves with the target, and so does the frame."""
-    q = np.array([[0.0, 0.0], [0.0, 1.0], [0.0, 2.0]])
-    along = ALONG_X
-    task = joint_path(slider(2), q, None, projector=along).path_task
-    task = dataclasses.replace(task, bands=(qt.SlabBand([0, 1, 0], -0.05, 0.05),))
-    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=TIGHT)
-    assert errors.kept(*TIGHT).all() and errors.bands_between.max() < 1e-12
-    late = q + np.array([[0.0, 0.0], [0.0, -0.2], [0.0, 0.0]])
-    errors = path_errors(task, JointMotion(np.arange(3.0), late), tolerances=TIGHT)
-    assert not errors.kept(*TIGHT).any()
-    assert errors.bands_between == pytest.approx(0.15, rel=0.15)
 
 
 # ---------------------------------------------------------------- limits of the joints
@@ -392,25 +362,6 @@ def test_progress_is_proven_where_no_two_instants_are_too_fast(seed: int, fastes
         assert errors.rate_kept[0]
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.97, True), (1.03, False)])
-def test_progress_beyond_the_rate_is_excused_as_far_as_errors_can_be_it(
-    share: float, kept: bool
-) -> None:
-    """Twice the rate for so long that the tolerance at both ends makes up for it, or does not."""
-    within, fastest = 0.2, 1.5
-    late = share * within / fastest
-    rows = np.array([[0.0], [2.0 * fastest * late * 1e-3], [1e-3]])
-    for forth in (rows, rows[::-1]):
-        task = joint_path(slider(), forth[[0, 2]], evenly(2, 1.0)).path_task
-        times = np.array([0.0, late if forth is rows else 1.0 - late, 1.0])
-        motion = JointMotion(times, forth)
-        errors = path_errors(
-            task, motion, times[[0, 2]], tolerances=TIGHT, fastest=np.array([fastest])
-        )
-        assert errors.rate_kept[0] == kept
-        assert kept or errors.rate[0] > fastest
-
-
 def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
     """Equal links, the elbow turning back twice as fast: the tip stays on a line, at any speed."""
     q = np.array([[np.pi, -2.0 * np.pi], [2.0 * np.pi, -4.0 * np.pi]])
@@ -428,22 +379,6 @@ def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
     assert fast.position_bound[0] < 1e-4  # never off the line
     assert not fast.rate_kept.any()
     assert fast.rate[0] > 10.0
-
-
-@pytest.mark.whole_path
-@pytest.mark.parametrize("kind", ["full", "plane", "line"])
-@pytest.mark.parametrize("angle", [0.01, 1.0, 3.0])
-def test_turning_on_the_spot_is_progress_too(kind: str, angle: float) -> None:
-    axis = {"full": Z, "plane": X, "line": Z}[kind]
-    T = twists("full", kind, "body", axes=(Z, axis))
-    q = np.array([[0.2], [0.2 + angle]])
-    task = joint_path(links(0.0), q, evenly(2, 1.0), projector=T).path_task
-    for velocities, steepest in ((None, 1.0), (np.zeros((2, 1)), 1.5)):
-        motion = JointMotion(np.arange(2.0), q, velocities)
-        for fastest, kept in ((1.01 * steepest, True), (0.9 * steepest, False)):
-            errors = path_errors(task, motion, tolerances=(1e-4, 1e-4), fastest=np.array([fastest]))
-            assert errors.axis_bound.max() <= 1e-4 * (1 + 1e-6)
-            assert errors.rate_kept[0] == kept, (velocities, fastest)
 
 
 # ---------------------------------------------------------------- plans and runs
@@ -473,18 +408,6 @@ def test_a_plan_says_what_it_keeps_between_its_waypoints() -> None:
         plan_of(task, None).promise  # noqa: B018
 
 
-@pytest.mark.parametrize("turns", [1, 9, 18])
-def test_whole_turns_of_a_plan_or_a_run_are_seen(turns: int) -> None:
-    q = np.array([[0.0], [0.01], [0.02]])
-    trajectory = joint_path(links(2.0), q, evenly(3, 1.0))
-    spun = q + 2.0 * np.pi * turns * np.array([[0.0], [1.0], [1.0]])
-    plan = plan_of(trajectory.path_task, spun)
-    assert not all(f.passes for f in plan.examined())
-    assert "within 4" in plan.promise  # m, in mm
-    assert dataclasses.replace(trajectory, q=spun).between.position_between[0] > 3.9
-    assert trajectory.between.position_bound.max() < 1e-4
-
-
 def test_a_joint_without_a_range_may_not_turn_by_more_than_half_a_turn_in_a_plan() -> None:
     q = np.array([[0.0], [0.01], [0.02]])
     task = joint_path(links(2.0), q, evenly(3, 100.0), velocity=3.0).path_task
@@ -511,18 +434,6 @@ def test_ordinary_motions_are_little_work_and_endless_ones_end() -> None:
     motion = JointMotion(np.arange(400.0), spun)
     errors = path_errors(task, motion, tolerances=(5e-3, 1e-2), work=1000)
     assert list(np.flatnonzero(~errors.kept(5e-3, 1e-2))) == [199]
-
-
-def test_a_motion_that_stands_still_or_waypoints_that_are_the_same_have_bounds() -> None:
-    q = np.zeros((3, 2))
-    task = joint_path(slider(2), q, None).path_task
-    errors = path_errors(task, JointMotion(np.arange(3.0), q), tolerances=TIGHT)
-    assert errors.kept(0.0, 0.0).all()
-    away = np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
-    times = np.array([0.0, 2.0, 4.0])  # an excursion between the last two
-    errors = path_errors(task, JointMotion(np.arange(5.0), away), times, tolerances=TIGHT)
-    assert list(errors.kept(*TIGHT)) == [True, False]
-    assert errors.position_between[1] == 1.0
 
 
 class Ball(qt.ToleranceBand):
@@ -566,32 +477,3 @@ def test_a_band_of_ones_own_class_is_asked_as_those_of_the_package_are() -> None
         [between] = [f for f in check.findings if f.name == "outside a band between"]
         assert between.passes == passes == check.passes
         assert between.value == pytest.approx(max(height - 0.03, 0.0), abs=1e-4)
-
-
-def test_a_band_that_cannot_be_proven_between_waypoints_cannot_be_made() -> None:
-    methods = {name: value for name, value in vars(Ball).items() if name != "span"}
-    with pytest.raises(TypeError, match="span"):
-        type("Unproven", (qt.ToleranceBand,), methods)(None, 1.0)
-
-
-def test_rows_of_a_task_share_a_projector() -> None:
-    """What the comparison above assumes."""
-    task, _ = random_case(np.random.default_rng(0), size=0.0, turns=0)
-    assert all(a is b for a, b in itertools.pairwise(task.in_force))
-
-
-@given(SEEDS)
-@settings(max_examples=10, deadline=None)
-def test_what_is_sampled_is_what_a_proof_begins_with(seed: int) -> None:
-    """Without further work, the largest values found are those at its eight points."""
-    rng = np.random.default_rng(seed)
-    q = np.cumsum(rng.normal(scale=0.05, size=(9, 3)), axis=0)
-    task = joint_path(slider(3), q, evenly(9, 1.0)).path_task
-    task = dataclasses.replace(task, joint_moves=(int(rng.integers(1, 9)),))
-    motion = JointMotion(np.arange(9.0), q + rng.normal(scale=0.01, size=q.shape))
-    whole = path_errors(task, motion, tolerances=(1e-12, 1e-12), work=0)
-    errors, units = sampled_errors(task, motion, np.arange(9.0))
-    assert units[:2] == ("m", "rad")
-    assert errors[:, 1:-1, 0].max(axis=1) == pytest.approx(whole.position_between, abs=1e-12)
-    some = np.array([1, 5])
-    assert (sampled_errors(task, motion, np.arange(9.0), some)[0] == errors[some]).all()

@@ -15,12 +15,10 @@ import numpy.typing as npt
 import pytest
 from oracles.arms import random_configuration
 from oracles.real_robots import MJCF, URDF, RealRobot, each
-from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
 from qp_twist.paths import load_scene
 from qp_twist.robots import Robot, load_robot
 
@@ -50,35 +48,6 @@ def test_a_real_robot_has_its_joints_and_a_frame_at_its_end(real: RealRobot) -> 
     while turning[-1]:
         turning.append(int(model.body_parentid[turning[-1]]))
     assert set(model.jnt_bodyid.tolist()) <= set(turning)
-
-
-@pytest.mark.parametrize("real", each((*MJCF, *URDF)))
-def test_the_task_jacobian_of_a_real_robot_is_the_derivative_of_its_pose(real: RealRobot) -> None:
-    model = real.load().model
-    configuration = mink.Configuration(model, random_configuration(model, seeded(real.name)))
-    task = qt.TwistTask(real.frame, "body", SPIN_FREE)
-    task.set_target_from_configuration(configuration)
-
-    def pose(dq: Array) -> tuple[Array, Array]:
-        moved = mink.Configuration(model, configuration.integrate(dq, 1.0))
-        body = moved.data.body(real.frame)
-        return body.xpos.copy(), body.xmat.reshape(3, 3).copy()
-
-    h = 1e-5
-    derivative = np.zeros((6, model.nv))
-    for dof, unit in enumerate(np.eye(model.nv)):
-        (p, R), (p_minus, R_minus) = pose(h * unit), pose(-h * unit)
-        turned = Rotation.from_matrix(R @ R_minus.T).as_rotvec()
-        derivative[:, dof] = np.concatenate([p - p_minus, turned]) / (2.0 * h)
-
-    e = pose(np.zeros(model.nv))[1][:, 2]
-    U = task.state(configuration).basis
-    np.testing.assert_allclose(
-        U @ U.T, block_diag(np.eye(3), np.eye(3) - np.outer(e, e)), rtol=0.0, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        task.compute_jacobian(configuration), U.T @ derivative, rtol=0.0, atol=1e-8
-    )
 
 
 @pytest.mark.parametrize("real", each((*MJCF, *URDF)))
@@ -464,39 +433,6 @@ def test_visual_shapes_are_drawn_unless_the_file_discards_them(
     assert robot.left_out == ()
 
 
-def test_an_unreadable_visual_shape_costs_no_other_one(tmp_path: Path) -> None:
-    write_stl(tmp_path / "good.stl", 0.5)
-    (tmp_path / "bad.dae").write_text("<COLLADA/>")
-    grey = '<material name="grey"/></visual>'
-    shapes = "".join(mesh(name, "visual") for name in ("good.stl", "bad.dae"))
-    robot = load_robot(
-        write(
-            tmp_path,
-            '<material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>',
-            link("a", INERTIAL + shapes.replace("</visual>", grey)),
-            joint("j", "revolute", "base", "a"),
-        )
-    )
-    assert mesh_sizes(robot) == pytest.approx([0.5])
-    assert len(robot.left_out) == 1
-    assert robot.left_out[0].startswith("Not readable: bad.dae: cannot be read as a mesh")
-
-
-def test_settings_for_mujoco_in_the_file_hold(tmp_path: Path) -> None:
-    """A balanced inertia is no reason to leave it out, where a mesh is."""
-    (tmp_path / "bad.stl").write_text("solid, but as text")
-    robot = load_robot(
-        write(
-            tmp_path,
-            '<mujoco><compiler balanceinertia="true"/></mujoco>',
-            link("a", UNPHYSICAL["unbalanced"] + mesh("bad.stl") + BOX),
-            joint("j", "revolute", "base", "a"),
-        )
-    )
-    assert [s.partition(":")[0] for s in robot.left_out] == ["Not readable for MuJoCo"]
-    assert robot.model.body("a").inertia == pytest.approx(np.full(3, (0.02 + 0.03 + 0.4) / 3.0))
-
-
 UNPHYSICAL = {
     "nothing": "",
     "no mass": INERTIAL.replace('mass value="2"', 'mass value="0"'),
@@ -524,21 +460,6 @@ def test_a_link_of_no_physical_mass_gets_a_token(inertial: str, tmp_path: Path) 
     assert sorted(robot.model.body("b").inertia) == pytest.approx([0.02, 0.03, 0.04])
 
 
-def test_what_mujoco_takes_is_not_touched(tmp_path: Path) -> None:
-    """A massless link that carries another one, and a link whose mass is that of its shape."""
-    robot = load_robot(
-        write(
-            tmp_path,
-            *(link("carrier", ""), link("load"), link("shaped", BOX)),
-            *(joint("j", "revolute", "base", "carrier"), joint("f", "fixed", "carrier", "load")),
-            joint("k", "revolute", "load", "shaped"),
-        )
-    )
-    assert robot.left_out == ()
-    assert robot.model.body("carrier").mass[0] == 0.0
-    assert robot.model.body("shaped").mass[0] == pytest.approx(1000.0 * 0.1 * 0.2 * 0.3)
-
-
 @pytest.mark.parametrize(
     "stated",
     [
@@ -557,16 +478,6 @@ def test_names_of_meshes_from_other_systems_are_found(stated: str, tmp_path: Pat
     robot = load_robot(write(tmp_path / "pkg", shapes, joint("j", "revolute", "base", "a")))
     assert mesh_sizes(robot) == pytest.approx([0.5])
     assert robot.left_out == ()
-
-
-def test_a_mesh_whose_case_leaves_two_files_open_is_not_found(tmp_path: Path) -> None:
-    for name in ("ARM.stl", "Arm.stl"):
-        write_stl(tmp_path / name, 0.5)
-    if len(list(tmp_path.glob("*.stl"))) < 2:
-        pytest.skip("this file system does not distinguish upper and lower case")
-    shapes = link("a", INERTIAL + BOX + mesh("arm.stl"))
-    robot = load_robot(write(tmp_path, shapes, joint("j", "revolute", "base", "a")))
-    assert robot.left_out == ("Not found: mesh 'arm.stl'.",)
 
 
 def test_a_mesh_that_a_found_package_lacks_is_named(tmp_path: Path) -> None:
@@ -596,22 +507,6 @@ def test_a_urdf_is_read_in_its_encoding(
     robot = load_robot(file)
     assert robot.model.njnt == 1
     assert robot.model.body("Träger").id > 0
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("<mujoco><worldbody/></mujoco>", "in UTF-16, which MuJoCo does not read; save this MJCF"),
-        ("<robot><link name='${a}'/></robot>", "in UTF-16, which xacro does not read; save this"),
-    ],
-)
-def test_what_another_program_reads_is_not_read_in_utf_16(
-    text: str, said: str, tmp_path: Path
-) -> None:
-    file = tmp_path / "robot.xml"
-    file.write_bytes(text.encode("utf-16"))
-    with pytest.raises(InvalidInput, match=said):
-        load_robot(file)
 
 
 def test_a_second_root_link_is_refused(tmp_path: Path) -> None:
@@ -666,13 +561,6 @@ def test_a_file_that_is_no_robot_is_refused_in_a_sentence(
     assert said in str(refused.value)
     assert str(file) in str(refused.value)
     assert "\n" not in str(refused.value)
-
-
-def test_a_namespace_alone_makes_no_xacro_file(tmp_path: Path) -> None:
-    file = one_joint(tmp_path)
-    text = file.read_text("utf-8")
-    file.write_text(text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" '))
-    assert load_robot(file).model.njnt == 1
 
 
 @pytest.mark.parametrize(
@@ -760,28 +648,6 @@ def test_a_number_that_cannot_be_computed_with_is_named(
     mujoco.MjModel.from_xml_path(str(file))
     with pytest.raises(InvalidInput, match=re.escape(said)):
         load_robot(file)
-
-
-def test_a_range_may_be_infinite_but_not_nan(tmp_path: Path) -> None:
-    file = tmp_path / "arm.xml"
-    file.write_text(ONE_JOINT.replace('range="-2 2"', 'range="-2 inf"'), "utf-8")
-    assert load_robot(file).model.njnt == 1
-    file.write_text(ONE_JOINT.replace('range="-2 2"', 'range="-2 nan"'), "utf-8")
-    with pytest.raises(InvalidInput, match=r"joint 'j': range = \[-2. nan\]"):
-        load_robot(file)
-    # MuJoCo takes it for no range at all, so that a model of that kind has to be looked at, too.
-    with pytest.raises(InvalidInput, match="the range of j is not a number"):
-        JointRanges.of(mujoco.MjModel.from_xml_path(str(file)))
-
-
-def test_a_step_says_whether_the_model_or_the_configuration_is_not_finite() -> None:
-    model = mujoco.MjModel.from_xml_string(
-        ONE_JOINT.replace('name="arm" pos="0 0 0"', 'pos="0 nan 0"')
-    )
-    task = qt.TwistTask.point("tip", "site")
-    task.set_target(mink.SE3.identity())
-    with pytest.raises(InvalidInput, match="not finite although q is; check the model's positions"):
-        task.compute_error(mink.Configuration(model))
 
 
 # ---------------------------------------------------------------- in a task file

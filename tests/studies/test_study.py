@@ -21,19 +21,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.dying_jobs import Dying, Slow
+from oracles.dying_jobs import Dying
 from oracles.mutations import mutated
 
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.paths import leaned
-from qp_twist.planning import least_mean_z, least_z_start, random_start
 from qp_twist.studies import draw_sample
 from qp_twist.studies.judge import Judge
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import section_of
 from qp_twist.studies.store import BASE, Store
-from qp_twist.studies.summary import Rate, summarise
+from qp_twist.studies.summary import Rate
 from qp_twist.studies.workers import _Here, each
 
 loky = pytest.importorskip("joblib.externals.loky", reason="the extra `study`")
@@ -172,57 +171,6 @@ def test_robots_are_drawn_and_refused(tmp_path: Path) -> None:
         qt.study(file, ["robot"], 2, METHODS, out=tmp_path / "out")
 
 
-# ---------------------------------------------------------------- where it starts
-
-
-def test_no_random_start_has_less_z_than_the_least() -> None:
-    for index in range(2):
-        task = draw_sample(DEBURRING, ["placement"], index, start="task").path_task
-        start = least_z_start(task)
-        assert start is not None
-        ranges = qt.JointRanges.of(task.model)
-        assert ((start >= ranges.lower) & (start <= ranges.upper)).all()
-        trajectory = qt.follow(
-            dataclasses.replace(task, start=start), "minimum_norm", stop=lambda *_: True
-        )
-        np.testing.assert_allclose(trajectory.q[0], start, atol=1e-4)  # on the waypoint
-        rng = np.random.default_rng(index)
-        others = [random_start(task, rng) for _ in range(8)]
-        z = [float(ranges.centring(q)) for q in others if q is not None]
-        assert len(z) == 8
-        assert ranges.centring(start) < min(z) + 1e-9
-
-
-def test_random_starts_are_inside_and_differ() -> None:
-    rng = np.random.default_rng(1)
-    ranges = qt.JointRanges.of(DEBURRING.model)
-    starts = [random_start(DEBURRING, rng) for _ in range(10)]
-    found = np.array([q for q in starts if q is not None])
-    assert len(found) == 10
-    assert ((found >= ranges.lower) & (found <= ranges.upper)).all()
-    assert np.ptp(found, axis=0).min() > 0.5
-
-
-def test_the_least_mean_z_is_below_what_methods_reach(planar: qt.Comparison) -> None:
-    least = least_mean_z(planar.path_task, range(101))
-    reached = [t.z.mean() for t in planar.trajectories.values() if t.margins.min() >= 0.0]
-    assert least <= min(reached) + 1e-9
-    assert least == pytest.approx(0.0522, abs=1e-4)  # the pointwise minimum that is known
-
-
-def test_methods_that_fix_the_roll_start_with_its_rule() -> None:
-    names = ["rmr", "rmr_flipped", "qp_gradient"]
-    sample = draw_sample(DEBURRING, ["placement"], 0, methods=names)
-    ranges = qt.JointRanges.of(DEBURRING.model)
-    for name in names:
-        task = sample.path_task
-        run = qt.follow(task, name, iterations=1, stop=lambda *_: True)
-        expected = task.starts.get(name, task.start)
-        np.testing.assert_allclose(run.q[0], expected, atol=1e-6)  # nothing had to be corrected
-        assert ((run.q[0] >= ranges.lower) & (run.q[0] <= ranges.upper)).all()
-    assert set(sample.path_task.starts) == {"rmr", "rmr_flipped"}
-
-
 # ---------------------------------------------------------------- what is judged
 
 
@@ -298,16 +246,6 @@ def test_rows_come_back_once_and_in_order(
     assert [path.name for path in folder.iterdir()] == (["results.sqlite"] if parts else [])
 
 
-def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
-    store = Store(tmp_path, {})
-    with store.writing() as add:
-        add([row(0) | {"feasible": None, "mean_z": float("nan"), "sigma_min": np.float64(0.1)}])
-    store.check()
-    assert store.table(["feasible", "mean_z", "sigma_min"]) == {
-        "feasible": [None], "mean_z": [None], "sigma_min": [0.1],
-    }  # fmt: skip
-
-
 def test_rows_that_were_added_before_a_process_was_killed_are_there(tmp_path: Path) -> None:
     script = (
         "import os, signal, time; from pathlib import Path; from qp_twist.studies.store import *\n"
@@ -361,27 +299,7 @@ def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -
     assert content(qt.Study.open(tmp_path / "out", task)) == rows
 
 
-def test_the_settings_of_a_study_may_be_damaged(twelve: qt.Study, tmp_path: Path) -> None:
-    shutil.copytree(twelve.folder, tmp_path / "out")
-    file = tmp_path / "out" / "study.json"
-    whole = file.read_bytes()
-    for number in range(80):
-        file.write_bytes(mutated(whole, number))
-        try:
-            qt.Study.open(tmp_path / "out", twelve.job.path_task).summary()
-        except qt.InvalidInput as error:
-            assert str(tmp_path / "out") in str(error) or "no shipped task" in str(error)
-
-
 # ---------------------------------------------------------------- who does it
-
-
-def test_those_who_stop_listening_do_not_wait(tmp_path: Path) -> None:
-    found = each(Slow(tmp_path), range(5), jobs=1)
-    next(found)
-    began = time.monotonic()
-    found.close()
-    assert time.monotonic() - began < 30.0
 
 
 @pytest.mark.usefixtures("left_running")
@@ -534,17 +452,6 @@ def test_a_folder_that_cannot_be_used_is_refused(twelve: qt.Study, tmp_path: Pat
             twelve.table(columns)
 
 
-def test_what_cannot_begin_leaves_the_folder_as_it_was(twelve: qt.Study) -> None:
-    pytest.importorskip("distributed", reason="the extra `cluster`")
-    before = (twelve.folder / "study.json").read_bytes()
-    with pytest.raises(qt.InvalidInput, match="Start one by `dask scheduler`"):
-        qt.study(
-            twelve.folder.parent / "line.toml", ["placement"], 9999, METHODS, out=twelve.folder,
-            certify=False, scheduler="tcp://127.0.0.1:9",
-        )  # fmt: skip
-    assert (twelve.folder / "study.json").read_bytes() == before
-
-
 WITH_POST = """    <body name="post" pos="3 3 0">
       <geom name="post" type="box" size="0.2 0.2 0.2" contype="1" conaffinity="1"/>
     </body>
@@ -584,23 +491,6 @@ def test_a_study_does_not_go_on_with_a_task_that_has_changed(tmp_path: Path) -> 
     # What is only said of it, or where it is, changes no sample.
     (tmp_path / "line.toml").write_text(f"# a comment\n{text}", "utf-8")
     assert qt.Study.open(tmp_path / "out").missing() == []
-
-
-@pytest.mark.usefixtures("left_running")
-def test_another_robot_is_another_study(tmp_path: Path) -> None:
-    scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
-    other = tmp_path / "other.xml"
-    other.write_text(scene, "utf-8")
-    robots = '[study.robot]\nscenes = ["other.xml"]\n\n[iteration]'
-    task = line_task(tmp_path, **{"[iteration]": robots})
-    study = qt.study(
-        task, ["robot"], 1, ["minimum_norm"], out=tmp_path / "out", jobs=2, certify=False
-    )
-    assert study.missing() == []
-    range_ = scene.index('range="') + len('range="')
-    other.write_text(f"{scene[:range_]}-0.1 {scene[range_:].partition(' ')[2]}", "utf-8")
-    with pytest.raises(qt.InvalidInput, match="as it was then"):
-        qt.Study.open(tmp_path / "out")
 
 
 def test_a_sample_that_raises_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -677,13 +567,6 @@ def test_intervals_are_wilsons(of: int, share: float) -> None:
     low, high = Rate(count, of).interval
     assert low == pytest.approx(max(0.0, middle - half), abs=1e-9)
     assert high == pytest.approx(min(1.0, middle + half), abs=1e-9)
-
-
-def test_nothing_at_all_can_be_summarised() -> None:
-    names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
-    [summary] = summarise({name: [] for name in names}, ("qp",))
-    assert (summary.all.of, str(summary.all), summary.reasons) == (0, "–", "")
-    json.dumps(summary.to_dict(), allow_nan=False)
 
 
 def test_the_report_of_a_study(twelve: qt.Study) -> None:

@@ -16,18 +16,14 @@ from scipy.interpolate import BPoly
 import qp_twist as qt
 from qp_twist.cli import check as _  # noqa: F401  (its command)
 from qp_twist.cli import main
-from qp_twist.programs import SUFFIXES
 from qp_twist.trajectories import (
-    ENDINGS,
     Check,
     Finding,
     JointRows,
     check_trajectory,
     read_trajectory,
     time_trajectory,
-    write_trajectory,
 )
-from qp_twist.trajectories.matching import _cost as matching_cost
 
 Array = np.ndarray
 NAMES = ("slide_1", "slide_2")
@@ -110,16 +106,6 @@ def test_errors_within_the_tolerance_are_no_speed() -> None:
     q[1:-1, 0] += np.random.default_rng(0).uniform(-4e-5, 4e-5, 99)
     check = check_trajectory(JointRows(NAMES, q, np.arange(101) * 0.01), trajectory.path_task)
     assert check.passes, check.verdict
-
-
-@pytest.mark.parametrize("axis_error", [0.0, 0.15, 3.0])
-def test_of_two_poses_with_the_same_axis_error_the_nearer_one_is_matched(axis_error: float) -> None:
-    task = qt.load_task("deburring")
-    waypoint = task.waypoints[0]
-    turned = waypoint.rotation().multiply(mink.SO3.from_x_radians(axis_error)).as_matrix()
-    away = np.outer([0.0, 1e-4, 5e-3, 1.5e-2, 0.3], [1.0, 0.0, 0.0]) + waypoint.translation()
-    costs = matching_cost(task, 0, np.tile(turned, (5, 1, 1)), away, (1e-4, np.radians(0.05)))
-    assert (np.diff(costs) > 0.0).all()
 
 
 def test_a_file_that_says_it_was_made_for_something_else_is_told_of() -> None:
@@ -447,20 +433,6 @@ def test_a_shaken_speed_is_refused_however_close_the_rows_are(
     assert found(passing, "acceleration limits").value == pytest.approx(50.0, rel=0.01)
 
 
-def test_positions_that_shake_under_steady_velocities_are_refused() -> None:
-    """Rows 2 ns apart: each is explained by a nanosecond, a thousand of them are not."""
-    pace = np.repeat([1.5, 0.5], 1000)
-    q = np.concatenate([[0.0], np.cumsum(2e-9 * pace)])[:, None]
-    times = np.round(2e-9 * np.arange(2001), 9)
-    check = verdict(line_of(q, 2.0), q, times, np.ones((2001, 1)))
-    assert found(check, "acceleration limits").value > 100.0 * 1e5 / 2.0
-    # The same of speeds: at 1.9 m/s in pieces of 1 ns.
-    q = 1.9e-9 * np.arange(2001.0)[:, None]
-    task = joint_path(slider(), q[[0, -1]], None, velocity=1.0, acceleration=1e12).path_task
-    check = verdict(task, q, np.round(1e-9 * np.arange(2001), 9))
-    assert found(check, "velocity limits").value == pytest.approx(190.0, rel=1e-2)
-
-
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("spacing", [1e-2, 1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("seed", range(3))
@@ -504,18 +476,6 @@ def test_rows_with_accelerations_are_judged_on_the_quintics_that_they_mean(
         100.0 * accelerations / 40.0, rel=1e-3
     )
     assert any("degree five" in note for note in check.notes)
-
-
-@pytest.mark.parametrize("many", [1, 10, 100])
-def test_the_feed_between_waypoints_does_not_depend_on_the_rows(many: int) -> None:
-    """At the feed throughout; waypoints 10 mm apart, and 0.1 mm, as far as the tolerances."""
-    for length in (0.01, 1e-4):
-        q = length * np.arange(5.0)[:, None]
-        task = joint_path(slider(), q, evenly(5, 0.1)).path_task
-        t = np.linspace(0.0, 0.4, 4 * many + 1)
-        check = verdict(task, np.linspace(0.0, 4.0 * length, len(t))[:, None], t)
-        assert check.passes, check.verdict
-        assert found(check, "feed between").value == pytest.approx(100.0, abs=2.1)
 
 
 @pytest.mark.parametrize(
@@ -638,15 +598,6 @@ def test_a_part_of_the_path_is_called_so(part: slice, said: str) -> None:
     assert [said in note for note in notes] == [True] * bool(said)
 
 
-def test_a_trajectory_that_is_all_at_one_end_has_no_waypoint_0() -> None:
-    task = line_task()[0]
-    for place in (-1.0, 5.0):  # before the first waypoint, beyond the last
-        check = verdict(task, np.full((7, 1), place), np.arange(7.0))
-        assert not check.passes
-        assert "waypoint 0 " not in " ".join([*check.notes, check.verdict])
-        assert "waypoint 6 of 5" not in " ".join([*check.notes, check.verdict])
-
-
 @pytest.mark.parametrize(("before", "after"), [(0, 0), (3, 0), (0, 1), (3, 4)])
 def test_rows_before_and_after_the_path_are_counted(before: int, after: int) -> None:
     task, q = line_task()
@@ -656,12 +607,6 @@ def test_rows_before_and_after_the_path_are_counted(before: int, after: int) -> 
     assert ("1 row after the last waypoint" in notes) == (after == 1)
     assert ("4 rows after the last waypoint" in notes) == (after == 4)
     assert ("not against the path" in notes) == (before + after > 0)
-
-
-def test_rows_that_stand_at_the_ends_of_the_path_are_not_beside_it() -> None:
-    task, q = line_task()
-    resting = np.concatenate([np.zeros(3), q[:, 0], np.full(4, 4.0)])[:, None]
-    assert not verdict(task, resting, np.arange(12.0)).notes
 
 
 @pytest.mark.parametrize("end", [0, 1])
@@ -692,33 +637,6 @@ def test_a_joint_that_cannot_brake_inside_its_range_does_not_pass(
         left = [finding for finding in findings if finding.name == name]
         assert bool(left) != fits
         assert all(finding.value == pytest.approx(0.01) and not finding.passes for finding in left)
-
-
-def test_a_joint_outside_its_range_is_not_called_unproven() -> None:
-    task = line_task(2, acceleration=2.0)[0]
-    upper = qt.JointRanges.of(task.model).upper[0]
-    q = np.array([[upper - 0.5], [upper + 0.5]])
-    margin = found(check_trajectory(JointRows(NAMES[:1], q), task), "smallest joint margin")
-    assert not margin.passes and "not proven" not in str(margin)
-
-
-@pytest.mark.parametrize("field", ["positions", "velocities", "accelerations", "time_from_start"])
-def test_numbers_of_a_file_that_no_joint_has_are_named(field: str, tmp_path: Path) -> None:
-    file = tmp_path / "far.json"
-    points: list[dict[str, object]] = [
-        {
-            "positions": [0.0],
-            "velocities": [0.0],
-            "accelerations": [0.0],
-            "time_from_start": float(k),
-        }
-        for k in range(3)
-    ]
-    points[1][field] = 0.0 if field == "time_from_start" else [1e308]
-    file.write_text(json.dumps({"joint_names": ["a"], "points": points}))
-    expected = "row 2 is at 0 s, row 1 at 0 s" if field == "time_from_start" else "in row 2 is 1e"
-    with pytest.raises(qt.InvalidInput, match=rf"far\.json: .*{expected}"):
-        qt.read_trajectory(file)
 
 
 def test_places_are_counted_from_1() -> None:
@@ -833,21 +751,6 @@ def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> Non
     assert not check.sources
 
 
-@pytest.mark.parametrize(
-    ("name", "lengths"),
-    [("my_arm", (0.425, 0.40)), ("ur5e", (0.425, 0.40)), ("ur5e_long", (0.5, 0.3922)),
-     ("ur5", (0.425, 0.3922)), ("ur10e", (0.425, 0.3922))],
-)  # fmt: skip
-def test_another_arm_of_the_name_or_another_name_of_the_arm_is_not_known(
-    name: str, lengths: tuple[float, float]
-) -> None:
-    q = np.array([0.1, -1.0, 1.2, 0.3, 0.4, 0.5]) + np.outer(0.1 * np.arange(3.0), np.ones(6))
-    task = joint_path(named_arm(name, lengths), q, evenly(3, 1.0)).path_task
-    assert task.known_limits is None
-    check = check_trajectory(JointRows(tuple("abcdef"), q, np.arange(3.0)), task)
-    assert check.unchecked[0] == "joint speeds not checked: no limits known"
-
-
 # ---------------------------------------------------------------- the command
 
 
@@ -900,43 +803,3 @@ def test_the_command_cannot_read_with_2(line: Path, capsys: pytest.CaptureFixtur
             main(["check", str(line / file), "planar_line"])
         assert caught.value.code == 2
         assert sentence in capsys.readouterr().err
-
-
-def test_a_file_in_degrees_in_another_order_passes(line: Path) -> None:
-    rows = read_trajectory(line / "line.csv")
-    lines = ["time,joint_3 [deg],joint_1 [deg],joint_2 [deg]"]
-    for k, q in enumerate(np.degrees(rows.q)):
-        lines.append(",".join(map(repr, [0.1 * k, *map(float, q[[2, 0, 1]])])))
-    (line / "degrees.csv").write_text("\n".join(lines))
-    main(["check", str(line / "degrees.csv"), "planar_line"])
-
-
-@pytest.mark.parametrize("duration", [0.001, 0.005])
-def test_short_pieces_keep_their_limits_in_every_file(duration: float, tmp_path: Path) -> None:
-    s = np.linspace(0.0, 1.0, 201)
-    q = 0.5 * np.column_stack([np.sin(6.0 * s), np.cos(6.0 * s)])
-    moving = joint_path(slider(2), q, evenly(201, duration), velocity=2.0, acceleration=5.0)
-    timed = time_trajectory(moving)
-    for ending in set(ENDINGS) - set(SUFFIXES):  # this arm has no robot's controller
-        rows = read_trajectory(write_trajectory(timed, tmp_path / f"short{ending}"))
-        check = check_trajectory(rows, moving.path_task)
-        assert check.passes, (ending, check.verdict)
-        assert found(check, "acceleration limits").value == pytest.approx(100.0, rel=1e-3)
-
-
-def test_written_and_read_the_task_error_is_the_same(tmp_path: Path) -> None:
-    task = short(qt.load_task("deburring"), 6)
-    trajectory = qt.follow(task, "qp_minimum_norm", slow_down=True)
-    for ending in (".csv", ".npz", ".json"):
-        path = write_trajectory(time_trajectory(trajectory), tmp_path / f"t{ending}")
-        check = check_trajectory(read_trajectory(path), task)
-        assert check.passes
-        value = found(check, "position error").value
-        assert value == pytest.approx(1e3 * trajectory.position_error.max(), abs=1e-12)
-
-
-def test_a_file_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["check", "nosuch.csv", "planar_line"])
-    assert caught.value.code == 2
-    assert "nosuch.csv: there is no such trajectory file" in capsys.readouterr().err

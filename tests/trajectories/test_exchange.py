@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from oracles.joint_paths import evenly, joint_path, slider
 
 import qp_twist as qt
-from qp_twist.files import whole_file, write_atomically
 from qp_twist.trajectories import (
     JointRows,
     TimedTrajectory,
@@ -218,13 +217,6 @@ def test_all_that_is_wrong_with_a_table_is_said_at_once(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
-def test_a_joint_that_is_called_like_something_else_keeps_its_name(tmp_path: Path) -> None:
-    path = tmp_path / "odd.csv"
-    path.write_text("time,t,q_1,arm_vel\n0,1,2,3\n", "utf-8")
-    rows = read_trajectory(path, ["arm_vel", "t", "q_1"])
-    assert rows.q.tolist() == [[3.0, 1.0, 2.0]]
-
-
 @pytest.mark.parametrize(
     "stamp", [{"secs": 1, "nsecs": 500_000_000}, {"sec": 1, "nanosec": 500_000_000}, 1.5]
 )
@@ -255,25 +247,6 @@ def npz(**arrays: Array) -> bytes:
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
     return file.getvalue()
-
-
-def test_a_damaged_archive_is_refused_wherever_it_is_damaged(tmp_path: Path) -> None:
-    whole = npz(q=np.random.default_rng(0).normal(size=(50, 2)), joint_names=np.array(["a", "b"]))
-    path = tmp_path / "damaged.npz"
-    path.write_bytes(whole)
-    assert read_trajectory(path).q.shape == (50, 2)
-    for at in range(0, len(whole), 37):
-        path.write_bytes(whole[:at] + b"\xff" * 8 + whole[at + 8 :])
-        try:
-            assert read_trajectory(path).q.shape == (50, 2)  # a byte that says nothing
-        except qt.InvalidInput as error:
-            assert str(error).startswith(str(path))
-
-
-def test_metadata_of_another_tool_do_no_harm(tmp_path: Path) -> None:
-    for text in ("no JSON", "[1]"):
-        np.savez(tmp_path / "other.npz", q=np.eye(2), joint_names=["a", "b"], metadata=text)
-        assert read_trajectory(tmp_path / "other.npz").metadata == {}
 
 
 def test_an_archive_of_another_tool_is_understood(tmp_path: Path) -> None:
@@ -385,18 +358,6 @@ def test_rows_that_do_not_fit_are_refused() -> None:
 # ---------------------------------------------------------------- whole files
 
 
-def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
-    path = write_atomically(tmp_path / "deep" / "kept.csv", "old")
-    with pytest.raises(RuntimeError, match="half"), whole_file(path) as unfinished:
-        assert unfinished.suffix == ".csv"
-        unfinished.write_text("new, but half")
-        raise RuntimeError("half way")
-    assert path.read_text() == "old"
-    assert list(path.parent.iterdir()) == [path]
-    buffer = io.BytesIO(b"\x00\xff")
-    assert write_atomically(path, buffer.getvalue()).read_bytes() == b"\x00\xff"
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -470,40 +431,3 @@ def test_an_axis_that_the_robot_lacks_has_to_stand_still(ending: str, tmp_path: 
     still = read_trajectory(with_rail(tmp_path / f"still{ending}", np.full(3, 0.7)), names)
     assert still.joint_names == ("joint_1", "joint_2")
     assert [note for note in still.notes if note.startswith("rail stands still")]
-
-
-@pytest.mark.parametrize(
-    "name", ["tcp_x", "TCP rz", "actual_TCP_pose_0", "tcp.speed.x", "eef_qw", "end_effector_roll"]
-)
-def test_what_is_named_as_of_the_tool_centre_point_is_no_axis(name: str, tmp_path: Path) -> None:
-    file = with_rail(tmp_path / "a.csv", np.array([0.0, 1.0, 3.0]))
-    file.write_text(file.read_text("utf-8").replace("rail", name), "utf-8")
-    rows = read_trajectory(file, ["joint_1", "joint_2"])
-    assert rows.joint_names == ("joint_1", "joint_2")
-    assert [note for note in rows.notes if "no joint of the robot" in note and "not looked" in note]
-
-
-@pytest.mark.parametrize(
-    "name", ["x", "tcp", "tcp_axis", "tool_x", "joint_tcp_x", "pos_x", "z_rail"]
-)
-def test_what_may_be_an_axis_has_to_stand_still(name: str, tmp_path: Path) -> None:
-    file = with_rail(tmp_path / "a.csv", np.array([0.0, 1.0, 3.0]))
-    file.write_text(file.read_text("utf-8").replace("rail", name), "utf-8")
-    with pytest.raises(qt.InvalidInput, match="moves by 3"):
-        read_trajectory(file, ["joint_1", "joint_2"])
-
-
-def test_an_axis_that_the_robot_lacks_may_be_given_by_its_speed(tmp_path: Path) -> None:
-    names = ["joint_1", "joint_2"]
-    with pytest.raises(qt.InvalidInput, match="rail moves by 2"):
-        read_trajectory(with_rail(tmp_path / "a.csv", np.array([2.0, 2.0, 2.0]), rate=True), names)
-    still = read_trajectory(with_rail(tmp_path / "b.csv", np.zeros(3), rate=True), names)
-    assert [note for note in still.notes if note.startswith("rail stands still")]
-    # At rest in its rows, but accelerated: it moves between them.
-    rest = np.zeros((3, 3))
-    rows = JointRows(
-        ("joint_1", "joint_2", "rail"), rest, np.arange(3.0), rest,
-        accelerations=np.outer([0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
-    )  # fmt: skip
-    with pytest.raises(qt.InvalidInput, match="rail moves by"):
-        rows.of_joints(names)

@@ -31,7 +31,6 @@ from qp_twist.trajectories import (
     time_trajectory,
 )
 
-Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
 
 # ---------------------------------------------------------------- the motion between rows
@@ -97,11 +96,6 @@ def test_without_velocities_the_joints_move_straight_and_rest_outside() -> None:
     assert motion.at(1.5).q.shape == (1,)
 
 
-def test_times_that_do_not_increase_are_refused() -> None:
-    with pytest.raises(qt.InvalidInput, match="row 3 is at 1 s, row 2 at 1 s"):
-        JointMotion(np.array([0.0, 1.0, 1.0]), np.zeros((3, 1)))
-
-
 # ---------------------------------------------------------------- analytic times
 
 
@@ -146,15 +140,6 @@ def test_limits_that_are_not_reached_leave_exactly_the_feed() -> None:
     timed = time_trajectory(joint_path(slider(3), q, durations, velocity=100.0))
     assert (timed.times == np.cumsum(durations)).all()
     assert not timed.slowed
-
-
-def test_a_ramp_takes_no_longer_than_its_acceleration_needs_however_few_the_rows() -> None:
-    # 10 m in one piece and in two, at 1 m/s; 2 m/s² take half a second and a quarter of a metre.
-    for count in (3, 4, 11):
-        q, feed = np.linspace(0.0, 10.0, count)[:, None], evenly(count, 10.0 / (count - 1))
-        timed = time_trajectory(joint_path(slider(), q, feed, acceleration=2.0))
-        assert 10.5 <= timed.times[-1] < 10.53
-        assert timed.motion.largest_accelerations().max() <= 2.0 * (1 + 1e-9)
 
 
 def test_a_lower_feed_is_kept_from_its_first_row_on() -> None:
@@ -235,21 +220,6 @@ def test_a_result_never_makes_another_task(monkeypatch: pytest.MonkeyPatch, tmp_
     assert len(done.timed.q) > len(done.trajectory.q) == 401
     assert done.timed.trajectory.path_task is task
     assert made == []
-
-
-def test_a_corner_whose_rows_would_be_too_close_is_a_stop() -> None:
-    timed = time_trajectory(corner(), position_tolerance=1e-8)
-    [stop] = timed.stops
-    assert timed.q[stop].tolist() == [1.0, 0.0]
-    assert timed.velocities[stop] == pytest.approx(0.0)
-    assert timed.errors.position_between.max() < 1e-8
-    assert any(slowed.stops == (stop,) for slowed in timed.slowed)
-    # Four ramps with the whole acceleration take 0.05 s more than the feed, each.
-    assert 4.2 <= timed.times[-1] < 4.24
-    # With a tolerance that allows it, the corner is cut instead.
-    cut = time_trajectory(timed.trajectory, position_tolerance=0.05)
-    assert not cut.stops
-    assert 1e-4 < cut.errors.position_between.max() <= 0.05
 
 
 # ---------------------------------------------------------------- whose limits
@@ -478,30 +448,6 @@ def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
     assert refine_trajectory(refined) is refined
 
 
-def test_inserted_rows_keep_the_segments_of_the_path() -> None:
-    task = qt.load_task("approach_contact_retreat")
-    task = dataclasses.replace(
-        task, waypoints=task.waypoints[18:34], flipped_waypoints=None,
-        durations=task.durations[18:34],
-        segments=(dataclasses.replace(task.segments[0], first=3, blend=4),),
-    )  # fmt: skip
-    trajectory = qt.follow(task, "qp", gain=0.05)
-    refined = refine_trajectory(trajectory, position_tolerance=1e-6, axis_tolerance_deg=1e-3)
-    assert len(refined.q) > len(trajectory.q)
-    kept = [t for t, at in zip(refined.path.projectors, refined.at_waypoints, strict=True) if at]
-    assert all(t is before for t, before in zip(kept, trajectory.path_task.in_force, strict=True))
-    ranks = [t.rank for t in refined.path.projectors]
-    assert ranks == sorted(ranks, reverse=True)
-    assert refined.axis_error.max() < 1e-8
-
-
-def test_what_was_missed_gets_no_rows_between() -> None:
-    task = short(qt.load_task("deburring"), 6, velocity_limits=np.full(6, 0.05))
-    missed = qt.follow(task, "qp")
-    assert missed.position_error[1:].min() > 1e-4
-    assert refine_trajectory(missed) is missed
-
-
 # ---------------------------------------------------------------- following slowly
 
 
@@ -534,15 +480,6 @@ def test_slowing_down_keeps_the_path_that_the_limits_would_not_let_it_keep(
     assert (timed.motion.largest_speeds() <= 0.12 * (1 + 1e-9)).all()
 
 
-def test_without_need_slowing_down_changes_nothing() -> None:
-    task = short(qt.load_task("deburring"), 8)
-    # Not compiled: a run that may slow down is not, and only to rounding they are the same.
-    plain = qt.follow(task, "qp_minimum_norm", solver="daqp")
-    slow = qt.follow(task, "qp_minimum_norm", solver="daqp", slow_down=True)
-    assert (plain.q == slow.q).all()
-    assert (slow.durations == task.durations).all()
-
-
 def test_a_path_without_a_clock_and_without_limits_has_no_times() -> None:
     trajectory = joint_path(slider(), np.array([[0.0], [1.0]]), None)
     with pytest.raises(qt.InvalidInput, match="waypoint 1 to 2 takes; add"):
@@ -559,24 +496,3 @@ def test_refused_arguments() -> None:
         time_trajectory(trajectory, position_tolerance=0.0)
     with pytest.raises(qt.InvalidInput, match="slow_down"):
         qt.follow(trajectory.path_task, slow_down="yes")  # type: ignore[arg-type]
-
-
-def test_accelerations_never_take_a_method_off_the_path() -> None:
-    # Entered fast, an arc that sharp cannot be followed by accelerations that are held on the way.
-    task = qt.load_task("deburring")
-    hurried = dataclasses.replace(
-        task,
-        waypoints=task.waypoints[80:125],
-        flipped_waypoints=None,
-        durations=0.05 * np.asarray(task.durations)[80:125],
-        acceleration_limits=np.full(6, 1.0),
-        start=qt.follow(task, "qp_minimum_norm").q[80],
-    )
-    kept = qt.follow(hurried, "qp_gradient", slow_down=True)
-    assert kept.position_error.max() < 1e-8
-    timed = qt.time_trajectory(kept)
-    t = np.linspace(0.0, timed.times[-1], 20_000)
-    assert np.abs(np.gradient(timed.at(t).velocities, t, axis=0)).max() < 1.01
-    assert timed.times[-1] > 2.0 * hurried.durations.sum()
-    lost = qt.follow(hurried, "qp_gradient")
-    assert lost.position_error.max() > 1e-4

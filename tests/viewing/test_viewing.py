@@ -13,17 +13,14 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.geometry import ProjectorKind
 from qp_twist.pages.local_server import LocalServer, free_port
 from qp_twist.pages.near_pairs import NearPair, NearPairs
 from qp_twist.viewing import LiveArm, PageSettings, Session, projector_choices, run_once
 from qp_twist.viewing.bars import clearance_bar, joint_bars
 from qp_twist.viewing.one_run import Run
-from qp_twist.viewing.page import Page
 from qp_twist.viewing.projectors import Roll, with_projector
-from qp_twist.viewing.readings import readings, roll_dial, sentence
+from qp_twist.viewing.readings import readings, sentence
 from qp_twist.viewing.runs import Runs
-from qp_twist.viewing.settings import method_choices
 from qp_twist.viewing.stage import Stage
 
 
@@ -83,11 +80,6 @@ def test_a_task_with_another_projector_keeps_bands_that_it_leaves_free_and_drops
     assert with_projector(with_segments, "position only").segments == ()
 
 
-def test_an_unknown_projector_is_refused_by_name():
-    with pytest.raises(qt.InvalidInput, match="free roll"):
-        with_projector(deburring(), "free everything")
-
-
 # Limits off
 
 
@@ -117,11 +109,6 @@ def test_without_limits_the_paper_example_leaves_them_and_says_so():
     assert "leaves the limits" not in on.status
 
 
-def test_only_methods_that_hold_limits_can_drop_them():
-    can = [m for m in method_choices(planar()) if PageSettings.of(planar(), m).has_limits]
-    assert can == ["qp_rmr", "sns", "qp_minimum_norm", "qp_gradient", "qp"]
-
-
 # Runs
 
 
@@ -147,15 +134,6 @@ def test_the_roll_is_the_turn_about_the_tool_against_the_waypoint():
     for angle in (-2.0, -0.3, 0.0, 1.0, 3.0):
         about_tool = mink.SE3.from_rotation(mink.SO3.from_z_radians(-angle))
         assert Roll(task).at(configuration, pose @ about_tool) == pytest.approx(angle, abs=1e-9)
-
-
-def test_the_roll_of_a_planar_arm_is_the_sum_of_its_joints():
-    task = planar()
-    target = mink.Configuration(task.model, np.array([0.2, 0.3, 0.4])).get_transform_frame_to_world(
-        "tip", "site"
-    )
-    turned = mink.Configuration(task.model, np.array([0.5, 0.9, 1.0]))
-    assert Roll(task).at(turned, target) == pytest.approx(2.4 - 0.9, abs=1e-9)
 
 
 def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found():
@@ -237,24 +215,6 @@ def test_playing_moves_on_by_the_speed_and_begins_again(session):
     assert session.index == 0.0
 
 
-def test_the_page_does_not_undo_a_slider_that_the_user_has_just_moved(session):
-    page = Page(session, free_port())
-    try:
-        page._slider.value = 4  # what viser does with a message, before it calls back
-        for _ in range(6):
-            page._show(session.moment())
-        assert page._slider.value == 4
-        page._slide(4)
-        page._show(session.moment())
-        assert (page._slider.value, session.index) == (4, 3.0)
-        session.seek(6)  # as a key does
-        for _ in range(6):
-            page._show(session.moment())
-        assert page._slider.value == 7
-    finally:
-        page.server.stop()
-
-
 def test_a_changed_setting_gives_another_run_and_the_first_one_comes_back(session):
     first = session.run
     session.change(method="twa")
@@ -285,12 +245,6 @@ def test_a_moved_workpiece_takes_the_path_with_it(session):
     assert session.run is old
 
 
-def test_a_run_that_ends_while_its_progress_is_read_does_no_harm(session, monkeypatch):
-    read = iter([(0.5, "going on"), None])
-    monkeypatch.setattr(Session, "computing", property(lambda _: next(read)))
-    assert session.status() == "computing: going on (50 %)"
-
-
 def test_a_workpiece_out_of_reach_has_no_run_but_a_sentence(session):
     far = mink.SE3.from_translation(session.handle + np.array([9.0, 0.0, 0.0]))
     session.place(far)
@@ -300,15 +254,6 @@ def test_a_workpiece_out_of_reach_has_no_run_but_a_sentence(session):
     assert "cannot be corrected" in session.status()
     assert session.run is None
     assert np.array_equal(session.moment().q, planar().start)
-
-
-def test_a_method_that_does_not_apply_is_refused():
-    with pytest.raises(qt.InvalidInput, match="does not apply"):
-        PageSettings.of(planar(), "rmr_flipped")
-    with pytest.raises(qt.InvalidInput, match="unknown method"):
-        PageSettings.of(planar(), "magic")
-    with pytest.raises(qt.UnknownSolver):
-        PageSettings.of(planar(), "qp", "abacus")
 
 
 # The arm in the hand
@@ -371,17 +316,6 @@ def test_the_arm_without_limits_goes_where_they_would_not_let_it():
     assert reached < 1e-2
 
 
-def test_a_whole_pose_in_the_hand_holds_the_roll():
-    task = deburring()
-    settings = dataclasses.replace(PageSettings.of(task, "qp"), projector="whole pose")
-    arm = LiveArm(task, settings, task.start)
-    arm.target = moved(arm.pose, [0.03, 0.0, 0.02])
-    for _ in range(80):
-        moment = arm.step()
-    assert abs(moment.roll) < 1e-3
-    assert arm.task.projector.angular.kind is ProjectorKind.FULL
-
-
 def test_a_grasped_session_follows_the_hand_and_goes_back(session):
     session.seek(4)
     pose = session.grasp()
@@ -408,14 +342,6 @@ def bars_of(q_deg, binding=()):
     return {row.attrib["data-joint"]: row for row in root.iter("section")}
 
 
-def test_the_bars_are_where_the_joints_are():
-    rows = bars_of([22.5, 45.0, 180.0])
-    for name, share in (("joint_1", 25.0), ("joint_2", 50.0), ("joint_3", 100.0)):
-        [track] = rows[name].findall(".//*[@data-x]")
-        assert float(track.attrib["data-x"]) == pytest.approx(share, abs=0.02)
-    assert {"22.5°", "0°", "90°"} <= set(rows["joint_1"].itertext())
-
-
 def test_limits_are_lit_by_form_and_word():
     rows = bars_of([30.0, 90.0, -5.0], ["joint_1 (upper velocity limit)"])
     states = {name: group.attrib["data-state"] for name, group in rows.items()}
@@ -425,16 +351,6 @@ def test_limits_are_lit_by_form_and_word():
     assert "at limit" in words["joint_2"]
     assert "outside" in words["joint_3"]
     assert bars_of([30.0, 45.0, 90.0])["joint_1"].attrib["data-state"] == "free"
-
-
-def test_the_needle_of_the_dial_points_along_the_roll():
-    for angle in (-2.5, 0.0, 0.7, 3.1):
-        root = ET.fromstring(roll_dial(angle))
-        needle = next(e for e in root.iter("line") if e.attrib.get("stroke-linecap") == "round")
-        dx, dy = (float(needle.attrib[f"{a}2"]) - float(needle.attrib[f"{a}1"]) for a in "xy")
-        assert np.arctan2(-dy, dx) == pytest.approx(angle, abs=2e-3)
-        assert f"{abs(np.degrees(angle)):.1f}°" in "".join(root.itertext())
-    assert roll_dial(None) == ""
 
 
 def test_the_numbers_have_their_units_and_what_is_wrong_has_a_sign(session):
