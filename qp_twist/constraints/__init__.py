@@ -1,19 +1,14 @@
 """Constraints of a motion: joint limits, couplings, tolerance bands and those of the user."""
 
-from .any_limit import EvaluatedLimit as EvaluatedLimit
 from .any_limit import LimitRows as LimitRows
-from .any_limit import MinkRange as MinkRange
 from .any_limit import Named as Named
 from .any_limit import RowName as RowName
-from .any_limit import RowsOf as RowsOf
-from .any_limit import bounds_of as bounds_of
 from .any_limit import check_model as check_model
-from .any_limit import default_range as default_range
+from .any_limit import default_rows as default_rows
 from .any_limit import is_mink_box as is_mink_box
 from .any_limit import kind_of as kind_of
 from .any_limit import qpos_of as qpos_of
-from .any_limit import range_of as range_of
-from .any_limit import speeds_of as speeds_of
+from .any_limit import stated_rows as stated_rows
 from .band_limit import BandLimit as BandLimit
 from .binding import BindingLimit as BindingLimit
 from .binding import binding_limits as binding_limits

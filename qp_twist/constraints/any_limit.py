@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import weakref
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 from weakref import WeakKeyDictionary
@@ -11,9 +12,9 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import Array, Indices, are_floats, are_rows, float_array, within
+from qp_twist.checks import Array, Indices, are_rows, float_array, within
 from qp_twist.constraints.band_limit import BandLimit
-from qp_twist.constraints.box import Box, BoxLimit, no_box
+from qp_twist.constraints.box import Box, no_box
 from qp_twist.constraints.clearance import Clearance
 from qp_twist.constraints.constraint import Constraint, margins_of
 from qp_twist.constraints.position_limit import NOTICEABLE
@@ -33,10 +34,8 @@ _KNOWN: dict[type, str] = {
     "minimum_distance_from_collisions collision_detection_distance broadphase broadphase_min_pairs",
 }
 """Attributes of mink's limits."""
-_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, MinkRange | None]] = WeakKeyDictionary()
-_joints: WeakKeyDictionary[mink.Limit, tuple[object, object, tuple[Indices, Indices]]] = (
-    WeakKeyDictionary()
-)
+_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, mink.Limit]] = WeakKeyDictionary()
+_of_limits: WeakKeyDictionary[mink.Limit, _SingleJoints] = WeakKeyDictionary()
 
 
 class Named(Protocol):
@@ -51,28 +50,6 @@ def kind_of(limit: mink.Limit) -> str:
     """Name of a limit of another package in messages."""
     name = type(limit).__name__
     return limit.kind if isinstance(limit, Constraint) else _MINK_KINDS.get(name, name)
-
-
-def bounds_of(
-    limit: Any, configuration: mink.Configuration, dt: float
-) -> MinkRange | LimitRows | tuple[Box, ...]:
-    """Bounds and rows of a limit, in the most compact form known for its class.
-
-    A class that is not known, and so every subclass of mink's, states its own rows.
-    """
-    kind = type(limit)
-    if kind is mink.ConfigurationLimit:
-        joint_range = range_of(limit, configuration.model)
-        if joint_range is not None:
-            return joint_range
-    elif kind is mink.VelocityLimit:
-        speeds = speeds_of(limit, configuration.model.nv)
-        if speeds is not None:
-            return (speeds,)
-    elif BoxLimit in kind.__mro__:  # ``isinstance`` takes three times as long
-        boxes: tuple[Box, ...] = limit.boxes(configuration, dt)
-        return boxes
-    return LimitRows.of(limit, configuration, dt)
 
 
 def refuse_unknown_attributes(limit: Any) -> None:
@@ -120,28 +97,6 @@ def check_model(name: str, item: Any, nv: int) -> None:
 # ---------------------------------------------------------------- mink's limits on single joints
 
 
-class MinkRange(NamedTuple):
-    """Bounds of a :class:`mink.ConfigurationLimit` without its rows."""
-
-    lower: Array
-    """θ_min, (nq,)."""
-    upper: Array
-    """θ_max, (nq,)."""
-    gain: float
-    addresses: Indices
-    """Indices in q of the joints that have a range, (k,)."""
-    dofs: Indices
-    """Their degrees of freedom, (k,)."""
-
-    def box(self, q: Array, dt: float, nv: int) -> Box:
-        """Bounds k (θ_min − θ)/dt and k (θ_max − θ)/dt with mink's gain k, each (nv,)."""
-        lower, upper = np.full(nv, -np.inf), np.full(nv, np.inf)
-        share, at = self.gain / dt, self.addresses
-        lower[self.dofs] = share * (self.lower[at] - q[at])
-        upper[self.dofs] = share * (self.upper[at] - q[at])
-        return Box("position", lower, upper)
-
-
 def is_mink_box(limit: Any) -> bool:
     """Whether a limit is one of mink's on single joints.
 
@@ -154,142 +109,119 @@ def is_mink_box(limit: Any) -> bool:
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
     """Index in q of each joint of the limit."""
-    return _joints_of(limit)[0]
+    qpos: Indices = limit.model.jnt_qposadr[limit.model.dof_jntid[limit.indices.astype(np.intp)]]
+    return qpos
 
 
-def _joints_of(limit: mink.ConfigurationLimit) -> tuple[Indices, Indices]:
-    """Addresses and dofs of a limit's joints, as in MinkRange; read again if it has others."""
-    kept, model = _joints.get(limit), limit.model
-    if kept is None or kept[0] is not limit.indices or kept[1] is not model:
-        dofs = np.array(limit.indices, dtype=np.intp)
-        addresses = model.jnt_qposadr[model.dof_jntid[dofs]].astype(np.intp)
-        kept = _joints[limit] = limit.indices, model, (addresses, dofs)
-    return kept[2]
+def has_plain_rows(limit: Any, configuration: mink.Configuration) -> bool:
+    """Whether a limit is one of mink's on single joints, of this model, with rows ±Δqᵢ ≤ h."""
+    if not is_mink_box(limit) or limit.projection_matrix is None:
+        return False
+    own, model = getattr(limit, "model", configuration.model), configuration.model
+    if own is model:
+        return bool(limit.projection_matrix.shape[1] == model.nv)
+    return bool(own.nq == model.nq and own.nv == model.nv)
 
 
-def range_of(limit: mink.ConfigurationLimit, model: mujoco.MjModel) -> MinkRange | None:
-    """The range of a limit; ``None`` if it limits a ball joint, or is not for this model.
-
-    The bounds are read in each call.
-    """
-    refuse_unknown_attributes(limit)
-    joints, own, nq = _joints_of(limit), limit.model, model.nq
-    lower, upper = limit.lower, limit.upper
-    if not (
-        is_mink_box(limit)
-        and own.nq == nq
-        and own.nv == model.nv
-        and (limit.projection_matrix is None) == (len(joints[1]) == 0)
-        and are_floats(lower, nq)
-        and are_floats(upper, nq)
-    ):
+def box_of_mink(limit: Any, configuration: mink.Configuration, dt: float) -> Box | None:
+    """The bounds of one of mink's limits on single joints; ``None`` of any other."""
+    if not has_plain_rows(limit, configuration):
         return None
-    return MinkRange(lower, upper, float(limit.gain), *joints)
+    G, h = mink_rows(limit, configuration, dt)
+    lower, upper = np.full((2, G.shape[1]), [[-np.inf], [np.inf]])
+    upper[limit.indices], lower[limit.indices] = np.split(h / dt, 2) * np.array([[1.0], [-1.0]])
+    return Box(kind_of(limit), lower, upper)
 
 
-def default_range(model: mujoco.MjModel) -> MinkRange | None:
-    """The range of ``mink.ConfigurationLimit(model)``, cached while the model's ranges stay.
+class _SingleJoints(NamedTuple):
+    """What is kept of one of mink's limits on single joints, while it has the same matrix."""
 
-    mink builds one in each call, which takes longer than the rest of a step. Joints and their order
-    cannot change in a model that is in use.
+    of: Array
+    """Its ``projection_matrix``."""
+    G: Array
+    qpos: Indices
+    """Indices in q of its joints; none of a velocity limit."""
+
+
+def mink_rows(limit: Any, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+    """G and h of one of mink's limits on single joints, in a third of the time that mink takes."""
+    refuse_unknown_attributes(limit)
+    given, kept = limit.projection_matrix, _of_limits.get(limit)
+    if kept is None or kept.of is not given:
+        qpos = qpos_of(limit) if type(limit) is mink.ConfigurationLimit else np.zeros(0, np.intp)
+        kept = _of_limits[limit] = _SingleJoints(given, np.vstack([given, -given]), qpos)
+    if type(limit) is mink.VelocityLimit:
+        most = dt * limit.limit
+        return kept.G, np.concatenate((most, most))
+    here = configuration.data.qpos[kept.qpos]
+    sides = limit.upper[kept.qpos] - here, here - limit.lower[kept.qpos]
+    return kept.G, limit.gain * np.concatenate(sides)
+
+
+def default_rows(configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
+    """G and h of ``mink.ConfigurationLimit(model)``, which mink makes in each call.
+
+    That takes longer than the rest of a step. The limit is kept while the model's ranges stay:
+    joints cannot change in a model that is in use.
     """
+    model = configuration.model
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
     kept = _of_models.get(model)
     if kept is None or kept[0] != ranges:
-        # Only arrays: a reference to the model would keep it alive for ever.
-        kept = _of_models[model] = ranges, range_of(mink.ConfigurationLimit(model), model)
-    return kept[1]
-
-
-def speeds_of(limit: mink.VelocityLimit, nv: int) -> Box | None:
-    """The bounds of a velocity limit; ``None`` if it is for another model."""
-    refuse_unknown_attributes(limit)
-    if limit.projection_matrix is None:
-        return no_box("velocity", nv)
-    if limit.projection_matrix.shape[1] != nv:
-        return None
-    upper = np.full(nv, np.inf)
-    upper[limit.indices] = limit.limit
-    return Box("velocity", -upper, upper)
+        limit = mink.ConfigurationLimit(model)
+        if not has_plain_rows(limit, configuration):
+            return stated_rows(limit, configuration, dt)
+        mink_rows(limit, configuration, dt)
+        # A reference from the value to the model, its key, would keep it alive for ever.
+        limit.model = weakref.proxy(model)
+        kept = _of_models[model] = ranges, limit
+    return mink_rows(kept[1], configuration, dt)
 
 
 # ------------------------------------------------------------------------------- rows of any limit
 
 
-class LimitRows(NamedTuple):
-    """Rows G Δq ≤ h as a limit returned them: arrays of the right shape, not yet checked."""
+def stated_rows(
+    limit: mink.Limit, configuration: mink.Configuration, dt: float
+) -> tuple[Array, Array]:
+    """G (k, nv) and h (k,) of a limit's rows G Δq ≤ h, without rows where it is inactive.
 
-    limit: mink.Limit
-    G: Array
-    """(k, nv)."""
-    h: Array
-    """(k,)."""
-
-    @classmethod
-    def of(cls, limit: mink.Limit, configuration: mink.Configuration, dt: float) -> LimitRows:
-        """Evaluate a limit; an inactive one has no rows.
-
-        As in mink the result may be any object with ``inactive``, ``G`` and ``h``; these may be
-        lists or a single row. Anything else is refused.
-        """
-        refuse_unknown_attributes(limit)
-        nv, name = configuration.model.nv, type(limit).__name__
-        returned: Any = limit.compute_qp_inequalities(configuration, dt)
-        try:
-            inactive, G, h = returned.inactive, returned.G, returned.h
-        except AttributeError:
-            raise InvalidInput(
-                f"{name}: compute_qp_inequalities has to return a mink.Constraint, it returned "
-                f"{returned!r}."[:300]
-            ) from None
-        if inactive:
-            return cls(limit, np.zeros((0, nv)), np.zeros(0))
-        if are_rows(G, h, nv):
-            return cls(limit, G, h)
-        rows = np.atleast_2d(float_array(f"{name}: G of G Δq ≤ h", G))
-        ends = np.atleast_1d(float_array(f"{name}: h of G Δq ≤ h", h))
-        if rows.shape != (len(ends), nv) or ends.ndim != 1:
-            raise InvalidInput(
-                f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), and h of shape (rows,), got "
-                f"{np.shape(G)} and {np.shape(h)}."
-            )
-        return cls(limit, rows, ends)
-
-    def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
-        """A sentence for each violated margin of a constraint."""
-        if isinstance(self.limit, Constraint) and np.count_nonzero(self.h < 0.0):
-            return _recovering(self.limit, configuration)
-        return ()
-
-
-@dataclass(eq=False)
-class RowsOf:
-    """Some rows of a limit.
-
-    Attributes:
-        limit: The limit.
-        which: Their indices among all rows of the limit, (k,); of a clearance those of the pairs.
+    As in mink the result may be any object with ``inactive``, ``G`` and ``h``; these may be
+    lists or a single row. Anything else is refused.
     """
-
-    limit: mink.Limit
-    which: Indices
-
-    @classmethod
-    def at(cls, limit: mink.Limit, rows: Indices) -> RowsOf:
-        """The rows of some indices, (k,), among those that the limit has just stated."""
-        return cls(limit, limit.in_step.pairs[rows] if isinstance(limit, Clearance) else rows)
-
-    @property
-    def names(self) -> list[RowName]:
-        """Of the rows."""
-        return [_row_name(self.limit, row) for row in self.which.tolist()]
+    if has_plain_rows(limit, configuration):
+        return mink_rows(limit, configuration, dt)
+    refuse_unknown_attributes(limit)
+    nv, name = configuration.model.nv, type(limit).__name__
+    returned: Any = limit.compute_qp_inequalities(configuration, dt)
+    try:
+        inactive, G, h = returned.inactive, returned.G, returned.h
+    except AttributeError:
+        raise InvalidInput(
+            f"{name}: compute_qp_inequalities has to return a mink.Constraint, it returned "
+            f"{returned!r}."[:300]
+        ) from None
+    if inactive:
+        return np.zeros((0, nv)), np.zeros(0)
+    if are_rows(G, h, nv):
+        return G, h
+    rows = np.atleast_2d(float_array(f"{name}: G of G Δq ≤ h", G))
+    ends = np.atleast_1d(float_array(f"{name}: h of G Δq ≤ h", h))
+    if rows.shape != (len(ends), nv) or ends.ndim != 1:
+        raise InvalidInput(
+            f"{name}: G of G Δq ≤ h: expected shape (rows, {nv}), and h of shape (rows,), got "
+            f"{np.shape(G)} and {np.shape(h)}."
+        )
+    return rows, ends
 
 
 @dataclass(eq=False)
-class EvaluatedLimit(RowsOf):
+class LimitRows:
     """Bounds and rows of any mink limit at a configuration.
 
     Attributes:
+        limit: The limit.
+        which: Indices of the rows among all of the limit, (k,); of a clearance those of the pairs.
         box: Its rows with a single entry, as bounds.
         rows: The other rows, without those that always hold, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
@@ -297,32 +229,44 @@ class EvaluatedLimit(RowsOf):
         recovering: A sentence for each violated margin, if the limit is a constraint.
     """
 
+    limit: mink.Limit
+    which: Indices
     box: Box
     rows: Array
     bounds: Array
     rooms: Array
     recovering: tuple[str, ...]
 
+    @property
+    def names(self) -> list[RowName]:
+        """Of the rows."""
+        return [_row_name(self.limit, row) for row in self.which.tolist()]
+
     @classmethod
     def of(
-        cls, limit: mink.Limit | LimitRows, configuration: mink.Configuration, dt: float
-    ) -> EvaluatedLimit | None:
-        """Evaluate a limit, or sort rows that it has stated; ``None`` if none restricts the step.
+        cls,
+        limit: mink.Limit,
+        configuration: mink.Configuration,
+        dt: float,
+        stated: tuple[Array, Array] | None = None,
+    ) -> LimitRows | None:
+        """Evaluate a limit, or sort rows G Δq ≤ h that it has stated.
+
+        ``None`` if no row restricts the step.
 
         Raises:
             InvalidInput: If a row is not a number, or cannot hold.
         """
         if isinstance(limit, Clearance):
             # Its rows stay rows, so that they have the names of their pairs; they are numbers.
-            rows, bounds, rooms, pairs = limit.step_rows(configuration, dt)
+            rows, bounds, rooms, pairs = limit.step_rows(configuration, dt, begin=stated is None)
             if not len(bounds):
                 return None
             too_near = _recovering(limit, configuration) if limit.in_step.least < 0.0 else ()
             box = no_box(limit.kind, configuration.model.nv)
             return cls(limit, pairs, box, rows, bounds, rooms, too_near)
-        known = limit if isinstance(limit, LimitRows) else LimitRows.of(limit, configuration, dt)
-        stating, G, h = known
-        name = type(stating).__name__
+        G, h = stated_rows(limit, configuration, dt) if stated is None else stated
+        name = type(limit).__name__
         if not len(h):
             return None
         within(f"{name}: G", G, UNLIMITED)
@@ -331,12 +275,13 @@ class EvaluatedLimit(RowsOf):
                 f"{name}: its rows G Δq ≤ h need h without NaN or −∞, it is {h!r}."[:300]
             )
         g: Array = np.where(h > UNLIMITED * dt, np.inf, h / dt)
-        entries = (G != 0.0).sum(axis=1)
-        box = _box(kind_of(stating), G[entries == 1], g[entries == 1])
+        entries = np.count_nonzero(G, axis=1)
+        box = _box(kind_of(limit), G[entries == 1], g[entries == 1])
         rest = ((entries > 1) & (g < np.inf) | (entries == 0) & (g < 0.0)).nonzero()[0]
-        which = RowsOf.at(stating, rest).which
-        recovering = known.recovering(configuration)
-        return cls(stating, which, box, G[rest], g[rest], np.zeros(len(rest)), recovering)
+        recovering: tuple[str, ...] = ()
+        if isinstance(limit, Constraint) and np.count_nonzero(h < 0.0):
+            recovering = _recovering(limit, configuration)
+        return cls(limit, rest, box, G[rest], g[rest], np.zeros(len(rest)), recovering)
 
 
 def _recovering(limit: Constraint, configuration: mink.Configuration) -> tuple[str, ...]:
@@ -366,6 +311,8 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
 
 def _box(kind: str, rows: Array, bounds: Array) -> Box:
     """Convert rows (m, nv) with a single entry, and their bounds (m,), to a box."""
+    if not len(bounds):
+        return no_box(kind, rows.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = bounds[:, None] / rows
     lower = np.where(rows < 0.0, bound, -np.inf).max(axis=0, initial=-np.inf)

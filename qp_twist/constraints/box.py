@@ -30,6 +30,14 @@ class Box(NamedTuple):
     lower: Array
     upper: Array
 
+    def check_shape(self, nv: int) -> None:
+        """Refuse bounds of another number of joints."""
+        if self.lower.shape != (nv,) or self.upper.shape != (nv,):
+            raise InvalidInput(
+                f"limits: a {self.kind} limit has bounds of shape {self.lower.shape} and "
+                f"{self.upper.shape}, the model needs ({nv},)."
+            )
+
 
 @functools.lru_cache
 def no_box(kind: str, nv: int) -> Box:
@@ -65,7 +73,9 @@ class BoxLimit(mink.Limit):
         self, configuration: mink.Configuration, dt: float
     ) -> mink.Constraint:
         """The bounds as mink's rows G Δq ≤ h."""
-        lower, upper = self.bounds(configuration, dt)
+        box = Box(self.kind, *self.bounds(configuration, dt))
+        box.check_shape(configuration.model.nv)
+        _, lower, upper = box
         below, above = np.isfinite(lower), np.isfinite(upper)
         if not (below.any() or above.any()):
             return mink.Constraint()
@@ -94,11 +104,7 @@ class Intersection:
         """Intersect boxes of a model."""
         nv = model.nv
         for box in boxes:
-            if box.lower.shape != (nv,) or box.upper.shape != (nv,):
-                raise InvalidInput(
-                    f"limits: a {box.kind} limit has bounds of shape {box.lower.shape} and "
-                    f"{box.upper.shape}, the model needs ({nv},)."
-                )
+            box.check_shape(nv)
         self.model = model
         self._boxes = sorted(boxes, key=lambda box: _ORDER.get(box.kind, 1)) or [no_box("", nv)]
         self.lower, self.upper = self._boxes[0].lower.copy(), self._boxes[0].upper.copy()

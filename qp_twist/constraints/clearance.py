@@ -201,13 +201,15 @@ class Clearance(Constraint):
             )
 
     def step_rows(
-        self, configuration: mink.Configuration, dt: float
+        self, configuration: mink.Configuration, dt: float, *, begin: bool = True
     ) -> tuple[Array, Array, Array, Indices]:
         """The rows of one step, G q̇ ≤ g, for pairs that the step can bring too near.
 
+        Without ``begin`` those of the step that was begun last, in which obstacles move once.
+
         :meta private:
         """
-        if not self.in_step.has_begun:
+        if begin and not self.in_step.has_begun:
             self.in_step.begin(configuration)
             self.in_step.has_begun = False
         q = configuration.data.qpos

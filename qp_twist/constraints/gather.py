@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mink
 import mujoco
@@ -12,13 +12,10 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.constraints.any_limit import (
     UNLIMITED,
-    EvaluatedLimit,
     LimitRows,
-    MinkRange,
     Named,
     RowName,
-    bounds_of,
-    is_mink_box,
+    box_of_mink,
 )
 from qp_twist.constraints.box import Box, BoxLimit, Intersection
 from qp_twist.errors import InvalidInput
@@ -37,7 +34,7 @@ class GatheredLimits(Intersection):
     def __init__(
         self,
         boxes: Sequence[Box],
-        sources: Sequence[EvaluatedLimit],
+        sources: Sequence[LimitRows],
         recovering: Sequence[str],
         model: mujoco.MjModel,
     ) -> None:
@@ -76,9 +73,12 @@ class _Names(NamedTuple):
 
 
 def gather_limits(
-    limits: Sequence[mink.Limit | LimitRows], configuration: mink.Configuration, dt: float
+    limits: Sequence[mink.Limit],
+    configuration: mink.Configuration,
+    dt: float,
+    stated: Sequence[tuple[Array, Array]] | None = None,
 ) -> GatheredLimits:
-    """Evaluate any limits at a configuration, but for those of which the rows are known.
+    """Evaluate any limits at a configuration, or sort the rows G Δq ≤ h that they have stated.
 
     A row with a single entry becomes a bound, other rows (collision avoidance) stay rows.
 
@@ -87,24 +87,20 @@ def gather_limits(
             yields.
     """
     boxes: list[Box] = []
-    found: list[EvaluatedLimit] = []
+    found: list[LimitRows] = []
     recovering: list[str] = []
-    for limit in limits:
+    for k, limit in enumerate(limits):
         if isinstance(limit, BoxLimit):
             boxes += limit.boxes(configuration, dt)
             recovering += limit.recovering(configuration, dt)
             continue
-        stated: Any = limit
-        if is_mink_box(limit):  # sorting its rows takes five times as long
-            stated = bounds_of(limit, configuration, dt)
-            if isinstance(stated, MinkRange):
-                stated = (stated.box(configuration.data.qpos, dt, configuration.model.nv),)
-            if not isinstance(stated, LimitRows):
-                boxes += stated
-                continue
-        evaluated = EvaluatedLimit.of(stated, configuration, dt)
+        box = box_of_mink(limit, configuration, dt)
+        known = None if stated is None else stated[k]
+        evaluated = None if box else LimitRows.of(limit, configuration, dt, known)
         if evaluated is not None:
-            boxes.append(evaluated.box)
+            box = evaluated.box
             found.append(evaluated)
             recovering += evaluated.recovering
+        if box is not None:
+            boxes.append(box)
     return GatheredLimits(boxes, found, recovering, configuration.model)

@@ -15,7 +15,7 @@ from qp_twist.checks import Array
 from qp_twist.constraints import (
     Clearance,
     DisplacementWindow,
-    EvaluatedLimit,
+    LimitRows,
     MotionLimit,
     Named,
     PositionLimit,
@@ -364,7 +364,7 @@ class CompiledStep:
             tasks have changed.
         """
         evaluated, costs = self._evaluated(configuration, dt)
-        rows: list[EvaluatedLimit | BandRows] = [s for s in evaluated if s is not None]
+        rows: list[LimitRows | BandRows] = [s for s in evaluated if s is not None]
         slacks = 0
         for task in self._tasks if self._banded else ():
             bands = task.band_rows(configuration, dt)
@@ -395,20 +395,20 @@ class CompiledStep:
 
     def _evaluated(
         self, configuration: mink.Configuration, dt: float
-    ) -> tuple[list[EvaluatedLimit | None], tuple[Array, Array] | None]:
+    ) -> tuple[list[LimitRows | None], tuple[Array, Array] | None]:
         """The limits of other classes, in their order, and the costs of other tasks."""
         if self._only_clearances:
             limits = self._evaluated_limits
-            return [EvaluatedLimit.of(limit, configuration, dt) for _, limit in limits], None
+            return [LimitRows.of(limit, configuration, dt) for _, limit in limits], None
         with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
             evaluated = [
-                EvaluatedLimit.of(limit, configuration, dt) for _, limit in self._evaluated_limits
+                LimitRows.of(limit, configuration, dt) for _, limit in self._evaluated_limits
             ]
             costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
         return evaluated, costs
 
     def _write_rows(
-        self, rows: list[EvaluatedLimit | BandRows], composed: Controller, hardest: float
+        self, rows: list[LimitRows | BandRows], composed: Controller, hardest: float
     ) -> None:
         """Write the inequality rows; ``hardest`` is the largest quadratic cost of other tasks."""
         nv, metric = composed.model.nv, self._inputs.metric
@@ -421,7 +421,7 @@ class CompiledStep:
         for source in rows:
             end = first + len(source.bounds)
             G[first:end, :nv], self._program.g[first:end] = source.rows, source.bounds
-            rooms = source.rooms if isinstance(source, EvaluatedLimit) else 0.0
+            rooms = source.rooms if isinstance(source, LimitRows) else 0.0
             self._inputs.rooms[first:end] = rooms
             if isinstance(source, BandRows) and source.weight is not None:
                 G[first:end, slack] = -np.sqrt(cost / source.weight)

@@ -120,33 +120,50 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
     finite_array(f"{name}: its damping", stated.damping, np.shape(stated.damping))
 
 
-def mink_costs(
-    tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
-) -> tuple[Array, Array]:
-    r"""H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
-
-    Of tasks that state weighted rows W, errors e and a damping μ
+def sum_of_costs(
+    stated: Sequence[WeightedRows | mink.Objective], nv: int
+) -> tuple[Array, Array, float | Array]:
+    r"""H and c on Δq of what tasks state, and the sum of their dampings μ.
 
     .. math::
 
-        \mathbf H = \textstyle\sum\mathbf W^T\mathbf W + \mu\,\mathbf 1, \qquad
+        \mathbf H = \textstyle\sum\mathbf W^T\mathbf W, \qquad
               \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
+    """
+    rows = [cost for cost in stated if type(cost) is WeightedRows]
+    damping: float | Array = sum(cost.damping for cost in rows)
+    H, c = np.zeros((nv, nv)), np.zeros(nv)
+    if rows:
+        W = np.concatenate([cost.rows for cost in rows])
+        H, c = W.T @ W, -(np.concatenate([cost.error for cost in rows]) @ W)
+    for cost in stated if len(rows) < len(stated) else ():
+        if type(cost) is mink.Objective:
+            H += cost.H
+            c += cost.c
+    return H, c, damping
+
+
+def mink_costs(
+    tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
+) -> tuple[Array, Array]:
+    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
 
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
-    nv = configuration.model.nv
-    H, c = np.zeros((nv, nv)), np.zeros(nv)
     stated = [mink_cost(task, configuration) for task in tasks]
-    for cost in stated:
-        if isinstance(cost, mink.Objective):
-            H += cost.H
-            c += cost.c
-        else:
-            W, e, damping = cost
-            H += W.T @ W
-            H.reshape(-1)[:: nv + 1] += damping
-            c -= e @ W
+    return costs_of(tasks, stated, configuration.model.nv, dt)
+
+
+def costs_of(
+    tasks: Sequence[mink.tasks.BaseTask],
+    stated: Sequence[WeightedRows | mink.Objective],
+    nv: int,
+    dt: float,
+) -> tuple[Array, Array]:
+    """:func:`mink_costs` of what tasks have stated."""
+    H, c, damping = sum_of_costs(stated, nv)
+    H.reshape(-1)[:: nv + 1] += damping
     # Squares of the largest rows that are taken; written so that NaN is too large.
     if not largest(H) + largest(c) <= LARGEST_ROW**2:
         for task, cost in zip(tasks, stated, strict=True):

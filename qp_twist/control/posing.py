@@ -118,9 +118,12 @@ class Posed:
         return QuadraticProgram(p.H, p.c, p.A[:0], p.b[:0], p.G[:k], p.g[:k], p.lower, p.upper)
 
     def sigma_min(self) -> float:
-        """Smallest singular value of the first level's rows; infinity without rows."""
-        sigma = self.levels[0].directions.sigma
-        return float(sigma[-1]) if len(sigma) else np.inf
+        """Smallest singular value of the first level's rows, as stated; infinity without rows."""
+        rows = [A for A, _ in self.levels[0].tasks if len(A)]
+        if not rows:
+            return np.inf
+        A = np.vstack(rows)
+        return 0.0 if len(A) > A.shape[1] else float(np.linalg.svd(A, compute_uv=False)[-1])
 
     def lost(self, velocity: Array, scale: float) -> tuple[LostDirection, ...]:
         """Weak directions of the first level in which a velocity (nv,) lacks what is asked."""

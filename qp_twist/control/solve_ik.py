@@ -5,8 +5,9 @@ from __future__ import annotations
 import inspect
 import logging
 import math
-from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from typing import Any, Literal, NamedTuple
 
 import mink
 import mujoco
@@ -22,28 +23,28 @@ from qp_twist.checks import (
     one_of,
 )
 from qp_twist.constraints import (
-    Box,
     BoxLimit,
     Constraint,
-    LimitRows,
-    MinkRange,
-    bounds_of,
     check_constraint,
     check_model,
-    default_range,
+    default_rows,
     gather_limits,
+    stated_rows,
 )
+from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.control.mink_costs import (
     WeightedRows,
     as_rows,
-    check_cost,
     check_target,
+    costs_of,
     mink_cost,
     name_of,
     refuse_elastic,
+    sum_of_costs,
 )
 from qp_twist.control.posing import (
     FASTEST,
+    STEEPEST,
     Posed,
     PosedLevel,
     TaskRows,
@@ -51,15 +52,12 @@ from qp_twist.control.posing import (
     check_speed,
     stacked,
 )
-from qp_twist.control.solving import solved_step
-from qp_twist.control.step import Step
+from qp_twist.control.solving import solved_step, step_of
+from qp_twist.control.step import Status, Step
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import TwistTask, check_configuration
-from qp_twist.kinematics.joint_ranges import joint_names
-from qp_twist.qp import Directions, QuadraticProgram, check_solver
-
-if TYPE_CHECKING:
-    from qp_twist.control.compiled_program import CompiledProgram
+from qp_twist.qp import Directions, Found, QuadraticProgram, check_solver
 
 DEFAULT_SINGULARITY = 1e-9
 """Default of ``singularity``: rows whose smallest singular value is below it are dependent."""
@@ -132,12 +130,11 @@ def solve_ik(
         >>> bool(abs(qt.solve_ik(configuration, [hand], 0.01, "daqp")).max() < 1e-9)
         True
     """
-    problem, solved = _solved(
-        configuration, tasks, dt, solver, damping, safety_break, limits, constraints,
-        on_infeasible, singularity, kwargs,
-    )  # fmt: skip
-    velocity = solved.velocity.copy()
-    problem.note(velocity)
+    how = _How.checked(solver, on_infeasible, singularity, kwargs)
+    stated = _stated(configuration, tasks, dt, damping, safety_break, limits, constraints)
+    found = _by_kernel(stated, how)
+    velocity = _by_reference(stated, configuration, how).velocity if found is None else found.x
+    _note(stated.limits, velocity)
     return velocity
 
 
@@ -156,124 +153,77 @@ def ik_step(
     **kwargs: Any,
 ) -> Step:
     """:func:`solve_ik`, returning a :class:`~qp_twist.Step` with the constraints' residuals."""
-    problem, solved = _solved(
-        configuration, tasks, dt, solver, damping, safety_break, limits, constraints,
-        on_infeasible, singularity, kwargs,
-    )  # fmt: skip
-    step = solved
-    if not isinstance(step, Step):
-        ranks = tuple(len(rows.b) for rows in problem.rows)
-        step = step.step(ranks, joint_names(configuration.model))
-        step.__dict__["recovering"] = problem.recovering(configuration)
-    problem.note(step.velocity)
+    how = _How.checked(solver, on_infeasible, singularity, kwargs)
+    stated = _stated(configuration, tasks, dt, damping, safety_break, limits, constraints)
+    found = _by_kernel(stated, how)
+    if found is None:
+        step = _by_reference(stated, configuration, how)
+    else:
+        whole = found.scale == 1.0
+        step = step_of(
+            _posed(stated, configuration, how), found.x, Status.SOLVED if whole else Status.SCALED,
+            COMPILED, (found.box, found.rows, 1.0 if whole else 0.0), found.scale,
+        )  # fmt: skip
+    _note(stated.limits, step.velocity)
     return step
 
 
-class _Problem(NamedTuple):
+class _How(NamedTuple):
+    """How the program is solved."""
+
+    solver: str
+    on_infeasible: str
+    singularity: float
+    options: dict[str, Any]
+
+    @classmethod
+    def checked(
+        cls, solver: str, on_infeasible: str, singularity: float, options: dict[str, Any]
+    ) -> _How:
+        """Check the arguments of :func:`solve_ik`."""
+        check_solver(solver)
+        one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
+        singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
+        return cls(solver, on_infeasible, singularity, options)
+
+
+class _Stated(NamedTuple):
     """Tasks, limits and constraints, each evaluated once, as mink does."""
 
     tasks: Sequence[mink.tasks.BaseTask]
     costs: list[WeightedRows | mink.Objective]
-    """Costs of the tasks."""
     limits: Sequence[mink.Limit] | None
     """``None`` for mink's default."""
-    bounds: Sequence[MinkRange | LimitRows | tuple[Box, ...]]
-    """Bounds and rows of the limits, each in the most compact form known for its class."""
+    bounds: list[tuple[Array, Array]]
+    """Rows G Δq ≤ h of each limit."""
     constraints: Sequence[mink.Task]
     rows: list[TaskRows]
-    """Rows of the constraints."""
+    """Rows of each constraint."""
     damping: float | Array
     dt: float
-
-    @property
-    def own_limits(self) -> list[Any]:
-        """The limits of classes of this package."""
-        return [limit for limit in self.limits or () if _is_a(limit, BoxLimit)]
-
-    def recovering(self, configuration: mink.Configuration) -> tuple[str, ...]:
-        """Messages about joints and constraints that are outside their limits."""
-        row_sets = [bounds for bounds in self.bounds if isinstance(bounds, LimitRows)]
-        own = self.own_limits
-        return (
-            *(text for limit in own for text in limit.recovering(configuration, self.dt)),
-            *(text for rows in row_sets for text in rows.recovering(configuration)),
-        )
-
-    def note(self, velocity: Array) -> None:
-        """Store the new joint velocity in the limits that need the previous one."""
-        for limit in self.own_limits:
-            limit.note(velocity)
+    nv: int
 
 
-def _solved(
+def _stated(
     configuration: mink.Configuration,
     tasks: Iterable[mink.tasks.BaseTask],
-    dt: float,
-    solver: str,
-    damping: float | Array,
+    dt: Any,
+    damping: Any,
     safety_break: bool,
     limits: Iterable[mink.Limit] | None,
     constraints: Iterable[mink.Task] | None,
-    on_infeasible: str,
-    singularity: float,
-    options: dict[str, Any],
-) -> tuple[_Problem, CompiledProgram | Step]:
-    """The evaluated problem, and the program solved by the kernel or the reference's step."""
-    from qp_twist.control.compiled_program import CompiledProgram  # numba takes half a second
-
+) -> _Stated:
+    """Check the arguments and evaluate them; an item that cannot be evaluated is named."""
     check_configuration(configuration)
     dt = number("dt", dt.item() if isinstance(dt, np.ndarray) and dt.size == 1 else dt, above=0.0)
-    check_solver(solver)
-    one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
-    threshold = number("singularity", singularity, at_least=0.0, at_most=1.0)
-    model = configuration.model
+    model, q = configuration.model, configuration.data.qpos
     if model.nv == 0:
         raise InvalidInput("solve_ik: the model has no joints to move.")
-    q = configuration.data.qpos
     if not math.isfinite(np.add.reduce(q)):
         finite_array("configuration.q", configuration.q, (model.nq,))
     if safety_break or _check_has_effect(configuration):
         configuration.check_limits(safety_break=safety_break)
-    problem = _evaluated(configuration, tasks, dt, _damping(damping, model.nv), limits, constraints)
-
-    program = CompiledProgram.of(model.nv)
-    program.begin()
-    program.add_costs(problem.costs, problem.damping)
-    for bounds in problem.bounds:
-        if isinstance(bounds, MinkRange):
-            program.add_range(bounds, q, dt)
-        elif isinstance(bounds, LimitRows):
-            program.add_rows(bounds, dt)
-        else:
-            for box in bounds:
-                program.add_box(box)
-    for constraint, rows in zip(problem.constraints, problem.rows, strict=True):
-        if not largest(rows.b) <= FASTEST:
-            _check_rows(constraint, rows)
-        program.add_equality(rows.A, rows.b)
-    slowed = threshold if threshold > DEFAULT_SINGULARITY else 0.0
-    if not options and program.solve(dt, slowed, on_infeasible == "scale"):
-        return problem, program
-    return problem, _by_reference(
-        problem, program.cost(dt), configuration, solver, on_infeasible, threshold, options
-    )
-
-
-def _check_has_effect(configuration: mink.Configuration) -> bool:
-    """Whether mink's check of the joints does more than write log lines that are discarded."""
-    check = getattr(configuration.check_limits, "__func__", None)
-    return check is not _CHECK_LIMITS or _MINK_LOG.isEnabledFor(logging.DEBUG)
-
-
-def _evaluated(
-    configuration: mink.Configuration,
-    tasks: Iterable[mink.tasks.BaseTask],
-    dt: float,
-    damping: float | Array,
-    limits: Iterable[mink.Limit] | None,
-    constraints: Iterable[mink.Task] | None,
-) -> _Problem:
-    """Evaluate tasks, limits and constraints; an item that cannot be evaluated is named."""
+    damping = _damping(damping, model.nv)
     costed = _listed("tasks", tasks)
     limiting = None if limits is None else _listed("limits", limits)
     if not isinstance(constraints, Iterable):
@@ -285,75 +235,112 @@ def _evaluated(
             if _is_a(task, TwistTask):
                 task.set_dt(dt)  # for its feed-forward
         costs = [mink_cost(task, configuration) for task in costed]
-        bounds: list[MinkRange | LimitRows | tuple[Box, ...]]
         if limiting is None:
-            model = configuration.model
-            bounds = [
-                default_range(model)
-                or LimitRows.of(mink.ConfigurationLimit(model), configuration, dt)
-            ]
+            bounds = [default_rows(configuration, dt)]
         else:
-            bounds = [bounds_of(limit, configuration, dt) for limit in limiting]
+            bounds = [stated_rows(limit, configuration, dt) for limit in limiting]
         rows = [_constraint_rows(task, configuration, dt) for task in equalities]
     except Exception:
-        _check_items("tasks", costed, configuration.model)
-        _check_items("limits", limiting or (), configuration.model)
-        _check_items("constraints", equalities, configuration.model)
+        _check_items("tasks", costed, model)
+        _check_items("limits", limiting or (), model)
+        _check_items("constraints", equalities, model)
         raise
-    return _Problem(costed, costs, limiting, bounds, equalities, rows, damping, dt)
+    return _Stated(costed, costs, limiting, bounds, equalities, rows, damping, dt, model.nv)
 
 
-def _by_reference(
-    evaluated: _Problem,
-    cost: tuple[Array, Array],
-    configuration: mink.Configuration,
-    solver: str,
-    on_infeasible: str,
-    threshold: float,
-    options: dict[str, Any],
-) -> Step:
-    """Compute the step by a backend of qpsolvers; values that are not finite are named."""
-    for task, task_cost in zip(evaluated.tasks, evaluated.costs, strict=True):
-        check_cost(task, task_cost)
-    for constraint, rows in zip(evaluated.constraints, evaluated.rows, strict=True):
-        _check_rows(constraint, rows)
-    own = evaluated.limits
+def _check_has_effect(configuration: mink.Configuration) -> bool:
+    """Whether mink's check of the joints does more than write log lines that are discarded."""
+    check = getattr(configuration.check_limits, "__func__", None)
+    return check is not _CHECK_LIMITS or _MINK_LOG.isEnabledFor(logging.DEBUG)
+
+
+def _note(limits: Sequence[mink.Limit] | None, velocity: Array) -> None:
+    """Store the new joint velocity in the limits that need the previous one."""
+    for limit in limits or ():
+        if isinstance(limit, BoxLimit):
+            limit.note(velocity)
+
+
+@cache
+def _machine_code() -> tuple[Callable[..., Any], Any]:
+    """``kernel.row_program.solve_rows``, and the tolerances that it verifies by."""
+    from qp_twist.control.step_tables import TOLERANCES  # with numba, which takes half a second
+    from qp_twist.kernel.compiling import bound
+    from qp_twist.kernel.row_program import solve_rows
+
+    one, row = np.zeros(1), np.zeros((1, 1))
+    arguments = (
+        row, one, one, row, one, row, one, 1.0, 0.0, True, STEEPEST, UNLIMITED, TOLERANCES
+    )  # fmt: skip
+    return bound(solve_rows, *arguments), TOLERANCES
+
+
+def _by_kernel(stated: _Stated, how: _How) -> Found | None:
+    """The solution, at the largest scale where the constraints do not fit.
+
+    Costs, constraints and limits are rows, as mink has them; the kernel sorts those that are
+    bounds. ``None`` where the backend has to solve the program: with options of its own, where a
+    direction is to be slowed down or the task relaxed, and where the kernel could not verify its
+    result or found something that is no number.
+    """
+    if how.options:
+        return None
+    nv, floats = stated.nv, np.ascontiguousarray
+    H, c, own = sum_of_costs(stated.costs, nv)
+    damping = np.zeros(nv) + (own + stated.damping)
+    (A, b), (G, h) = stacked(stated.rows, nv), stacked(stated.bounds, nv)
+    if not largest(b) <= FASTEST:
+        return None
+    slowed = how.singularity if how.singularity > DEFAULT_SINGULARITY else 0.0
+    scales, (solve_rows, tolerances) = how.on_infeasible == "scale", _machine_code()
+    solved, velocity, scale, box, multipliers = solve_rows(
+        floats(H), c, damping, floats(A), floats(b), floats(G), floats(h), stated.dt, slowed,
+        scales, STEEPEST, UNLIMITED, tolerances,
+    )  # fmt: skip
+    return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
+
+
+def _posed(stated: _Stated, configuration: mink.Configuration, how: _How) -> Posed:
+    """The program, with names, and the constraints in their singular directions.
+
+    Raises:
+        InvalidInput: If a number is none, or too large to compute with; with the item's name.
+    """
+    dt, rows, own = stated.dt, stated.rows, stated.limits
+    for constraint, of_constraint in zip(stated.constraints, rows, strict=True):
+        _check_rows(constraint, of_constraint)
+    H, c = costs_of(stated.tasks, stated.costs, stated.nv, dt)
+    H.reshape(-1)[:: stated.nv + 1] += stated.damping
     if own is None:
         own = [mink.ConfigurationLimit(configuration.model)]
-    limits = gather_limits(
-        [
-            bounds if isinstance(bounds, LimitRows) else limit
-            for limit, bounds in zip(own, evaluated.bounds, strict=True)
-        ],
-        configuration,
-        evaluated.dt,
-    )
-    whole = [
-        Directions.of(rows.A, rows.b, evaluated.dt, threshold, damp=False, smooth=False)
-        for rows in evaluated.rows
-    ]
+    limits = gather_limits(own, configuration, dt, stated.bounds)
+    whole = [Directions.of(A, b, dt, how.singularity, damp=False, smooth=False) for A, b in rows]
     # What a constraint contradicts in itself it does not ask for.
     turns = [v.left[:, v.sigma > 0.0] for v in whole]
     asked = [
-        (turn.T @ r.A, v.rate[v.sigma > 0.0])
-        for turn, v, r in zip(turns, whole, evaluated.rows, strict=True)
+        (turn.T @ r.A, v.rate[v.sigma > 0.0]) for turn, v, r in zip(turns, whole, rows, strict=True)
     ]
-    A, b = stacked(asked, configuration.model.nv)
-    directions = Directions.of(A, b, evaluated.dt, threshold, damp=False, smooth=False)
+    A, b = stacked(asked, stated.nv)
+    directions = Directions.of(A, b, dt, how.singularity, damp=False, smooth=False)
     if directions.contradicts:  # none of the constraints gives way: all are scaled together
         directions = Directions.as_stated(A, b)
-    level = PosedLevel(evaluated.rows, A, b, directions, A[:0], b[:0])
-    problem = QuadraticProgram(*cost, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
+    level = PosedLevel(rows, A, b, directions, A[:0], b[:0])
+    problem = QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
     check_magnitudes(problem)
-    posed = Posed(
-        problem, [level], limits, list(limits.sources), evaluated.constraints, configuration,
-        threshold, turns,
+    return Posed(
+        problem, [level], limits, list(limits.sources), stated.constraints, configuration,
+        how.singularity, turns,
     )  # fmt: skip
+
+
+def _by_reference(stated: _Stated, configuration: mink.Configuration, how: _How) -> Step:
+    """The step by a backend of qpsolvers."""
+    posed = _posed(stated, configuration, how)
     try:
-        return solved_step(posed, solver, on_infeasible, options)
+        return solved_step(posed, how.solver, how.on_infeasible, how.options)
     except InvalidInput as error:  # the backend does not know an option
         parameters = inspect.signature(ik_step).parameters
-        meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in options)
+        meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in how.options)
         raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
 
 

@@ -55,7 +55,7 @@ def solved_step(
         result = solve(posed.problem, solver, options)
         if isinstance(result, Verified):
             box, rows = result.multipliers.box, result.multipliers.rows
-            return _step(posed, result.x, Status.SOLVED, result.solver, (box, rows, 1.0))
+            return step_of(posed, result.x, Status.SOLVED, result.solver, (box, rows, 1.0))
     mode = "relax" if on_infeasible == "relax" else "scale"
     whole = not (regular and alone)  # else it has just been tried
     found = first_level(posed.hard(1), first, mode, solver, options, whole=whole)
@@ -70,10 +70,10 @@ def solved_step(
         status = Status.RELAXED
     elif scale >= WHOLE:
         status, scale = Status.SOLVED, 1.0
-    return _step(posed, found.x, status, found.solver, (found.box, found.rows, 0.0), scale)
+    return step_of(posed, found.x, status, found.solver, (found.box, found.rows, 0.0), scale)
 
 
-def _step(
+def step_of(
     posed: Posed,
     x: Array,
     status: Status,
@@ -213,7 +213,7 @@ def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:
         multipliers = found.box, np.append(found.rows, own), 0.0
     gaps = cascade.gaps(result.x)[1:]
     proven = all(level.proven(gap) for level, gap in zip(blocks, gaps, strict=True))
-    return _step(posed, result.x, status, result.solver, multipliers, scale, gaps, proven)
+    return step_of(posed, result.x, status, result.solver, multipliers, scale, gaps, proven)
 
 
 def _with_slacks(

@@ -1,4 +1,4 @@
-"""Least-norm solution and null space of a wide linear system, by Householder reflections."""
+"""Row space and null space of rows, by Householder reflections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from qp_twist.kernel.compiling import part, plain
 
 INDEPENDENT = 1e-8
-"""Rows whose smallest pivot is below this share of the largest are left to the reference."""
+"""A row depends on others if the length of what they leave of it is below this share."""
 
 
 @part
@@ -29,42 +29,6 @@ def reflection(v, first, length):
     for i in range(first, len(v)):
         v[i] *= scale
     return end
-
-
-@plain
-def reflect(A, V, R):
-    """Factorise Aᵀ = QR for A (m, n), m ≤ n, with Q as a product of reflections.
-
-    Args:
-        A: The rows.
-        V: Result, (m, n): the vectors v of the reflections 1 − vvᵀ, in rows.
-        R: Result, its upper triangle, (m, m).
-
-    Returns:
-        The smallest |R_ii| as a share of the largest.
-    """
-    m, n = A.shape
-    for row in range(m):
-        for i in range(n):
-            V[row, i] = A[row, i]
-        for k in range(row):
-            along = 0.0
-            for i in range(k, n):
-                along += V[k, i] * V[row, i]
-            for i in range(k, n):
-                V[row, i] -= along * V[k, i]
-        square = 0.0
-        for i in range(row, n):
-            square += V[row, i] * V[row, i]
-        for i in range(row):
-            R[i, row] = V[row, i]
-            V[row, i] = 0.0
-        R[row, row] = reflection(V[row], row, math.sqrt(square))
-    smallest, largest = math.inf, 0.0
-    for row in range(m):
-        size = abs(R[row, row])
-        smallest, largest = min(smallest, size), max(largest, size)
-    return smallest / largest if largest > 0.0 else 0.0
 
 
 @part
@@ -108,7 +72,8 @@ def row_space(A, V):
 
     Args:
         A: The rows.
-        V: Result, (n, n): those of the independent rows, as :func:`reflect` has them.
+        V: Result, (n, n): for each independent row the vector v of a reflection 1 − vvᵀ; their
+            product is Q of Aᵀ = QR.
 
     Returns:
         The number of independent rows.

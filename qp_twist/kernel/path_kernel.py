@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.compiling import kernel
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_solve
-from qp_twist.kernel.null_space import null_space, reflect
+from qp_twist.kernel.null_space import null_space, row_space
 from qp_twist.kernel.twist_rows import twist_rows
 
 _LEAST_DAMPING = 1e-8
@@ -56,7 +56,6 @@ class Workspace(NamedTuple):
     A: Any
     b: Any
     V: Any
-    R: Any
     N: Any
     free: Any
 
@@ -66,8 +65,8 @@ def workspace(nv, couplings):
     """A workspace for a robot of ``nv`` degrees of freedom."""
     m = 6 + len(couplings.dofs)
     return Workspace(
-        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((m, nv)),
-        np.zeros((m, m)), np.zeros((nv, nv)), np.zeros((0, nv)),
+        np.zeros(12), np.zeros((6, nv)), np.zeros((m, nv)), np.zeros(m), np.zeros((nv, nv)),
+        np.zeros((nv, nv)), np.zeros((0, nv)),
     )  # fmt: skip
 
 
@@ -221,10 +220,9 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
     nv, share = len(q), 1.0
     for _ in range(rounds):
         A, _ = rows_at(arm, rows, couplings, at, q, w)
-        r = len(A)
-        if r >= nv:
+        r = row_space(A, w.V)
+        if r == nv:
             return
-        reflect(A, w.V[:r], w.R)
         N = w.N[: nv - r]
         null_space(w.V[:r], N)
         weighted, away = N * weight, weight * (middle - q)

@@ -250,21 +250,14 @@ def reader(record: RecordType) -> Any:
     return _intrinsic(read)
 
 
-def _at_address(of: Any) -> Any:
-    def read(typing: Any, address: Any, n: Any) -> tuple[Any, Any]:
-        result = types.Array(of, 1, "C")
+@_intrinsic
+def at_address(typing: Any, address: Any, n: Any) -> tuple[Any, Any]:
+    """The ``n`` floats at an address; their owner has to keep them alive."""
+    result = types.Array(types.float64, 1, "C")
 
-        def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            data = builder.inttoptr(given[0], context.get_data_type(of).as_pointer())
-            length = context.cast(builder, given[1], signature.args[1], types.intp)
-            return view_at(context, builder, result, data, [length])
+    def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data = builder.inttoptr(given[0], context.get_data_type(types.float64).as_pointer())
+        length = context.cast(builder, given[1], signature.args[1], types.intp)
+        return view_at(context, builder, result, data, [length])
 
-        return result(address, n), code
-
-    return _intrinsic(read)
-
-
-at_address = _at_address(types.float64)
-"""The ``n`` floats at an address; their owner has to keep them alive."""
-integers_at = _at_address(types.int64)
-"""The same of integers."""
+    return result(address, n), code
