@@ -44,71 +44,49 @@ def choose_frame(
         InvalidInput: If there is no such frame, or the choice is ambiguous; the message lists those
             that move.
     """
-    owners = {
-        "site": model.site_bodyid,
-        "body": np.arange(model.nbody),
-        "geom": model.geom_bodyid,
+    kinds = (kind,) if kind else get_args(FrameType)
+    owners = {"site": model.site_bodyid, "body": np.arange(model.nbody), "geom": model.geom_bodyid}
+    named = {
+        each: {getattr(model, each)(i).name: body for i, body in enumerate(owners[each])}
+        for each in owners
     }
-    moving: dict[FrameType, list[str]] = {
-        found: [
-            getattr(model, found)(i).name
-            for i, body in enumerate(owners[found])
-            if model.body_weldid[body] != 0
-        ]
-        for found in get_args(FrameType)
+    moving = {
+        each: [n for n, body in bodies.items() if n and model.body_weldid[body]]
+        for each, bodies in named.items()
     }
-    kinds: tuple[FrameType, ...] = (kind,) if kind else ("site", "body", "geom")
     if name is not None:
-        for found in kinds:
-            if name in moving[found] and name:
-                return FrameChoice(name, found)
-        raise InvalidInput(_not_there(name, kinds, moving, model), key="frame")
-    sites = [site for site in moving["site"] if site]
+        found = next((each for each in kinds if name in moving[each]), None)
+        if found is not None:
+            return FrameChoice(name, found)
+        what = kinds[0] if len(kinds) == 1 else "frame"
+        known = [other for each in kinds for other in moving[each]]
+        text = f"the robot has no {what} {name!r}{did_you_mean(name, known)}"
+        if any(name in names for names in moving.values()):
+            text = f"there is no {what} {name!r} that moves."
+        elif name in named["body"] or name in named["site"]:
+            text = f"the frame {name!r} does not move with any joint."
+        raise InvalidInput(f"{text} Frames that move: {_listed(moving)}.", key="frame")
+    sites = moving["site"]
     if len(sites) == 1 and "site" in kinds:
         return FrameChoice(sites[0], "site", "the only site that moves")
-    parents = {int(model.body_parentid[i]) for i in range(1, model.nbody)}
-    last = [
-        model.body(i).name
-        for i in range(1, model.nbody)
-        if i not in parents and model.body_weldid[i] != 0 and model.body(i).name
-    ]
+    parents = {*model.body_parentid[1:].tolist()}
+    last = [n for n in moving["body"] if named["body"][n] not in parents]
     if not sites and len(last) == 1 and "body" in kinds:
         return FrameChoice(last[0], "body", "the last link")
-    if not any(any(moving[found]) for found in kinds):
+    if not any(moving[each] for each in kinds):
         what = " or ".join(kinds)
         raise InvalidInput(f"the robot has no {what} with a name that moves; name one in its file.")
     raise InvalidInput(
-        f"there is more than one frame that the tool can be at; choose with --frame: "
+        "there is more than one frame that the tool can be at; choose with --frame: "
         f"{_listed(moving)}."
     )
 
 
-def _not_there(
-    name: str,
-    kinds: tuple[FrameType, ...],
-    moving: dict[FrameType, list[str]],
-    model: mujoco.MjModel,
-) -> str:
-    known = [other for found in kinds for other in moving[found] if other]
-    fixed = {model.body(i).name for i in range(model.nbody)}
-    fixed |= {model.site(i).name for i in range(model.nsite)}
-    if name in fixed - set(known):
-        text = f"the frame {name!r} does not move with any joint"
-        if name in moving["site"] + moving["body"] + moving["geom"]:
-            text = f"there is no {kinds[0]} {name!r} that moves"
-        return f"{text}; those that do: {_listed(moving)}."
-    what = kinds[0] if len(kinds) == 1 else "frame"
-    hint = did_you_mean(name, known)
-    return f"the robot has no {what} {name!r}{hint} It has {_listed(moving)}."
-
-
-def _listed(moving: dict[FrameType, list[str]]) -> str:
+def _listed(moving: dict[str, list[str]]) -> str:
     """Sites and bodies, the last ones first: the tool is there."""
     parts = []
-    plurals: tuple[tuple[FrameType, str], ...] = (("site", "sites"), ("body", "bodies"))
-    for kind, noun in plurals:
-        names = [name for name in reversed(moving[kind]) if name]
-        if names:
-            more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-            parts.append(f"{noun} {', '.join(names[:_SHOWN])}{more}")
+    for kind, noun in (("site", "sites"), ("body", "bodies")):
+        names = moving[kind][::-1]
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        parts += [f"{noun} {', '.join(names[:_SHOWN])}{more}"] if names else []
     return "; ".join(parts) or "no frame with a name"

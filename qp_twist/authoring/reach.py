@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mink
@@ -116,17 +117,14 @@ def placements(
         Placement(p[k], rpy_deg[k], start[k], float(margin[k]), bool(lowest[k] < 0.0))
         for k in range(len(q))
     ]
-    found: list[Placement] = []
-    for sunk in (False, True):
-        by_kind = [
-            sorted(
-                (places[k] for k in np.flatnonzero(kinds == kind)
-                 if np.isfinite(margin[k]) and places[k].sunk is sunk),
-                key=lambda place: -place.margin,
-            )
-            for kind in range(3)
-        ]  # fmt: skip
-        found += _by_turns(by_kind)
+    # Above the floor first, then two of each kind in turn, the largest margins first.
+    seen = Counter[tuple[bool, int]]()
+    ranked = []
+    for k in np.argsort(-margin, kind="stable")[: np.isfinite(margin).sum()]:
+        group = places[k].sunk, int(kinds[k])
+        ranked.append((group[0], seen[group] // 2, group[1], seen[group], k))
+        seen[group] += 1
+    found = [places[k] for *_, k in sorted(ranked)]
     centre = R @ at_middle + p
     tilt = float(np.degrees(np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0)).max()))
     box = ", ".join(
@@ -138,12 +136,6 @@ def placements(
         f"vertical by any angle and tilted by up to {tilt:.0f}°"
     )
     return Placements(tuple(found), region)
-
-
-def _by_turns(lists: Sequence[list[Placement]]) -> list[Placement]:
-    """Merge lists, two of each in turn."""
-    longest = max(map(len, lists))
-    return [place for k in range(0, longest, 2) for one in lists for place in one[k : k + 2]]
 
 
 def _candidates(

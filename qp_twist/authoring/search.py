@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tempfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +37,7 @@ Progress = Callable[[str, float], None]
 
 
 class _TimeIsUp(Exception):
-    """Stops a plan."""
+    """Stops a plan or a run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,34 +55,44 @@ class Trial:
     """
 
     path_task: PathTask
-    placement: Placement | None
-    start: FoundStart | None
+    placement: Placement | None = None
+    start: FoundStart | None = None
     method: str = METHOD
     run: TaskRun | None = None
     why: str = ""
     impossible: bool = False
 
     @property
+    def kept(self) -> int:
+        """Number of waypoints to which the run kept."""
+        return 0 if self.run is None else self.run.kept
+
+    @property
     def passes(self) -> bool:
         """Whether the task was run to its end and passed its check."""
         return self.run is not None and self.run.passes
 
+    def or_further(self, other: Trial) -> Trial:
+        """Whichever of two trials gets further; this one of equal ones."""
+        further = self.start is None or other.passes or other.kept > self.kept
+        return other if further else self
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(eq=False)
 class TaskSearchResult:
     """Result of a search.
 
     Attributes:
-        best: The trial with the longest run.
-        here: The trial at the present placement.
+        here: The best trial at the present placement.
+        best: The best trial of all.
         places: The search for other placements, if there was one.
         run: Number of these that were run.
         ended: When and why the search was stopped early; empty if it was completed.
         by_user: Whether it was interrupted.
     """
 
-    best: Trial
     here: Trial
+    best: Trial
     places: Placements | None = None
     run: int = 0
     ended: str = ""
@@ -123,101 +132,61 @@ class TaskSearch:
 
         Interrupted (Ctrl-C), it returns what it has.
         """
-        _load(path_task)
+        settings = path_task.settings(METHOD)
+        if walk_known(path_task, METHOD, settings):
+            CompiledWalk(path_task, METHOD, settings)  # its machine code is no part of the search
         self._clock.restart()
-        here = best = Trial(path_task, None, None, why="no start was tried")
-        places: Placements | None = None
-        count = 0
-        ended = ""
+        none = Trial(path_task, why="no start was tried")
+        found = TaskSearchResult(none, none)
         with tempfile.TemporaryDirectory() as folder:
             self._folder = Path(folder)
             try:
                 for trial in self._here(path_task):
-                    here = best = trial
+                    found.here = found.best = trial
+                here = found.here
                 if not here.passes and not here.impossible and self._spent(_SHARE_HERE):
-                    ended = f"after {self._elapsed()} s of processor time"
-                if here.passes or not elsewhere or not here.impossible:
-                    return TaskSearchResult(best, here, ended=ended)
-                what = "looking for places for the workpiece"
-                self._say(what)
-                places = placements(path_task, progress=lambda: self._say(what))
-                for place in places.found[:_MOST_PLACES]:
-                    if self._spent():
-                        ended = f"after {self._elapsed()} s of processor time"
-                        break
-                    count += 1
-                    self._say(f"placement {count} of {min(len(places.found), _MOST_PLACES)}")
-                    trial = self._there(path_task, place)
-                    if trial.passes:
-                        best = trial
-                        break
+                    found.ended = f"after {self._elapsed()} s of processor time"
+                if not here.passes and elsewhere and here.impossible:
+                    self._elsewhere(path_task, found)
             except KeyboardInterrupt:
-                ended = f"by you after {self._elapsed()} s of processor time"
-                return TaskSearchResult(best, here, places, count, ended, by_user=True)
-        return TaskSearchResult(best, here, places, count, ended)
+                found.ended = f"by you after {self._elapsed()} s of processor time"
+                found.by_user = True
+        return found
 
-    # ------------------------------------------------------------ the present placement
-
-    def _here(self, path_task: PathTask) -> Iterable[Trial]:
+    def _here(self, path_task: PathTask) -> Iterator[Trial]:
         """Trials at the present placement, each at least as good as the one before."""
         self._say("looking for a start")
-        best = Trial(path_task, None, None)
-        tried = 0
+        best = Trial(path_task)
         try:
             starts = find_starts(path_task, _STARTS, runs=False)
         except NoStart as error:
-            yield dataclasses.replace(best, why=error.why, impossible=True)
+            yield replace(best, why=error.why, impossible=True)
             return
-        for start in starts:
-            tried += 1
+        for tried, start in enumerate(starts, start=1):
             self._say(f"start {tried} of {len(starts)}")
-            best = _further(best, self._from(path_task, start, METHOD))
+            best = best.or_further(self._from(path_task, start, METHOD))
+            spent = self._spent(_SHARE_HERE)
+            if not best.passes and (tried in (1, len(starts)) or spent):
+                best = _explained(best, tried, len(starts))
             yield best
-            if best.passes:
+            if best.passes or best.impossible or spent:
                 return
-            if tried == 1 or self._spent(_SHARE_HERE):
-                best = self._explained(best, tried, len(starts))
-                yield best
-                if best.impossible or self._spent(_SHARE_HERE):
-                    return
-        best = self._explained(best, tried, len(starts))
-        yield best
-        if not best.impossible:
-            yield from self._by_plan(path_task, best)
+        yield from self._by_plan(path_task, best)
 
-    def _explained(self, trial: Trial, tried: int, starts: int) -> Trial:
-        """Why a trial does not pass: a waypoint without a configuration, or the active limits."""
-        run, count = trial.run, len(trial.path_task.waypoints)
-        if run is None or run.kept == 0:
-            return dataclasses.replace(trial, why=trial.why or "no start leads to the path")
-        if run.kept == count:
-            assert run.check is not None
-            return dataclasses.replace(trial, why=f"a run {run.check.verdict}")
-        which = f"the best of {tried} starts"
-        if tried < starts:
-            which = f"the first of {starts} starts" if tried == 1 else f"{which} of {starts}"
-        why = f"from {which} {trial.method} keeps to {run.kept} of {count} waypoints"
-        if not central_configurations(trial.path_task, run.kept):
-            forbids = what_forbids(trial.path_task, run.kept)
-            return dataclasses.replace(trial, why=f"{why}: {forbids}", impossible=True)
-        if run.held_by:
-            why += f": {run.held_by}"
-        return dataclasses.replace(trial, why=why)
-
-    def _by_plan(self, path_task: PathTask, best: Trial) -> Iterable[Trial]:
+    def _by_plan(self, path_task: PathTask, best: Trial) -> Iterator[Trial]:
         """The start of a plan, by the method and then by following the plan.
 
         If the plan is interrupted, so is the search, unless the method passes from its start.
         """
         free = np.full(path_task.model.nv, np.inf)
-        freed = dataclasses.replace(path_task, velocity_limits=free, acceleration_limits=free)
+        freed = replace(path_task, velocity_limits=free, acceleration_limits=free)
         try:
             found = plan(freed, progress=self._planning)
             if found.q is None:
                 why = f"{best.why}; nor is there a plan: {clause(found.certificate)}"
-                yield dataclasses.replace(best, why=why, impossible=True)
+                yield replace(best, why=why, impossible=True)
                 return
-            start = self._as_found(path_task, found.start)
+            start = _as_found(path_task, found.start)
             for method in (METHOD,) if found.interrupted else (METHOD, PLANNED):
                 trial = self._from(path_task, start, method, planning=self._planning)
                 if trial.passes:
@@ -233,23 +202,35 @@ class TaskSearch:
         if self._spent(_SHARE_HERE):
             raise _TimeIsUp
 
-    # ------------------------------------------------------------ elsewhere
+    def _elsewhere(self, path_task: PathTask, found: TaskSearchResult) -> None:
+        """Run the task at other placements until it passes."""
+        what = "looking for places for the workpiece"
+        self._say(what)
+        found.places = placements(path_task, progress=lambda: self._say(what))
+        places = found.places.found[:_MOST_PLACES]
+        for number, place in enumerate(places, start=1):
+            if self._spent():
+                found.ended = f"after {self._elapsed()} s of processor time"
+                return
+            found.run = number
+            self._say(f"placement {number} of {len(places)}")
+            trial = self._there(place.of(path_task), place)
+            if trial.passes:
+                found.best = trial
+                return
 
-    def _there(self, path_task: PathTask, place: Placement) -> Trial:
+    def _there(self, task: PathTask, place: Placement) -> Trial:
         """A trial with the workpiece at a place."""
-        task = place.of(path_task)
         try:
             starts = find_starts(task, _STARTS_ELSEWHERE, runs=False)
         except NoStart:
             starts = []
-        best = Trial(task, place, None)
-        for start in (*starts, self._as_found(task, place.start)):
-            best = _further(best, self._from(task, start, METHOD, place))
+        best = Trial(task, place)
+        for start in (*starts, _as_found(task, place.start)):
+            best = best.or_further(self._from(task, start, METHOD, place))
             if best.passes:
                 break
         return best
-
-    # ------------------------------------------------------------ one trial
 
     def _from(
         self,
@@ -260,8 +241,7 @@ class TaskSearch:
         planning: Progress | None = None,
     ) -> Trial:
         """The task run from a start, as the task file will have it."""
-        start = dataclasses.replace(start, q=self._rounded(start.q))
-        task = path_task.started_at(start.q)
+        start = replace(start, q=self._rounded(start.q))
         reached = 1
 
         def following(done: int) -> None:
@@ -270,31 +250,19 @@ class TaskSearch:
             if self._spent():
                 raise _TimeIsUp
 
-        out = self._folder / "trial.csv"
+        trial = Trial(path_task, place, start, method)
         try:
-            run = run_task(task, method, out, give_up=True, progress=following, planning=planning)
+            run = run_task(
+                path_task.started_at(start.q), method, self._folder / "trial.csv", give_up=True,
+                progress=following, planning=planning,
+            )  # fmt: skip
         except InvalidInput as error:
-            return Trial(path_task, place, start, method, why=clause(error))
+            return replace(trial, why=clause(error))
         except _TimeIsUp:
             why = f"the time of the search was up at waypoint {reached} of {start.waypoints}"
-            start = dataclasses.replace(start, reached=reached)
-            return Trial(path_task, place, start, method, why=why)
-        start = dataclasses.replace(start, reached=run.kept, stopped_by=run.held_by)
-        return Trial(path_task, place, start, method, run)
-
-    def _as_found(self, path_task: PathTask, q: Array) -> FoundStart:
-        ranges = JointRanges.of(path_task.model)
-        return FoundStart(
-            q=q,
-            branch=None,
-            margin=float(ranges.margins(q).min(initial=np.inf)),
-            z=float(ranges.centring(q)),
-            sigma_min=np.nan,
-            reached=0,
-            waypoints=len(path_task.waypoints),
-        )
-
-    # ------------------------------------------------------------ time
+            return replace(trial, start=replace(start, reached=reached), why=why)
+        start = replace(start, reached=run.kept, stopped_by=run.held_by)
+        return replace(trial, start=start, run=run)
 
     def _say(self, what: str) -> None:
         self._report(what, min(1.0, self._clock.seconds / self.seconds))
@@ -306,16 +274,27 @@ class TaskSearch:
         return f"{self._clock.seconds:.0f}"
 
 
-def _load(path_task: PathTask) -> None:
-    """Load or compile the machine code of the runs."""
-    settings = path_task.settings(METHOD)
-    if walk_known(path_task, METHOD, settings):
-        CompiledWalk(path_task, METHOD, settings)
+def _explained(trial: Trial, tried: int, starts: int) -> Trial:
+    """Why a trial does not pass: a waypoint without a configuration, or the active limits."""
+    run, count = trial.run, len(trial.path_task.waypoints)
+    if run is None or run.kept == 0:
+        return replace(trial, why=trial.why or "no start leads to the path")
+    if run.kept == count:
+        assert run.check is not None
+        return replace(trial, why=f"a run {run.check.verdict}")
+    which = f"the best of {tried} starts"
+    if tried < starts:
+        which = f"the first of {starts} starts" if tried == 1 else f"{which} of {starts}"
+    why = f"from {which} {trial.method} keeps to {run.kept} of {count} waypoints"
+    if not central_configurations(trial.path_task, run.kept):
+        forbids = what_forbids(trial.path_task, run.kept)
+        return replace(trial, why=f"{why}: {forbids}", impossible=True)
+    return replace(trial, why=f"{why}: {run.held_by}" if run.held_by else why)
 
 
-def _further(best: Trial, trial: Trial) -> Trial:
-    """Whichever of two trials gets further; the first of equal ones."""
-    if best.start is None or trial.passes:
-        return trial
-    kept = [0 if one.run is None else one.run.kept for one in (best, trial)]
-    return trial if kept[1] > kept[0] else best
+def _as_found(path_task: PathTask, q: Array) -> FoundStart:
+    """A configuration as a start without a branch."""
+    ranges = JointRanges.of(path_task.model)
+    margin = float(ranges.margins(q).min(initial=np.inf))
+    z, count = float(ranges.centring(q)), len(path_task.waypoints)
+    return FoundStart(q, None, margin, z, sigma_min=np.nan, reached=0, waypoints=count)
