@@ -149,8 +149,7 @@ def new_task(
             frame=frame,
             toolpath=toolpath,
             ranges=JointRanges.of(model),
-            velocity_limits=robot.velocity_limits,
-            left_out=robot.left_out,
+            robot=robot,
             position=position,
             rpy_deg=rpy_deg,
             watched=watch(model),
@@ -169,17 +168,15 @@ def new_task(
             path_task = _loaded(parts, unfinished, out)
             check = _run_once_more(path_task, best, report) if best.passes else None
         path_task = replace(path_task, name=printable(out.stem), source=out)
-        notes = [*_notes(parts, path_task, robot, of_cell)]
+        notes = [*_notes(parts, path_task, of_cell)]
         if check is not None:
             notes.append(f"run by {best.method}: {check.verdict}")
         return NewTask(out, path_task, best.start, tuple(notes), check, best.method)
 
 
-def _notes(
-    parts: Parts, path_task: PathTask, robot: Robot, of_cell: Sequence[str]
-) -> Iterator[str]:
+def _notes(parts: Parts, path_task: PathTask, of_cell: Sequence[str]) -> Iterator[str]:
     """A sentence for each decision."""
-    frame, toolpath, ranges = parts.frame, parts.toolpath, parts.ranges
+    robot, frame, toolpath, ranges = parts.robot, parts.frame, parts.toolpath, parts.ranges
     yield f"frame: {frame.kind} {frame.name!r}" + (f", {frame.why}" if frame.why else "")
     yield f"path: {_summary(toolpath, path_task)}"
     if toolpath.feeds is not None:

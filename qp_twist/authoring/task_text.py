@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,12 @@ from qp_twist.authoring.touching import Watched
 from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, METHODS, Toolpath, ToolpathOptions
+from qp_twist.robots import Robot
 
 _COLUMN = 36
+"""Column in which comments begin."""
+_MARK = "\t# "
+"""Between a line and its comment; a quoted text has no tab."""
 _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
@@ -33,8 +37,7 @@ class Parts:
         frame: The controlled frame.
         toolpath: What the toolpath file says.
         ranges: Of the robot's joints.
-        velocity_limits: Of a URDF, by joint name, rad/s or m/s.
-        left_out: Sentences on what the robot file states and the model lacks.
+        robot: From the robot file.
         position: Of the toolpath's frame in the world, m.
         rpy_deg: Its orientation there, degrees.
         watched: What must not touch; ``None`` where nothing can collide.
@@ -56,8 +59,7 @@ class Parts:
     frame: FrameChoice
     toolpath: Toolpath
     ranges: JointRanges
-    velocity_limits: Mapping[str, float]
-    left_out: Sequence[str]
+    robot: Robot
     position: Array
     rpy_deg: Array
     watched: Watched | None
@@ -98,137 +100,131 @@ def task_text(parts: Parts) -> str:
             "radians unless a key ends in _deg."
         ),
         f"title = {_quoted(parts.title)}",
-        *([] if parts.start is not None else [_central(parts)]),
+        "" if parts.start is not None else _notes(parts.start_notes) + 'start = "central"',
         _robot(parts),
-        _projector(parts),
+        _projector(parts.toolpath.meaning),
         *_path(parts),
-        *([] if parts.start is None else [_start(parts, parts.start)]),
+        "" if parts.start is None else _start(parts, parts.start),
         _feed(parts),
         _limits(parts),
-        *([] if parts.watched is None else [_clearance(parts.watched)]),
+        "" if parts.watched is None else _clearance(parts.watched),
         _methods(),
-        *([] if parts.middle is None else [_study(parts, parts.middle)]),
+        "" if parts.middle is None else _study(parts, parts.middle),
     ]
-    return "\n\n".join(blocks) + "\n"
-
-
-def _central(parts: Parts) -> str:
-    return "\n".join([*map(_comment, parts.start_notes), 'start = "central"'])
+    lines = "\n\n".join(block.strip() for block in blocks if block).split("\n")
+    return "\n".join(map(_aligned, lines)) + "\n"
 
 
 def _robot(parts: Parts) -> str:
-    lines = [
-        "[robot]",
-        _line(f"scene = {_quoted(parts.scene)}", "MJCF or URDF, relative to this file"),
-        _line(f"frame = {_quoted(parts.frame.name)}", parts.frame.why),
-        _line(f'frame_type = "{parts.frame.kind}"'),
-    ]
+    text = f"""
+[robot]
+scene = {_quoted(parts.scene)}\t# MJCF or URDF, relative to this file
+frame = {_quoted(parts.frame.name)}\t# {parts.frame.why}
+frame_type = "{parts.frame.kind}"
+"""
     if parts.carrier is not None:
-        carrier = f"relative_to = {_quoted(parts.carrier)}"
-        lines.append(_line(carrier, "the body that carries the path"))
+        text += f"relative_to = {_quoted(parts.carrier)}\t# the body that carries the path\n"
     if parts.controller is not None:
-        controller = f"controller = {_quoted(parts.controller)}"
-        lines.append(_line(controller, "how programs count the joints"))
-    lines += [_comment(f"Left out of the robot file: {sentence}") for sentence in parts.left_out]
+        text += f"controller = {_quoted(parts.controller)}\t# how programs count the joints\n"
+    text += _notes(f"Left out of the robot file: {sentence}" for sentence in parts.robot.left_out)
     of_xacro = {} if parts.request.has_cell else parts.request.arguments
     for name, table in (("packages", parts.packages), ("arguments", of_xacro)):
-        if table:
-            lines += ["", f"[robot.{name}]"]
-            lines += [f"{_key(key)} = {_quoted(str(value))}" for key, value in table.items()]
-    return "\n".join(lines)
+        rows = "\n".join(f"{_key(key)} = {_quoted(str(value))}" for key, value in table.items())
+        text += f"\n[robot.{name}]\n{rows}\n" if table else ""
+    return text
 
 
-def _projector(parts: Parts) -> str:
-    meaning = parts.toolpath.meaning
+def _projector(meaning: str) -> str:
     if meaning == "none":
-        head, angular = "position only, rank 3: the file has no directions", ['angular = "none"']
-    elif meaning == "rotation":
-        head = "the whole pose, rank 6, as the file states it"
-        angular = [
-            'angular = "full"',
-            _comment(
-                "To free the roll about the tool's z, which a tool of revolution does not need, "
-                "write instead (rank 5):"
-            ),
-            "# angular = { plane = [0, 0, 1] }",
-            '# frame = "body"',
-        ]
-    else:
-        head = "position and axis, rank 5: the roll is free"
-        angular = [
-            _line("angular = { plane = [0, 0, 1] }", "free about z of the frame below"),
-            _line('frame = "body"', "the axis moves with the tool"),
-        ]
-    return "\n".join([_line("[projector]", head), 'linear = "full"', *angular])
+        return """
+[projector]\t# position only, rank 3: the file has no directions
+linear = "full"
+angular = "none"
+"""
+    if meaning == "rotation":
+        return """
+[projector]\t# the whole pose, rank 6, as the file states it
+linear = "full"
+angular = "full"
+# To free the roll about the tool's z, which a tool of revolution does not need, write instead
+# (rank 5):
+# angular = { plane = [0, 0, 1] }
+# frame = "body"
+"""
+    return """
+[projector]\t# position and axis, rank 5: the roll is free
+linear = "full"
+angular = { plane = [0, 0, 1] }\t# free about z of the frame below
+frame = "body"\t# the axis moves with the tool
+"""
 
 
-def _path(parts: Parts) -> list[str]:
+def _path(parts: Parts) -> Iterator[str]:
     request, toolpath = parts.request, parts.toolpath
-    points = sum(map(len, toolpath.curves))
     curves = len(toolpath.curves)
-    summary = f"{points} points" + (f" in {curves} curves" if curves > 1 else "")
-    lines = ["[path]", 'kind = "file"', _line(f"file = {_quoted(parts.toolpath_file)}", summary)]
+    summary = f"{sum(map(len, toolpath.curves))} points"
+    summary += f" in {curves} curves" if curves > 1 else ""
+    text = f"""
+[path]
+kind = "file"
+file = {_quoted(parts.toolpath_file)}\t# {summary}
+"""
     if request.length_unit is None:
-        lines.append(_line('# length_unit = "mm"', "the file says its unit itself"))
-    lines += toolpath_lines(request)
+        text += '# length_unit = "mm"\t# the file says its unit itself\n'
+    text += "".join(f"{line}\n" for line in toolpath_lines(request))
     if toolpath.feeds is not None:
-        lines.append(_line('feeds = "file"', f'{feeds_in_words(toolpath)}; "task": [feed] alone'))
+        text += f'feeds = "file"\t# {feeds_in_words(toolpath)}; "task": [feed] alone\n'
     if parts.keeps_rapids:
-        lines.append(_line('rapids = "keep"', "the tool comes and goes as in the file; or drop"))
-    if request.orientation is None and toolpath.meaning in ("normal", "axis"):
-        lines.append(_line(f'# orientation = "{toolpath.meaning}"', "found in the file"))
+        text += 'rapids = "keep"\t# the tool comes and goes as in the file; or drop\n'
     if toolpath.meaning in ("normal", "axis"):
+        if request.orientation is None:
+            text += f'# orientation = "{toolpath.meaning}"\t# found in the file\n'
         where = "into the part" if request.tool == "into" else "out of the part"
-        lines += [
-            _line(f'tool = "{request.tool}"', f"z of the frame points {where}; into or out"),
-            _line("lead_deg = 0.0", "lean of the tool, towards the way it goes"),
-            _line("tilt_deg = 0.0", "and to the left of it"),
-        ]
-    lines += [
-        _line("max_spacing = 0.01", "m, between waypoints"),
-        _line("max_turn_deg = 3.0", "of the tool, between waypoints"),
-        *map(_comment, toolpath.notes),
-    ]
-    blocks = ["\n".join(lines)]
+        text += f"""\
+tool = "{request.tool}"\t# z of the frame points {where}; into or out
+lead_deg = 0.0\t# lean of the tool, towards the way it goes
+tilt_deg = 0.0\t# and to the left of it
+"""
+    yield (
+        text
+        + f"""\
+max_spacing = 0.01\t# m, between waypoints
+max_turn_deg = 3.0\t# of the tool, between waypoints
+{_notes(toolpath.notes)}"""
+    )
     if request.columns is not None:
         stated = request.columns.model_dump(exclude_none=True)
         rows = [f"{key} = {json.dumps(value)}" for key, value in stated.items()]
-        blocks.append("\n".join(["[path.columns]", *rows]))
-    turned = "and its orientation in the robot's world"
-    if parts.carrier is not None:
-        turned = f"and its orientation in the frame of {parts.carrier}"
-    placement = [
-        "[path.placement]",
-        *map(_comment, parts.placement_notes),
-        _line(f"position = {_numbers(parts.position, 9)}", "m, of the file's origin"),
-        _line(f"rpy_deg = {_numbers(parts.rpy_deg, 9)}", turned),
-    ]
-    blocks.append("\n".join(placement))
+        yield "\n".join(["[path.columns]", *rows])
+    world = "the robot's world" if parts.carrier is None else f"the frame of {parts.carrier}"
+    yield f"""
+[path.placement]
+{_notes(parts.placement_notes)}\
+position = {_numbers(parts.position, 9)}\t# m, of the file's origin
+rpy_deg = {_numbers(parts.rpy_deg, 9)}\t# and its orientation in {world}
+"""
     if not parts.keeps_rapids:
-        leads = [
-            line
-            for key, what in (("approach", "to"), ("retreat", "away from"))
-            for line in (
-                _line(f"[path.{key}]", f"straight {what} each curve, along the tool"),
-                _line("distance = 0.05", "m"),
-                "steps = 10",
-            )
-        ]
-        blocks.append("\n".join(leads if curves > 1 else map(_off, leads)))
+        text = """
+[path.approach]\t# straight to each curve, along the tool
+distance = 0.05\t# m
+steps = 10
+[path.retreat]\t# straight away from each curve, along the tool
+distance = 0.05\t# m
+steps = 10
+"""
+        yield text if curves > 1 else _off(text)
     if curves > 1:
-        transfer = [
-            _line("[path.transfer]", "from one curve to the next"),
-            _line('motion = "joint"', "of the joints, as fast as they may, clear of everything"),
-        ]
-        on = request.transfer == "joint"
-        blocks.append("\n".join(transfer if on else map(_off, transfer)))
-    return blocks
+        text = """
+[path.transfer]\t# from one curve to the next
+motion = "joint"\t# of the joints, as fast as they may, clear of everything
+"""
+        yield text if request.transfer == "joint" else _off(text)
 
 
 def toolpath_lines(options: ToolpathOptions) -> list[str]:
     """The options of a toolpath that the user chose, each with what it is."""
     return [
-        _line(f"{key} = {json.dumps(value)}", what)
+        f"{key} = {json.dumps(value)}{_MARK}{what}"
         for key, value, what in options.stated_options()
         if key not in ("columns", "rapids")  # which have a place of their own
     ]
@@ -245,123 +241,113 @@ def _start(parts: Parts, q: Array) -> str:
     values, key, unit = q, "q", "rad and m"
     if parts.ranges.hinge.all():
         values, key, unit = np.degrees(q), "q_deg", "degrees"
-    lines = [
-        "[start]",
-        *map(_comment, parts.start_notes),
-        _line(f"{key} = {_numbers(values)}", unit),
-        _comment(
-            'In place of this table, a line start = "central" above all tables looks for the most '
-            'central start anew, start = "best" for that of the best plan.'
-        ),
-    ]
-    return "\n".join(lines)
+    return f"""
+[start]
+{_notes(parts.start_notes)}\
+{key} = {_numbers(values)}\t# {unit}
+# In place of this table, a line start = "central" above all tables looks for the most central
+# start anew, start = "best" for that of the best plan.
+"""
 
 
 def _feed(parts: Parts) -> str:
     of_file = parts.toolpath.feeds is not None
-    comment = "m/s, where the file has no feed" if of_file else "m/s, along the path"
-    bound = parts.angular_speed
-    angular = f"angular_speed_deg = {bound or ANGULAR_SPEED:g}"
-    lines = [
-        "[feed]",
-        _line(f"speed = {parts.request.speed:g}", f"{comment}; it slows down at limits"),
-        _line(angular if bound else _off(angular), "of the tool, degrees/s; the slower one counts"),
-    ]
-    return "\n".join(lines)
+    what = "where the file has no feed" if of_file else "along the path"
+    off = "" if parts.angular_speed else "# "
+    return f"""
+[feed]
+speed = {parts.request.speed:g}\t# m/s, {what}; it slows down at limits
+{off}angular_speed_deg = {parts.angular_speed or ANGULAR_SPEED:g}\t\
+# of the tool, degrees/s; the slower one counts
+"""
 
 
 def _limits(parts: Parts) -> str:
-    ranges, speeds = parts.ranges, parts.velocity_limits
+    ranges, speeds = parts.ranges, parts.robot.velocity_limits
+    units = ["rad" if hinge else "m" for hinge in ranges.hinge]
+    joints = [(name, _key(name), unit) for name, unit in zip(ranges.names, units, strict=True)]
     unlimited = [n for n, limited in zip(ranges.names, ranges.limited, strict=True) if not limited]
-    units = {
-        n: "rad" if hinge else "m" for n, hinge in zip(ranges.names, ranges.hinge, strict=True)
-    }
     lines = []
     if unlimited:
         lines.append(_comment(f"Without a range in the robot file: {', '.join(unlimited)}."))
     if speeds:
-        lines.append(_line("[limits.velocity]", "of the URDF"))
+        lines.append("[limits.velocity]\t# of the URDF")
         lines += [
-            _line(f"{_key(name)} = {speeds[name]:.10g}", f"{unit}/s")
-            for name, unit in units.items()
+            f"{key} = {speeds[name]:.10g}\t# {unit}/s"
+            for name, key, unit in joints
             if name in speeds
         ]
     else:
         lines.append(_comment("Joint speeds: the robot file states none. From the data sheet:"))
         lines.append("# [limits.velocity]")
         lines += [
-            _line(f"# {_key(name)} = {2.0 if unit == 'rad' else 0.5}", f"{unit}/s")
-            for name, unit in units.items()
+            f"# {key} = {2.0 if unit == 'rad' else 0.5}\t# {unit}/s" for _, key, unit in joints
         ]
     lines += ["", "# [limits.acceleration]"]
-    lines += [_line(f"# {_key(name)} = 10.0", f"{unit}/s²") for name, unit in units.items()]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"# {key} = 10.0\t# {unit}/s²" for _, key, unit in joints)])
 
 
 def _clearance(watched: Watched) -> str:
     """The distance of what must not touch, and each pair that may, with the reason."""
     pairs = [
-        _line(f"  [{_quoted(pair.one)}, {_quoted(pair.other)}],", pair.why)
+        f"  [{_quoted(pair.one)}, {_quoted(pair.other)}],\t# {pair.why}\n"
         for pair in watched.ignored
     ]
-    lines = [
-        "[clearance]",
-        _line(f"distance = {watched.distance:g}", "m, of every pair that may collide"),
-        _line("ignore = [", "pairs of geoms or bodies that may touch"),
-        *pairs,
-        "]",
-    ]
-    return "\n".join(lines)
+    return f"""
+[clearance]
+distance = {watched.distance:g}\t# m, of every pair that may collide
+ignore = [\t# pairs of geoms or bodies that may touch
+{"".join(pairs)}]
+"""
 
 
 def _methods() -> str:
     default = METHODS[DEFAULT_METHOD].defaults
-    return "\n".join(
-        [
-            _comment(
-                "How the free motion is spent, for each method; what is not stated has the "
-                "method's own value."
-            ),
-            _line(f"[methods.{DEFAULT_METHOD}]", "towards the middle of the joint ranges"),
-            f'weight = "{default.weight}"',
-            _line(f"gain = {default.gain}", "share of the way a waypoint"),
-            _line("[methods.qp]", "the paper's secondary, in twist space"),
-            "gain = 0.05",
-            _line("[methods.twa]", "its closed form"),
-            "gain = 0.05",
-        ]
-    )
+    return f"""
+# How the free motion is spent, for each method; what is not stated has the method's own value.
+[methods.{DEFAULT_METHOD}]\t# towards the middle of the joint ranges
+weight = "{default.weight}"
+gain = {default.gain}\t# share of the way a waypoint
+[methods.qp]\t# the paper's secondary, in twist space
+gain = 0.05
+[methods.twa]\t# its closed form
+gain = 0.05
+"""
 
 
 def _study(parts: Parts, middle: Array) -> str:
     """The placements that a study tries."""
-    margin = parts.margin
-    lines = [
-        _comment("What qp-twist study varies: where the workpiece stands, around the place above."),
-        "[study]",
-        _line("position_error = 1e-4", "m, largest of a success"),
-        "axis_error_deg = 0.05",
-        _line("# max_step_deg = 15.0", "of a joint, in place of [feed] and [limits]"),
-        "",
-        "[study.placement]",
-        _line(f"point = {_numbers(middle)}", "m, the middle of the path"),
-        *([_line(f"body = {_quoted(parts.part)}", "it moves along")] if parts.part else []),
-        _line(f"lower = {_numbers(middle - margin)}", "m, where that point is put"),
-        f"upper = {_numbers(middle + margin)}",
-        _line("yaw_deg = [-30.0, 30.0]", "turn about the vertical"),
-        _line("tilt_deg = [0.0, 0.0]", "then a tilt to any side"),
-    ]
-    return "\n".join(lines)
+    body = f"body = {_quoted(parts.part)}\t# it moves along\n" if parts.part else ""
+    return f"""
+# What qp-twist study varies: where the workpiece stands, around the place above.
+[study]
+position_error = 1e-4\t# m, largest of a success
+axis_error_deg = 0.05
+# max_step_deg = 15.0\t# of a joint, in place of [feed] and [limits]
+
+[study.placement]
+point = {_numbers(middle)}\t# m, the middle of the path
+{body}lower = {_numbers(middle - parts.margin)}\t# m, where that point is put
+upper = {_numbers(middle + parts.margin)}
+yaw_deg = [-30.0, 30.0]\t# turn about the vertical
+tilt_deg = [0.0, 0.0]\t# then a tilt to any side
+"""
 
 
-def _line(text: str, comment: str = "") -> str:
-    return f"{text.ljust(_COLUMN - 1)} # {comment}" if comment else text
+def _aligned(line: str) -> str:
+    """A line whose comment, behind a tab, begins in one column with the others."""
+    text, mark, comment = line.partition(_MARK)
+    return f"{text.ljust(_COLUMN - 1)} # {comment}" if mark and comment else text
 
 
-def _off(line: str) -> str:
-    """A line as a comment, its own comment where it was."""
-    text, mark, comment = line.partition("#")
-    return _line(f"# {text.rstrip()}", comment.strip() if mark else "")
+def _off(text: str) -> str:
+    """A table as comments."""
+    return "\n".join(f"# {line}" for line in text.strip().split("\n"))
+
+
+def _notes(sentences: Iterable[str]) -> str:
+    """Sentences as comments above a line."""
+    return "".join(f"{_comment(sentence)}\n" for sentence in sentences)
 
 
 def _comment(text: str) -> str:

@@ -545,7 +545,7 @@ from qp_twist.paths.file_path_schema import FilePath
 assert len(read_toolpath("line.csv", skip_lines=1).curves[0]) == 2
 assert FilePath(kind="file", file="line.csv", skip_lines=1).skip_lines == 1
 request = Request(Path("robot.xml"), Path("line.csv"), skip_lines=1)
-assert any(line.startswith("skip_lines = 1 ") for line in toolpath_lines(request))
+assert any(line.startswith("skip_lines = 1\\t") for line in toolpath_lines(request))
 main(["new", "--help"])
 """
     done = subprocess.run(
