@@ -126,13 +126,15 @@ _MOVE = (
     rf"J\s+P\[\s*(\d+)\s*(?::[^\]]*)?\]\s+({NUMBER})\s*(%|sec|msec)\s+(FINE|CNT\s*\d+)"
     r"(\s+ACC\s*\d+)?"
 )
-_PAUSES = (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)")
-_SPEED = rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%"
-_SETTINGS = (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]")
-_PASSED = (
-    r"(DO|RO|GO|AO|SO|F|M|R|SR|TIMER)\s*\[([^\]]*\]\s*=.*)", r"(MESSAGE)\s*\[.*\]",
-)  # fmt: skip
-"""Outputs, flags, registers, timers and messages: no move that is read depends on them."""
+_NOTED = {
+    "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
+    "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),
+    "setting": (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]"),
+    # outputs, flags, registers, timers and messages: no move that is read depends on them
+    "passed": (
+        r"(DO|RO|GO|AO|SO|F|M|R|SR|TIMER)\s*\[([^\]]*\]\s*=.*)", r"(MESSAGE)\s*\[.*\]",
+    ),
+}  # fmt: skip
 
 
 def _decode(text: str, beside: Beside) -> JointMoves:
@@ -149,6 +151,7 @@ class _Tp(Program):
     """
 
     reads = "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other"
+    noted = _NOTED
 
     def __init__(self, beside: Beside) -> None:
         super().__init__()
@@ -158,18 +161,14 @@ class _Tp(Program):
 
     def grammar(self) -> Sequence[tuple[str, Act]]:
         """Remarks, moves, calls, waits, and what does not move."""
-        course = self.course
         return (
             (r"(?:!|//|--).*|", lambda number, match: None),
             (_MOVE, self._move),
             (r"CALL\s+(\w+)", self._call),
             (rf"WAIT\s+({NUMBER})\s*\(sec\)", self.wait),
-            *((pattern, self._pause) for pattern in _PAUSES),
             (r"(ABORT)", self.end),
             (r"END", self.leave),
-            (_SPEED, self.noting(course.speed)),
-            *((pattern, self.noting(course.setting)) for pattern in _SETTINGS),
-            *((pattern, self.noting(course.passed)) for pattern in _PASSED),
+            *self.noting(),
         )
 
     def check(self, number: int, statement: str, text: str) -> None:
@@ -238,9 +237,6 @@ class _Tp(Program):
         value, unit = float(match[2]), match[3].lower()
         seconds = {"%": None, "sec": value, "msec": 1e-3 * value}[unit]
         self.course.move(number, [axes[axis] for axis in LS.axis_names], seconds)
-
-    def _pause(self, number: int, match: re.Match[str]) -> None:
-        self.course.pause(number, match[1])
 
     def _call(self, number: int, match: re.Match[str]) -> None:
         name = match[1].upper()

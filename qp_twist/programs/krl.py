@@ -21,7 +21,6 @@ from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.reading import (
     NUMBER,
     Act,
-    Procedure,
     Program,
     Statements,
     check_identifier,
@@ -74,43 +73,44 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 _NAME = r"[A-Za-z]\w*"
 _TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
-_DECLARED = (
-    rf"(?:GLOBAL\s+)?(?:DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?({_NAME})|({_TYPES}))\s+"
-    rf"({_NAME})((?:\s*\[[\d\s,]*\])?(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(.*))?"
-)
-_ASSIGNMENT = rf"({_NAME})((?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(.*)"
+_DECLARED = [
+    rf"(?:GLOBAL\s+)?{word}(?P<kind>{kinds})\s+(?P<name>{_NAME})(?P<part>(?:\s*\[[\d\s,]*\])?"
+    rf"(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(?P<value>.*))?"
+    for word, kinds in ((r"DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?", _NAME), ("", _TYPES))
+]
+_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(?P<value>.*)"
 _AXES = ("AXIS", "E6AXIS")
 """Types of the data that say where an axis move leads."""
 _WHERE_IT_IS = ("$AXIS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT")
 """Targets that are where the robot is: it stays there."""
-_WORDS = {"BAS", "SET_CD_PARAMS", "IR_STOPM", "FDAT_ACT", "PDAT_ACT", "LDAT_ACT"}
-"""Names to which a program may not give another meaning."""
 _PULSE = r"PULSE\s*\(\s*\$OUT\s*\[\w+\]\s*,\s*\w+\s*,\s*[\d.]+\s*\)"
 _TRIGGER = (
     r"(TRIGGER)\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*=\s*[-\d.]+\s+DO"
     rf"\s+(?:\$OUT\s*\[\w+\]\s*=\s*\w+|{_PULSE})"
 )
-_PASSED = (
-    r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART|\$APO(?:\.\w+)?"
-    r"|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS)\s*=(?!=)(.*)",
-    rf"(?=(PULSE)){_PULSE}",
-    r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
-    rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
-    rf"(SIGNAL)\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?",
-)
-"""Outputs, flags, timers, names for them, and how far from a point rounding begins."""
-_SETTINGS = (
-    rf"(BAS)\s*\(\s*#(?:TOOL|BASE|FRAMES)\s*(?:,\s*{NUMBER}\s*)?\)",
-    r"(\$TOOL|\$BASE|\$LOAD|\$ACT_TOOL|\$ACT_BASE|\$IPO_MODE|(?:TOOL|BASE|LOAD)_DATA\s*\[\d+\]"
-    r"|FDAT_ACT)\s*=(?!=)(.*)",
-)
-_SPEEDS = (
-    r"(BAS)\s*\(\s*#(?:(?:VEL|ACC)_(?:PTP|CP)|(?:PTP|CP)_(?:DAT|PARAMS))\s*"
-    rf"(?:,\s*{NUMBER}\s*)?\)",
-    r"(\$VEL(?:\.\w+)?|\$ACC(?:\.\w+)?|\$(?:VEL|ACC)_AXIS\s*\[\d+\]|\$GEAR_JERK\s*\[\d+\]"
-    r"|\$OV_PRO|[PL]DAT_ACT)\s*=(?!=)(.*)",
-)
-_PAUSES = (r"(WAIT)\s+(?:SEC|FOR)\b(.*)", r"(HALT)")
+_NOTED = {
+    # outputs, flags, timers, names for them, and how far from a point rounding begins
+    "passed": (
+        r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART"
+        r"|\$APO(?:\.\w+)?|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS)\s*=(?!=)(.*)",
+        rf"(?=(PULSE)){_PULSE}",
+        r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
+        rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
+        rf"(SIGNAL)\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?",
+    ),
+    "setting": (
+        rf"(BAS)\s*\(\s*#(?:TOOL|BASE|FRAMES)\s*(?:,\s*{NUMBER}\s*)?\)",
+        r"(\$TOOL|\$BASE|\$LOAD|\$ACT_TOOL|\$ACT_BASE|\$IPO_MODE|(?:TOOL|BASE|LOAD)_DATA\s*\[\d+\]"
+        r"|FDAT_ACT)\s*=(?!=)(.*)",
+    ),
+    "speed": (
+        r"(BAS)\s*\(\s*#(?:(?:VEL|ACC)_(?:PTP|CP)|(?:PTP|CP)_(?:DAT|PARAMS))\s*"
+        rf"(?:,\s*{NUMBER}\s*)?\)",
+        r"(\$VEL(?:\.\w+)?|\$ACC(?:\.\w+)?|\$(?:VEL|ACC)_AXIS\s*\[\d+\]|\$GEAR_JERK\s*\[\d+\]"
+        r"|\$OV_PRO|[PL]DAT_ACT)\s*=(?!=)(.*)",
+    ),
+    "pause": (r"(WAIT)\s+(?:SEC|FOR)\b(.*)", r"(HALT)"),
+}
 _BEGIN = (
     r"GLOBAL INTERRUPT DECL 3 WHEN \$STOPMESS\s*==\s*TRUE DO IR_STOPM\s*\(\s*\)"
     r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
@@ -156,6 +156,10 @@ class _Krl(Program):
     """
 
     reads = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
+    begins = rf"(?:GLOBAL\s+)?DEF\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)"
+    data = *_DECLARED, _ASSIGNMENT
+    noted = _NOTED
+    reserved = frozenset({"BAS", "SET_CD_PARAMS", "IR_STOPM", "FDAT_ACT", "PDAT_ACT", "LDAT_ACT"})
 
     def __init__(self) -> None:
         super().__init__()
@@ -166,33 +170,26 @@ class _Krl(Program):
 
     def grammar(self) -> Sequence[tuple[str, Act]]:
         """Splines and their times, moves; what may not stand in a spline."""
-        course = self.course
+        outside = (
+            (r"PTP_SPLINE(?:\s+WITH\s+(.*))?", self._begin_spline),
+            (rf"WAIT\s+SEC\s+({NUMBER})", self.wait),
+            (r"RETURN", self.leave),
+            (_BEGIN, lambda number, match: None),
+            *self.noting(),
+            *((pattern, self._assign) for pattern in self.data),
+            (
+                rf"({_NAME})\s*\(\s*\)",
+                self.calling("calls something that the file does not have."),
+            ),
+        )
         return (
             (r"ENDSPLINE", self._end_spline),
             (r"TIME_BLOCK\s+START", self._begin_block),
             (rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", self._part),
             (rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", self._end_block),
             (_MOVE, self._move),
-            (_TRIGGER, self.noting(course.passed)),
-            *(
-                (pattern, self._outside(act))
-                for pattern, act in (
-                    (r"PTP_SPLINE(?:\s+WITH\s+(.*))?", self._begin_spline),
-                    (rf"WAIT\s+SEC\s+({NUMBER})", self.wait),
-                    (r"RETURN", self.leave),
-                    (_BEGIN, lambda number, match: None),
-                    *((pattern, self.noting(course.pause)) for pattern in _PAUSES),
-                    *((pattern, self.noting(course.setting)) for pattern in _SETTINGS),
-                    *((pattern, self.noting(course.speed)) for pattern in _SPEEDS),
-                    *((pattern, self.noting(course.passed)) for pattern in _PASSED),
-                    (_DECLARED, self._declare),
-                    (_ASSIGNMENT, self._assign),
-                    (
-                        rf"({_NAME})\s*\(\s*\)",
-                        self.calling("calls something that the file does not have."),
-                    ),
-                )
-            ),
+            (_TRIGGER, lambda number, match: self.course.passed(number, match[1])),
+            *((pattern, self._outside(act)) for pattern, act in outside),
         )
 
     def _outside(self, act: Act) -> Act:
@@ -207,82 +204,42 @@ class _Krl(Program):
 
     def execute(self, statements: Statements, beside: Beside) -> None:
         """Execute a file: its first program, and those of the file that this one calls."""
-        name = self._sort(statements)
-        if name:
-            self._read_data_file(self.procedures[name].name, beside)
-            lines = self.procedures[name].statements
-            if [statement for _, statement in lines[: len(_FRAME)]] == _FRAME:
-                del lines[: len(_FRAME)]
-        for procedure in self.procedures.values():
-            for number, statement in procedure.statements:
-                self._count(f"{number}", statement)
-        self.parse_all()
-        if not name:
+        top = self.sort(statements)
+        for number, statement in self.procedures.pop("").statements:
+            if not re.fullmatch(r"&\w+.*", statement):
+                raise refuse(
+                    number, statement, "expected programs (DEF NAME( ) … END), and this in them."
+                )
+        if not top:
             raise InvalidInput("this is no KRL program: expected DEF NAME( ) … END.")
-        self.run(name)
+        first = self.procedures[top[0]]
+        content = beside(f"{first.name}.dat")  # the axes that its data file declares
+        for number, line in enumerate([] if content is None else text_lines(content), start=1):
+            code = line.partition(";")[0].strip()
+            match = self.assigned(f"{number} of {first.name}.dat", code)
+            if match is not None and match["value"] and "kind" in match.groupdict():
+                self.values[match["name"].upper()] = match["value"].strip()
+        if [statement for _, statement in first.statements[: len(_FRAME)]] == _FRAME:
+            del first.statements[: len(_FRAME)]
+        self.parse_all()
+        self.run(top[0])
         if self._spline:
             raise InvalidInput("the spline has no end (ENDSPLINE); a line was lost.")
         self.note_calls()
 
-    def _sort(self, statements: Statements) -> str:
-        """Sort statements into programs; the name of the first."""
-        inside = ""
-        for number, statement in statements:
-            match = re.fullmatch(
-                rf"(?:GLOBAL\s+)?DEF\s+({_NAME})\s*\(\s*\)", statement, re.I | re.A
-            )
-            if match and not inside:
-                inside = match[1].upper()
-                if inside in _WORDS or inside in self.procedures:
-                    raise refuse(number, statement, "this name has a meaning already.")
-                self.procedures[inside] = Procedure(match[1], number, [])
-            elif statement.upper() == "END" and inside:
-                inside = ""
-            elif inside and not match:
-                self.procedures[inside].statements.append((number, statement))
-            elif inside or not re.fullmatch(r"&\w+.*", statement):
-                raise refuse(
-                    number, statement, "expected programs (DEF NAME( ) … END), and this in them."
-                )
-        if inside:
-            raise InvalidInput(f"the program {inside} has no END; a line was lost.")
-        return next(iter(self.procedures), "")
-
-    def _read_data_file(self, name: str, beside: Beside) -> None:
-        """The axes that the program's data file declares, if there is one."""
-        content = beside(f"{name}.dat")
-        for number, line in enumerate([] if content is None else text_lines(content), start=1):
-            code = line.partition(";")[0].strip()
-            self._count(f"{number} of {name}.dat", code)
-            match = re.fullmatch(_DECLARED, code, self.flags)
-            if match and match[5]:
-                self.values[match[3].upper()] = match[5].strip()
-
-    def _count(self, place: str, statement: str) -> None:
-        """Remember where a name gets a value."""
-        if match := re.fullmatch(_DECLARED, statement, self.flags):
-            name, value = match[3], match[5]
-        elif match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
-            name, value = match[1], match[3]
-        if match and value is not None:
-            self.assign(place, name.upper())
-
-    def _declare(self, number: int, match: re.Match[str]) -> None:
-        kind = (match[1] or match[2]).upper()
-        if match[5] is not None:
-            self.check(number, match[0], match[5])
-            self.values[match[3].upper()] = match[5].strip()
-        if kind not in _AXES:
-            self.course.passed(number, kind)
-
     def _assign(self, number: int, match: re.Match[str]) -> None:
-        self.check(number, match[0], match[2] + match[3])
-        if match[1].upper() in _WORDS:
+        """A declaration or an assignment."""
+        name, part, value = match["name"].upper(), match["part"], match["value"]
+        kind = match.groupdict().get("kind")
+        self.check(number, match[0], part + (value or ""))
+        if name in self.reserved:
             raise refuse(number, match[0], "this name has a meaning already.")
-        if not match[2]:
-            self.values[match[1].upper()] = match[3].strip()
-        if match[2] or "{" not in match[3]:
-            self.course.passed(number, match[1])
+        if value is not None and (kind or not part):
+            self.values[name] = value.strip()
+        if kind and kind.upper() not in _AXES:
+            self.course.passed(number, kind.upper())
+        elif not kind and (part or "{" not in value):
+            self.course.passed(number, match["name"])
 
     def _begin_spline(self, number: int, match: re.Match[str]) -> None:
         self._check_with(number, match[0], match[1])

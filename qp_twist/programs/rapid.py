@@ -61,29 +61,29 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 
 _NAME = r"[A-Za-z]\w*"
-_BLOCK = re.compile(
-    rf"(MODULE|PROC|LOCAL\s+PROC)\s+({_NAME})\s*(\(.*\))?|(END)(MODULE|PROC)",
-    re.IGNORECASE | re.ASCII,
-)
 _TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*(?:\[([^\[\]]*)\]|(\w+))\s*\]", re.ASCII)
 _DATA = (
-    rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+({_NAME})\s+({_NAME})((?:\s*\{{[\d\s,]*\}})?)"
-    r"\s*(?::=(.*))?"
+    rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+(?P<kind>{_NAME})\s+(?P<name>{_NAME})"
+    r"(?P<part>(?:\s*\{[\d\s,]*\})?)\s*(?::=(?P<value>.*))?"
 )
-_ASSIGNMENT = rf"({_NAME})((?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(.*)"
-_PASSED = (
-    "ConfJ", "ConfL", "SingArea", "Set", "Reset", "SetDO", "SetAO", "SetGO", "PulseDO", "InvertDO",
-    "TPWrite", "TPErase", "ClkStart", "ClkStop", "ClkReset", "MotionSup",
-)  # fmt: skip
-"""Outputs, messages, clocks, and settings of Cartesian moves and of supervision."""
-_PAUSES = ("WaitTime", "WaitDI", "WaitDO", "WaitAI", "WaitGI", "WaitUntil", "WaitRob", "Stop")
-_SPEEDS = ("VelSet", "AccSet", "PathAccLim", "WorldAccLim")
-_SETTINGS = ("GripLoad",)
-_WORDS = {
-    word.lower()
-    for word in (*_PASSED, *_PAUSES, *_SPEEDS, *_SETTINGS, "MoveAbsJ", "EXIT", "RETURN")
-}
-"""Names to which a module may not give another meaning."""
+_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(?P<value>.*)"
+_BLOCK = re.compile(
+    rf"MODULE\s+{_NAME}\s*(?:\(.*\))?|(?:LOCAL\s+)?PROC\s+{_NAME}\s*\(.*\)|END(?:MODULE|PROC)",
+    re.IGNORECASE | re.ASCII,
+)
+"""Statements without a semicolon."""
+_MODULE = re.compile(rf"MODULE\s+{_NAME}\s*(?:\(.*\))?", re.IGNORECASE | re.ASCII)
+_INSTRUCTIONS = {
+    # outputs, messages, clocks, and settings of Cartesian moves and of supervision
+    "passed": (
+        "ConfJ", "ConfL", "SingArea", "Set", "Reset", "SetDO", "SetAO", "SetGO", "PulseDO",
+        "InvertDO", "TPWrite", "TPErase", "ClkStart", "ClkStop", "ClkReset", "MotionSup",
+    ),
+    "pause": ("WaitTime", "WaitDI", "WaitDO", "WaitAI", "WaitGI", "WaitUntil", "WaitRob", "Stop"),
+    "speed": ("VelSet", "AccSet", "PathAccLim", "WorldAccLim"),
+    "setting": ("GripLoad",),
+}  # fmt: skip
+_BEGINNING = {kind: rf"({'|'.join(names)})\b(.*)" for kind, names in _INSTRUCTIONS.items()}
 _TARGETS = ("jointtarget", "extjoint")
 """Types of the data that say where a move leads."""
 _OPTIONS = (("id", "noeoffs"), ("v", "t"), ("z", "inpos"), ("wobj", "tload"))
@@ -102,26 +102,25 @@ class _Module(Program):
     """A module: data and procedures."""
 
     reads = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
+    begins = rf"(?:LOCAL\s+)?PROC\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)"
+    ends = "ENDPROC"
+    data = _DATA, _ASSIGNMENT
+    noted = {kind: (pattern,) for kind, pattern in _BEGINNING.items()}  # noqa: RUF012
+    reserved = frozenset({
+        *(word.lower() for words in _INSTRUCTIONS.values() for word in words),
+        "moveabsj", "exit", "return",
+    })  # fmt: skip
     twice = "assigned or declared", "targets"
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._types: dict[str, str] = {}
 
     def grammar(self) -> Sequence[tuple[str, Act]]:
         """Moves, data, assignments, waits, instructions of the controller, and calls."""
-        course = self.course
         return (
             (r"MoveAbsJ\b(.*)", self._move),
-            (_DATA, self._declare),
-            (_ASSIGNMENT, self._assign),
+            *((pattern, self._assign) for pattern in self.data),
             (rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait),
             (r"(EXIT)", self.end),
             (r"RETURN", self.leave),
-            (_beginning(_PASSED), self.noting(course.passed)),
-            (_beginning(_PAUSES), self.noting(course.pause)),
-            (_beginning(_SPEEDS), self.noting(course.speed)),
-            (_beginning(_SETTINGS), self.noting(course.setting)),
+            *self.noting(),
             (
                 rf"({_NAME})",
                 self.calling("{} is not read here; the file has no procedure of this name."),
@@ -134,16 +133,17 @@ class _Module(Program):
 
     def execute(self, statements: Statements) -> None:
         """Execute a module: its procedure main, or the only one that no other calls."""
-        self._sort(statements)
-        for procedure in self.procedures.values():
-            for number, statement in procedure.statements:
-                if match := re.fullmatch(_DATA, statement, self.flags):
-                    name = match[2].lower()
-                    if match[4] is not None or name in self._types:
-                        self.assign(number, name)
-                    self._types[name] = match[1].lower()
-                elif match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
-                    self.assign(number, match[1].lower())
+        self.sort(statements)
+        module = self.procedures[""].statements or [(1, "")]
+        whole = _MODULE.fullmatch(module[0][1]) and module[-1][1].upper() == "ENDMODULE"
+        for number, statement in module[1:-1] if whole else module:
+            if not re.fullmatch(_DATA, statement, self.flags):
+                raise refuse(
+                    number, statement,
+                    "expected one MODULE with data and procedures (PROC … ENDPROC), and moves in "
+                    "them.",
+                )  # fmt: skip
+        self.procedures[""] = Procedure("the module", 1, module[1:-1])
         self.parse_all()
         self.run("")
         del self.procedures[""]
@@ -162,73 +162,31 @@ class _Module(Program):
         self.run("main" if "main" in self.procedures else first[0])
         self.note_calls()
 
-    def _sort(self, statements: Statements) -> None:
-        """Sort statements into procedures; data of the module are in the one without a name."""
-        inside: list[str] = []
-        modules = 0
-        self.procedures[""] = Procedure("the module", 1, [])
-        for number, statement in statements:
-            match = _BLOCK.fullmatch(statement)
-            word = "" if match is None else (match[4] or match[1]).split()[-1].upper()
-            if match is not None and match[4]:
-                if not inside or inside.pop() != match[5].upper():
-                    raise refuse(number, statement, "there is nothing above that it ends.")
-            elif word == "MODULE" and not inside and not modules:
-                inside.append(word)
-                modules += 1
-            elif match is not None and word == "PROC" and inside == ["MODULE"]:
-                name = match[2].lower()
-                if not re.fullmatch(r"\(\s*\)", match[3] or ""):
-                    raise refuse(number, statement, "expected a procedure without parameters.")
-                if name in _WORDS or name in self.procedures:
-                    raise refuse(number, statement, "this name has a meaning already.")
-                self.procedures[name] = procedure = Procedure(match[2], number, [])
-                inside.append(word)
-            elif inside == ["MODULE", "PROC"]:
-                procedure.statements.append((number, statement))
-            elif inside == ["MODULE"] and re.fullmatch(_DATA, statement, self.flags):
-                self.procedures[""].statements.append((number, statement))
-            else:
-                raise refuse(
-                    number, statement,
-                    "expected one MODULE with data and procedures (PROC … ENDPROC), and moves in "
-                    "them.",
-                )  # fmt: skip
-        if inside:
-            raise InvalidInput(f"there is no END{inside[-1]} at the end; a line was lost.")
-
     def check(self, number: int, statement: str, text: str) -> None:
         """Options of instructions are given by ``:=``."""
-        instructions = (*_PASSED, *_PAUSES, *_SPEEDS, *_SETTINGS)
-        if re.match(_beginning(instructions), statement, self.flags):
+        if any(re.match(pattern, statement, self.flags) for pattern in _BEGINNING.values()):
             text = text.replace(":=", "=")
         super().check(number, statement, text)
 
-    def _declare(self, number: int, match: re.Match[str]) -> None:
-        value = "" if match[4] is None else match[4].strip()
-        self.check(number, match[0], value)
-        if value:
-            self.values[match[2].lower()] = "" if match[3] else value
-        if match[1].lower() not in _TARGETS:
-            self.course.passed(number, match[1])
-
     def _assign(self, number: int, match: re.Match[str]) -> None:
-        name = match[1].lower()
-        self.check(number, match[0], match[2] + match[3])
-        target = self._types.get(name) in _TARGETS
-        if target and match[2]:
+        """A declaration or an assignment."""
+        name, declared = match["name"].lower(), match.groupdict().get("kind")
+        is_target = (declared or self.kinds.get(name, "")).lower() in _TARGETS
+        self.check(number, match[0], match["part"] + (match["value"] or ""))
+        if is_target and match["part"] and not declared:
             raise refuse(
                 number, match[0],
                 "changes a part of a target; only targets that are assigned once can be checked.",
             )  # fmt: skip
-        self.values[name] = match[3].strip()
-        if not target:
-            self.course.passed(number, match[1])
+        if match["value"]:
+            self.values[name] = "" if declared and match["part"] else match["value"].strip()
+        if not is_target:
+            self.course.passed(number, declared or match["name"])
 
     def _data(self, number: int, name: str, kind: str) -> str:
         """The value of data of a type."""
         unknown = f"there is no {kind} {name} above it."
-        if self._types.get(name.lower()) != kind or name.lower() not in self.values:
+        if self.kinds.get(name.lower()) != kind or name.lower() not in self.values:
             raise refuse(number, name, unknown)
         return self.constant(number, name, name.lower(), unknown)
 
@@ -270,10 +228,6 @@ class _Module(Program):
         given = {f"eax_{axis}": value for axis, value in external if value != float(_NONE)}
         self.course.external(number, given)
         return six(number, [part.strip() for part in match[1].split(",")])
-
-
-def _beginning(names: Sequence[str]) -> str:
-    return rf"({'|'.join(names)})\b(.*)"
 
 
 def _statements(text: str, comments: list[str]) -> Statements:

@@ -296,17 +296,30 @@ class Procedure(NamedTuple):
 class Program:
     """A program while it is read: its grammar, constants, and procedures in the order of calls.
 
-    A language is a subclass with its grammar. The first group of a pattern is the statement's word.
+    A language is a subclass: patterns of its statements. The first group of a pattern is the
+    statement's word.
 
     Attributes:
         course: The points so far.
         procedures: By the names with which they are called.
         values: Texts of variables, as far as they are assigned.
+        kinds: Types of variables, as far as they are declared.
     """
 
     reads = ""
     """What is read, for messages."""
     flags = re.IGNORECASE | re.ASCII | re.DOTALL
+    begins, ends, nested = "", "END", False
+    """Patterns of the statements that begin a procedure (groups ``name`` and ``arguments``) and end
+    it, and whether procedures stand in procedures."""
+    data: Sequence[str] = ()
+    """Patterns of statements that give a variable a value: groups ``name``, ``value``, and perhaps
+    ``kind``, its type, and ``part``, which part of it."""
+    noted: Mapping[str, Sequence[str]] = {}
+    """Patterns of statements that do not move the robot, by the method of :class:`Course` that
+    notes them; their expressions, in group 2, call nothing."""
+    reserved: Collection[str] = ()
+    """Names to which a program may not give another meaning."""
     twice = "assigned", "targets"
     """What a variable is at several lines that is therefore not read, and what it would be."""
 
@@ -314,6 +327,7 @@ class Program:
         self.course = Course()
         self.procedures: dict[str, Procedure] = {}
         self.values: dict[str, str] = {}
+        self.kinds: dict[str, str] = {}
         self._assigned: dict[str, list[str]] = {}
         self._acts: dict[str, list[tuple[int, Act, re.Match[str]]]] = {}
         self._running: list[str] = []
@@ -322,6 +336,54 @@ class Program:
     def grammar(self) -> Sequence[tuple[str, Act]]:
         """Patterns of whole statements, and what each does; the first that fits counts."""
         raise NotImplementedError
+
+    def noting(self) -> list[tuple[str, Act]]:
+        """The grammar of the statements that are noted."""
+
+        def act_of(note: Callable[[int, str], None]) -> Act:
+            def act(number: int, match: re.Match[str]) -> None:
+                self.check(number, match[0], match[2] if match.re.groups > 1 else "")
+                note(number, match[1])
+
+            return act
+
+        return [
+            (pattern, act_of(getattr(self.course, kind)))
+            for kind, patterns in self.noted.items()
+            for pattern in patterns
+        ]
+
+    def sort(self, statements: Statements) -> list[str]:
+        """Sort statements into procedures; the names of those that stand in no other.
+
+        Statements outside of all are those of the procedure without a name.
+
+        Raises:
+            InvalidInput: If a procedure has arguments, no end, or a name with another meaning.
+        """
+        outside = Procedure("the program", 1, [])
+        self.procedures[""] = outside
+        top: list[str] = []
+        inside = [outside]
+        for number, statement in statements:
+            begin = re.fullmatch(self.begins, statement, self.flags)
+            if begin and (self.nested or len(inside) == 1):
+                name = self.name_of(begin["name"])
+                if begin["arguments"].strip():
+                    raise refuse(number, statement, "procedures with arguments are not read.")
+                if name in self.reserved or name in self.procedures:
+                    raise refuse(number, statement, "this name has a meaning already.")
+                if len(inside) == 1:
+                    top.append(name)
+                self.procedures[name] = Procedure(begin["name"], number, [])
+                inside.append(self.procedures[name])
+            elif not re.fullmatch(self.ends, statement, self.flags):
+                inside[-1].statements.append((number, statement))
+            elif inside.pop() is outside:
+                raise refuse(number, statement, "there is nothing above that it ends.")
+        if inside[-1] is not outside:
+            raise InvalidInput(f"{inside[-1].name} has no end; a line was lost.")
+        return top
 
     def parse(self, name: str, procedure: Procedure) -> list[tuple[int, Act, re.Match[str]]]:
         """Add a procedure; what its statements do, each with its line.
@@ -343,9 +405,24 @@ class Program:
         return found
 
     def parse_all(self) -> None:
-        """Parse all procedures, called or not."""
+        """Parse all procedures, called or not, and remember where variables get their values."""
+        for procedure in self.procedures.values():
+            for number, statement in procedure.statements:
+                self.assigned(number, statement)
         for name, procedure in self.procedures.items():
             self.parse(name, procedure)
+
+    def assigned(self, place: int | str, statement: str) -> re.Match[str] | None:
+        """Remember the line of a statement that gives a variable a value, or declares it again."""
+        fits = (re.fullmatch(pattern, statement, self.flags) for pattern in self.data)
+        match = next(filter(None, fits), None)
+        if match is not None:
+            name, kind = self.name_of(match["name"]), match.groupdict().get("kind")
+            if match["value"] is not None or (kind and name in self.kinds):
+                self._assigned.setdefault(name, []).append(str(place))
+            if kind:
+                self.kinds[name] = kind.lower()
+        return match
 
     def run(self, name: str) -> None:
         """Execute a procedure.
@@ -393,10 +470,6 @@ class Program:
                 often = f"is called {times} times" if times else "is never called, so does not move"
                 self.course.note(f"{procedure.name} (line {procedure.line}) {often}")
 
-    def assign(self, place: int | str, name: str) -> None:
-        """Remember a line at which a variable gets a value."""
-        self._assigned.setdefault(name, []).append(str(place))
-
     def constant(self, number: int, shown: str, name: str, unknown: str) -> str:
         """The text of a variable that is assigned once, before this line is executed.
 
@@ -426,15 +499,6 @@ class Program:
                 statement,
                 f"a call in an expression is not read; only {self.reads} can be checked.",
             )
-
-    def noting(self, note: Callable[[int, str], None]) -> Act:
-        """A statement that does not move the robot: its expressions, in group 2, call nothing."""
-
-        def act(number: int, match: re.Match[str]) -> None:
-            self.check(number, match[0], match[2] if match.re.groups > 1 else "")
-            note(number, match[1])
-
-        return act
 
     def calling(self, unknown: str) -> Act:
         """A call of a procedure; ``unknown`` is what is wrong if there is none."""

@@ -119,26 +119,33 @@ _NAME = r"[A-Za-z_]\w*"
 _OWN = ("start", "cubic", "line", "finish")
 _MOVEJ = ("q", "a", "v", "t", "r")
 _SERVOJ = ("q", "a", "v", "t", "lookahead_time", "gain")
-_PASSED = (
-    "set_digital_out", "set_standard_digital_out", "set_configurable_digital_out",
-    "set_tool_digital_out", "set_analog_out", "set_standard_analog_out", "set_flag",
-    "write_output_boolean_register", "write_output_integer_register",
-    "write_output_float_register", "textmsg", "set_tool_voltage", "set_tool_communication",
-    "set_tool_output_mode", "set_tool_digital_output_mode", "set_tool_analog_input_domain",
-    "set_standard_analog_input_domain", "set_analog_outputdomain", "set_input_actions_to_default",
-    "zero_ftsensor",
-)  # fmt: skip
-"""Functions for outputs and messages: they neither move the robot nor change a target."""
-_SETTINGS = (
-    "set_tcp", "set_payload", "set_payload_cog", "set_payload_mass", "set_target_payload",
-    "set_gravity",
-)  # fmt: skip
-"""Functions for tool and load: a joint position is the same with all of them."""
-_WORDS = {
-    *_PASSED, *_SETTINGS, "movej", "servoj", "stopj", "sleep", "sync", "popup", "halt", "d2r",
-    "end", "return", "True", "False",
+_FUNCTIONS = {
+    # outputs and messages: they neither move the robot nor change a target
+    "passed": (
+        "set_digital_out", "set_standard_digital_out", "set_configurable_digital_out",
+        "set_tool_digital_out", "set_analog_out", "set_standard_analog_out", "set_flag",
+        "write_output_boolean_register", "write_output_integer_register",
+        "write_output_float_register", "textmsg", "set_tool_voltage", "set_tool_communication",
+        "set_tool_output_mode", "set_tool_digital_output_mode", "set_tool_analog_input_domain",
+        "set_standard_analog_input_domain", "set_analog_outputdomain",
+        "set_input_actions_to_default", "zero_ftsensor",
+    ),
+    # tool and load: a joint position is the same with all of them
+    "setting": (
+        "set_tcp", "set_payload", "set_payload_cog", "set_payload_mass", "set_target_payload",
+        "set_gravity",
+    ),
+    "pause": ("sync", "popup"),
 }  # fmt: skip
-"""Names to which a script may not give another meaning."""
+_CALLS = {kind: (rf"({'|'.join(names)})\s*\((.*)\)",) for kind, names in _FUNCTIONS.items()}
+_ASSIGNMENT = (
+    rf"(?:(?:global|local)\s+)?(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\])*)\s*=(?!=)"
+    r"(?P<value>.+)"
+)
+_WORDS = {
+    *(name for names in _FUNCTIONS.values() for name in names), "movej", "servoj", "stopj",
+    "sleep", "halt", "d2r", "end", "return", "True", "False",
+}  # fmt: skip
 _BACKWARDS = "the functions that move the robot are not those that qp_twist writes; export the "
 _READS = "joint moves (movej, servoj) to literals or constants, one after the other,"
 
@@ -153,13 +160,9 @@ def _decode(text: str, beside: Beside) -> JointMoves:
         if first is None or not first[0] <= number - 1 < first[1]:
             code = without_texts(number, line, "\"'", "#")[0]
             statements += [(number, part.strip()) for part in code.split(";") if part.strip()]
-    script: _Script | _OwnScript
-    if first is None:
-        script = _Script()
-        script.execute(statements)
-    else:
-        script = _OwnScript(statements[0][1][len("def ") : -len("():")], first[2])
-        script.execute(statements)
+    own = first is not None and _OwnScript(statements[0][1][len("def ") : -len("():")], first[2])
+    script = own or _Script()
+    script.execute(statements)
     return script.course.moves(header)
 
 
@@ -185,6 +188,15 @@ class _Calculating(Program):
     reads = _READS
     flags = re.ASCII | re.DOTALL  # capitals count
     twice = "assigned", "constants"
+    reserved = _WORDS
+
+    def execute(self, statements: Statements) -> None:
+        """Execute a script.
+
+        Raises:
+            InvalidInput: At a statement that is not read.
+        """
+        raise NotImplementedError
 
     def check(self, number: int, statement: str, text: str) -> None:
         """Refuse a call other than ``d2r``."""
@@ -203,6 +215,7 @@ class _OwnScript(_Calculating):
     """
 
     reads = "start, the moves and finish, as they were written, with outputs between them"
+    noted = {"passed": _CALLS["passed"]}  # noqa: RUF012
 
     def __init__(self, name: str, kind: str) -> None:
         super().__init__()
@@ -214,7 +227,7 @@ class _OwnScript(_Calculating):
         return (
             (rf"({'|'.join((*_OWN, self._name))})\s*\((.*)\)", self._move),
             (r"(end)()", self._move),
-            (_call_of(_PASSED), self._pass),
+            *((pattern, self._between(act)) for pattern, act in self.noting()),
         )
 
     def execute(self, statements: Statements) -> None:
@@ -254,21 +267,24 @@ class _OwnScript(_Calculating):
             seconds = None if word == "start" else number_of(number, arguments[-1])
             self.course.move(number, point, seconds, rates)
 
-    def _pass(self, number: int, match: re.Match[str]) -> None:
-        if self._name in self._expected or not self._expected:
-            raise refuse(number, match[0], f"expected nothing after {self._name}.")
-        self.noting(self.course.passed)(number, match)
+    def _between(self, act: Act) -> Act:
+        """The act of an output, which is refused after the functions."""
 
+        def checked(number: int, match: re.Match[str]) -> bool | None:
+            if self._name in self._expected or not self._expected:
+                raise refuse(number, match[0], f"expected nothing after {self._name}.")
+            return act(number, match)
 
-def _call_of(names: tuple[str, ...]) -> str:
-    return rf"({'|'.join(names)})\s*\((.*)\)"
-
-
-_ASSIGNMENT = rf"(?:(?:global|local)\s+)?({_NAME})((?:\s*\[[^\]]*\])*)\s*=(?!=)(.+)"
+        return checked
 
 
 class _Script(_Calculating):
     """A script of anyone."""
+
+    begins = rf"def\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)\s*:"
+    ends, nested = "end", True
+    data = (_ASSIGNMENT,)
+    noted = _CALLS
 
     def __init__(self) -> None:
         super().__init__()
@@ -276,30 +292,25 @@ class _Script(_Calculating):
 
     def grammar(self) -> Sequence[tuple[str, Act]]:
         """Moves, waits, settings, outputs, constants and calls."""
-        course = self.course
         return (
             (r"(movej|servoj)\s*\((.*)\)", self._move),
             (
                 r"sleep\s*\((.*)\)",
-                lambda number, match: course.wait(number, self._value(number, match[1])),
+                lambda number, match: self.course.wait(number, self._value(number, match[1])),
             ),
-            (_call_of(("sync", "popup")), self.noting(course.pause)),
             (r"(halt)(?:\s*\(\s*\))?", self.end),
-            (_call_of(("stopj",)), self._stop),
-            (_call_of(_SETTINGS), self.noting(course.setting)),
-            (_call_of(_PASSED), self.noting(course.passed)),
+            (r"(stopj)\s*\((.*)\)", self._stop),
+            *self.noting(),
             (_ASSIGNMENT, self._assign),
             (rf"({_NAME})\s*\(\s*\)", self.calling("calls something that the file does not have.")),
         )
 
     def execute(self, statements: Statements) -> None:
         """Execute a script: its statements outside functions, or else its only function."""
-        top = self._sort(statements)
-        for procedure in self.procedures.values():
-            for number, statement in procedure.statements:
-                if match := re.fullmatch(_ASSIGNMENT, statement, self.flags):
-                    self.assign(number, match[1])
-        first = ""
+        for number, statement in statements:
+            if re.match(r"(?:def\s+)?(?:start|cubic|line)\s*\(.*[,\w].*\)\s*:?$", statement):
+                raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
+        top, first = self.sort(statements), ""
         if not self.procedures[""].statements:
             del self.procedures[""]
             if len(top) != 1:
@@ -312,39 +323,9 @@ class _Script(_Calculating):
         self.run(first)
         self.note_calls()
 
-    def _sort(self, statements: Statements) -> list[str]:
-        """Sort statements into functions; the names of those that stand in no other."""
-        top: list[str] = []
-        self.procedures[""] = Procedure("the script", 1, [])
-        inside = [""]
-        for number, statement in statements:
-            if match := re.fullmatch(rf"def\s+({_NAME})\s*\((.*)\)\s*:", statement, re.ASCII):
-                name = match[1]
-                if name in _OWN and match[2].strip():
-                    raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
-                if match[2].strip():
-                    raise refuse(number, statement, "functions with arguments are not read.")
-                if name in _WORDS or name in self.procedures:
-                    raise refuse(number, statement, "this name has a meaning already.")
-                self.procedures[name] = Procedure(name, number, [])
-                if len(inside) == 1:
-                    top.append(name)
-                inside.append(name)
-            elif statement == "end":
-                if len(inside) == 1:
-                    raise refuse(number, statement, "there is no def above that it ends.")
-                inside.pop()
-            elif re.match(r"(?:start|cubic|line)\s*\(.*,", statement):
-                raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
-            else:
-                self.procedures[inside[-1]].statements.append((number, statement))
-        if len(inside) > 1:
-            raise InvalidInput(f"the function {inside[-1]} has no end; a line was lost.")
-        return top
-
     def _assign(self, number: int, match: re.Match[str]) -> None:
         """A variable: a number or a list of them is a constant if it is assigned only here."""
-        name, part, text = match[1], match[2], match[3].strip()
+        name, part, text = match["name"], match["part"], match["value"].strip()
         if name in _WORDS or name in self.procedures:
             raise refuse(number, match[0], "this name has a meaning already.")
         self.check(number, match[0], part + text)
@@ -399,7 +380,8 @@ class _Script(_Calculating):
         return number_of(number, text)
 
     def _stop(self, number: int, match: re.Match[str]) -> None:
-        self.noting(self.course.passed)(number, match)
+        self.check(number, match[0], match[2])
+        self.course.passed(number, match[1])
         if self._blended:
             raise refuse(number, match[0], "stops the robot before it is where it was sent (r>0).")
 
