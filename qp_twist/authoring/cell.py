@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
@@ -10,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mink
 import mujoco
@@ -18,7 +17,7 @@ import numpy as np
 
 from qp_twist.authoring.frame_choice import FrameChoice
 from qp_twist.authoring.request import Request
-from qp_twist.authoring.solids import Mesh, Solid, convex_pieces, read_solid
+from qp_twist.authoring.solids import Solid, convex_pieces, read_solid
 from qp_twist.authoring.touching import DISTANCE, overlapping
 from qp_twist.checks import Array
 from qp_twist.constraints import Clearance
@@ -28,6 +27,10 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.robots import Robot, load_robot
 from qp_twist.robots.room import DRAWN, NOT_DRAWN, add_room
 from qp_twist.robots.stand_ins import add_pen
+from qp_twist.robots.wording import free_name, reason_of
+
+if TYPE_CHECKING:
+    import trimesh
 
 TOOL, PART, FIXTURE, TCP = "tool", "part", "fixture", "tcp"
 _COLOURS = {
@@ -207,8 +210,7 @@ def _add_tip(spec: Any, tool: Any, point: mink.SE3, *, drawn: bool) -> str:
 
 def _free(name: str, taken: set[str], suffix: str = "") -> str:
     """The name, numbered if it is taken; it is taken afterwards."""
-    names = itertools.chain([name], (f"{name}_{count}" for count in itertools.count(2)))
-    free = next(free for free in names if f"{free}{suffix}" not in taken) + suffix
+    free = free_name(name, {other.removesuffix(suffix) for other in taken}) + suffix
     taken.add(free)
     return free
 
@@ -296,7 +298,7 @@ def _add_pieces(
     spec: Any,
     body: Any,
     of: str,
-    pieces: Sequence[Mesh],
+    pieces: Sequence[trimesh.Trimesh],
     colour: Sequence[float],
     written: dict[str, bytes],
 ) -> None:
@@ -310,7 +312,7 @@ def _add_geom(
     spec: Any,
     body: Any,
     name: str,
-    mesh: Mesh,
+    mesh: trimesh.Trimesh,
     colour: Sequence[float],
     written: dict[str, bytes],
     *,
@@ -319,7 +321,7 @@ def _add_geom(
 ) -> None:
     """Add a mesh, its file and its geom, which have one name."""
     file = _free(name, set(written), ".obj")
-    written[file] = mesh.obj().encode()
+    written[file] = str(mesh.export(file_type="obj", digits=9, header=None)).encode()
     spec.add_mesh(name=name, file=file, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
     body.add_geom(
         name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour, group=group,
@@ -365,8 +367,9 @@ def _write(folder: Path, spec: Any, written: dict[str, bytes], robot: Robot) -> 
     try:
         model = spec.compile()
     except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise InvalidInput(f"{robot.path}: MuJoCo refuses the cell around it: {reason}") from error
+        raise InvalidInput(
+            f"{robot.path}: MuJoCo refuses the cell around it: {reason_of(error)}"
+        ) from error
     write_atomically(folder / "scene.xml", _precise(spec.to_xml(), model))
 
 

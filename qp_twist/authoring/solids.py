@@ -9,38 +9,22 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from qp_twist.checks import Array, clause
+from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular
-from qp_twist.robots import load_meshes
+from qp_twist.files import LENGTHS
+from qp_twist.robots import read_parts
 
 if TYPE_CHECKING:
     import trimesh
 
 MeshUnit = Literal["mm", "m"]
 
-_FORMATS = (".stl", ".obj", ".dae")
-_METRES = {"mm": 1e-3, "m": 1.0}
 _CONVEX = 1.05
 """A hull with up to this times the mesh's volume stands for the mesh."""
 _LARGE, _SMALL = 20.0, 2e-3
 """Sizes, m, beyond which the unit is questioned."""
 _FLAT = 1e-6
 """Thickness, as a share of the size, below which a mesh encloses nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """Vertices, m, (V, 3), and triangles, indices of vertices, (F, 3)."""
-
-    vertices: Array
-    faces: Any
-
-    def obj(self) -> str:
-        """The text of an OBJ file."""
-        lines = ["v " + " ".join(f"{x:.9g}" for x in vertex) for vertex in self.vertices]
-        lines += ["f " + " ".join(str(k + 1) for k in face) for face in self.faces]
-        return "\n".join(lines) + "\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +40,8 @@ class Solid:
     """
 
     name: str
-    drawn: Mesh
-    pieces: tuple[Mesh, ...]
+    drawn: trimesh.Trimesh
+    pieces: tuple[trimesh.Trimesh, ...]
     notes: tuple[str, ...]
 
 
@@ -78,8 +62,13 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
         raise InvalidInput(
             f"{file}: a mesh file does not say its unit; add --mesh-units mm or --mesh-units m."
         )
-    mesh = _read(file)
-    mesh.vertices = _METRES[unit] * mesh.vertices
+    import trimesh  # half a second
+
+    try:
+        mesh: Any = trimesh.util.concatenate(read_parts(file)[0])
+    except InvalidInput as error:
+        raise InvalidInput(f"{clause(error)}; give a mesh (STL, OBJ or DAE).", file=file) from error
+    mesh.apply_scale(LENGTHS[unit])
     size = mesh.extents
     widths = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), compute_uv=False)
     if widths[-1] <= _FLAT * widths[0]:
@@ -94,28 +83,10 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
     pieces, note = convex_pieces(file.name, mesh)
     if note:
         notes.append(note)
-    return Solid(name, Mesh(mesh.vertices, mesh.faces), pieces, tuple(notes))
+    return Solid(name, mesh, pieces, tuple(notes))
 
 
-def _read(file: Path) -> trimesh.Trimesh:
-    import trimesh  # half a second
-
-    suffix = file.suffix.lower()
-    if suffix not in _FORMATS:
-        raise InvalidInput(f"{file}: expected a mesh, STL, OBJ or DAE, by its suffix; convert it.")
-    check_regular(file, "mesh file")
-    try:
-        mesh = load_meshes(file).to_mesh()
-    except Exception as error:  # whatever a reader raises about the content
-        raise InvalidInput(f"{file}: cannot be read as a mesh: {clause(error)}.") from error
-    if not isinstance(mesh, trimesh.Trimesh) or not len(mesh.faces):
-        raise InvalidInput(f"{file}: there are no triangles in it; export it as a mesh.")
-    if not np.isfinite(mesh.vertices).all():
-        raise InvalidInput(f"{file}: a coordinate is NaN or infinite; mend it in the file.")
-    return mesh
-
-
-def convex_pieces(name: str, mesh: trimesh.Trimesh) -> tuple[tuple[Mesh, ...], str]:
+def convex_pieces(name: str, mesh: trimesh.Trimesh) -> tuple[tuple[trimesh.Trimesh, ...], str]:
     """Convex pieces of a concave mesh, as far as they can be made, and a sentence about them.
 
     Args:
@@ -145,8 +116,7 @@ def convex_pieces(name: str, mesh: trimesh.Trimesh) -> tuple[tuple[Mesh, ...], s
     text = f"{name}: divided into {len(pieces)} convex pieces"
     if closed:
         text += f", {volume / mesh.volume:.3g} times the volume of the mesh (its hull {ratio:.3g})"
-    hulls = [piece.convex_hull for piece in pieces]
-    return tuple(Mesh(piece.vertices, piece.faces) for piece in hulls), f"{text}."
+    return tuple(piece.convex_hull for piece in pieces), f"{text}."
 
 
 def _divided(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:

@@ -9,6 +9,6 @@ from .known_robots import known_robot as known_robot
 from .known_robots import named_robot as named_robot
 from .known_robots import read_robots as read_robots
 from .known_robots import stated_robot as stated_robot
-from .mesh_files import load_meshes as load_meshes
+from .mesh_files import read_parts as read_parts
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot

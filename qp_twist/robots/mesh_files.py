@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, read_bytes
+from qp_twist.robots.wording import reason_of
 
 if TYPE_CHECKING:
     import trimesh
@@ -57,11 +58,13 @@ def msh(meshes: Sequence[ColouredMesh]) -> bytes:
     return counts.tobytes() + vertices.tobytes() + faces.astype(np.int32).tobytes()
 
 
-def load_meshes(file: Path) -> trimesh.Scene:
-    """Parse a mesh file; it and those that it names (materials, textures) must be regular files.
+def read_parts(file: Path) -> tuple[list[trimesh.Trimesh], float]:
+    """The parts of a mesh file, in the axes of the file, and metres for its unit: DAE states it.
+
+    It and the files that it names (materials, textures) must be regular.
 
     Raises:
-        InvalidInput: If it is no regular file. A parser raises various other exceptions.
+        InvalidInput: If it is no STL, OBJ or DAE file, cannot be read, or has no triangles.
     """
     import trimesh  # half a second
 
@@ -71,40 +74,38 @@ def load_meshes(file: Path) -> trimesh.Scene:
             found = place if place.exists() else place.with_name(place.name)
             return read_bytes(found)
 
+    suffix = file.suffix.lower()
+    if suffix not in _KINDS:
+        raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")
     check_regular(file, "mesh file")
-    return trimesh.load_scene(file, resolver=RegularFiles(str(file)))
+    try:
+        scene = trimesh.load_scene(file, resolver=RegularFiles(str(file)))
+        dumped: list[Any] = scene.dump()
+        parts = [part for part in dumped if len(getattr(part, "faces", ())) > 0]
+    except Exception as error:  # whatever a reader raises about the content
+        raise InvalidInput(f"cannot be read as a mesh ({reason_of(error)[:120]})") from error
+    if not parts:
+        raise InvalidInput("there are no triangles in it")
+    if not all(np.isfinite(part.vertices).all() for part in parts):
+        raise InvalidInput("a coordinate is NaN or infinite")
+    return parts, _metres(scene) if suffix == ".dae" else 1.0
 
 
 @lru_cache(maxsize=256)
 def _read(file: Path, changed: int, size: int) -> tuple[ColouredMesh, ...]:
-    suffix = file.suffix.lower()
-    if suffix not in _KINDS:
-        raise InvalidInput("expected a mesh, STL, OBJ or DAE, by its suffix")
-    try:
-        scene = load_meshes(file)
-        dumped: list[Any] = scene.dump()
-        parts = [part for part in dumped if len(getattr(part, "faces", ())) > 0]
-    except Exception as error:  # whatever a reader raises about the content
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInput(f"cannot be read as a mesh ({reason[:120]})") from error
-    scale = _metres(scene) if suffix == ".dae" else 1.0
+    import trimesh
+
+    parts, scale = read_parts(file)
     by_colour: dict[Colour | None, list[trimesh.Trimesh]] = {}
     for part in parts:
-        if not np.isfinite(part.vertices).all():
-            raise InvalidInput("a coordinate is NaN or infinite")
         by_colour.setdefault(_colour(part), []).append(part)
-    if not by_colour:
-        raise InvalidInput("there are no triangles in it")
     found = []
     for colour, some in by_colour.items():
-        vertices = np.vstack([scale * part.vertices for part in some])
-        firsts = np.cumsum([0, *(len(part.vertices) for part in some[:-1])])
-        faces = np.vstack([part.faces + first for part, first in zip(some, firsts, strict=True)])
-        area = scale**2 * float(sum(part.area for part in some))
-        if area > 0.0:
-            found.append(
-                ColouredMesh(vertices.astype(np.float32), faces.astype(np.int32), colour, area)
-            )
+        whole: Any = trimesh.util.concatenate(some)
+        vertices = (scale * whole.vertices).astype(np.float32)
+        area = scale**2 * float(whole.area)
+        found.append(ColouredMesh(vertices, whole.faces.astype(np.int32), colour, area))
+    found = [mesh for mesh in found if mesh.area > 0.0]
     if not found:
         raise InvalidInput("its triangles have no area")
     return tuple(sorted(found, key=lambda mesh: -mesh.area))

@@ -15,6 +15,7 @@ from qp_twist.files import check_regular, file_path, is_folder, own_exceptions, 
 from qp_twist.robots.finite import not_computable
 from qp_twist.robots.mjcf_files import check_files
 from qp_twist.robots.urdf import read_urdf
+from qp_twist.robots.wording import reason_of
 from qp_twist.robots.xacro_files import expanded, is_xacro
 
 _BEGINS = {
@@ -125,8 +126,7 @@ def _mjcf(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         spec = mujoco.MjSpec.from_file(str(file))
         return spec, spec.compile()
     except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise InvalidInput(f"{file}: MuJoCo cannot load this MJCF: {reason}") from error
+        raise InvalidInput(f"{file}: MuJoCo cannot load this MJCF: {reason_of(error)}") from error
 
 
 def _file(path: str | Path) -> Path:

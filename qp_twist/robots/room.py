@@ -6,6 +6,8 @@ from typing import Any
 
 import mujoco
 
+from qp_twist.robots.wording import free_name
+
 DRAWN, NOT_DRAWN = 2, 3
 """Groups of geoms; viewers draw the first three, 0 to 2."""
 
@@ -24,11 +26,9 @@ def add_room(spec: Any, height: float, *, collides: bool) -> None:
             plane.contype = plane.conaffinity = 1
             plane.pos = [plane.pos[0], plane.pos[1], height]
     if not planes:
-        taken, name = {geom.name for geom in spec.geoms}, "floor"
-        while name in taken:
-            name += "_"
         spec.worldbody.add_geom(
-            name=name, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
+            name=free_name("floor", {geom.name for geom in spec.geoms}),
+            type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 0.1],
             pos=[0.0, 0.0, height], rgba=(0.60, 0.61, 0.63, 1.0), group=DRAWN, mass=0.0,
             contype=int(collides), conaffinity=int(collides),
         )  # fmt: skip
@@ -42,11 +42,9 @@ def add_room(spec: Any, height: float, *, collides: bool) -> None:
             dir=[-0.5, 0.2, -0.8], diffuse=[0.6, 0.6, 0.6], castshadow=True,
         )  # fmt: skip
     if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
-        taken, name = {t.name for t in spec.textures}, "sky"
-        while name in taken:
-            name += "_"
         spec.add_texture(
-            name=name, type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+            name=free_name("sky", {texture.name for texture in spec.textures}),
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
             builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
             rgb1=[0.74, 0.82, 0.90], rgb2=[0.97, 0.98, 0.99], width=64, height=384,
         )  # fmt: skip

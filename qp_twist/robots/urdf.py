@@ -34,14 +34,14 @@ def read_urdf(
         InvalidInput: If the file is not XML, or inconsistent.
     """
     root = _parsed(text, file)
-    joints = read_joints(root, file)
+    velocity_limits, lacking = read_joints(root, file)
     shapes = len(root.findall("link/visual")) + len(root.findall("link/collision"))
     meshes = take_meshes(root, file, packages)
     spec, model, compiling = compile_urdf(root, file, meshes)
     not_drawn = add_visuals(spec, meshes.visuals)
     add_room(spec, 0.0, collides=False)
     model = spec.compile()
-    left_out = [*meshes.left_out, *compiling, *not_drawn, *joints.left_out]
+    left_out = [*meshes.left_out, *compiling, *not_drawn, *lacking]
     if shapes and not (
         root.findall("link/visual") or root.findall("link/collision") or meshes.visuals
     ):
@@ -49,7 +49,7 @@ def read_urdf(
             "No shape: nothing is left of the shapes that the file states; rods from joint to "
             "joint stand in for them in pictures."
         )
-    return spec, model, joints.velocity_limits, tuple(left_out)
+    return spec, model, velocity_limits, tuple(left_out)
 
 
 def _depth(root: ET.Element) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from typing import NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.robots.wording import listed
@@ -13,18 +12,10 @@ from qp_twist.robots.wording import listed
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
-class Joints(NamedTuple):
-    """Data of a file's joints that MuJoCo's reader does not read."""
+def read_joints(root: ET.Element, file: Path) -> tuple[dict[str, float], list[str]]:
+    """Speeds by joint, and sentences on what the file lacks; both are unknown to MuJoCo.
 
-    velocity_limits: dict[str, float]
-    left_out: list[str]
-
-
-def read_joints(root: ET.Element, file: Path) -> Joints:
-    """Read the joints, and normalise the tree for all versions of MuJoCo.
-
-    A continuous joint has no range, whatever its ``<limit>``. A range from 0 to 0 counts as none:
-    exporters write it for a missing range.
+    A range from 0 to 0 counts as none: exporters write it for a missing range.
 
     Raises:
         InvalidInput: If two links are the child of no joint, a joint has another type, its range is
@@ -32,17 +23,20 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
             missing one.
     """
     joints = root.findall("joint")
-    _check_names(joints, file)
+    names = [joint.get("name", "") for joint in joints]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InvalidInput(
+            f"{file}: the name of {listed('joint', twice)} is given more than once; rename them."
+        )
     _check_roots(root, joints, file)
     moving = [joint.get("name", "") for joint in joints if joint.get("type") in _MOVING]
     speeds: dict[str, float] = {}
     no_range: list[str] = []
     no_speed: list[str] = []
-    for joint in joints:
-        name, kind = joint.get("name", ""), joint.get("type")
-        where = f"{file}: joint {name!r}"
-        _check_vectors(joint, where)
-        mimic = joint.find("mimic")
+    for name, joint in zip(names, joints, strict=True):
+        kind, mimic, where = joint.get("type"), joint.find("mimic"), f"{file}: joint {name!r}"
+        for element in (*joint.findall("origin"), *joint.findall("axis")):
+            _check_vectors(element, where)
         if kind == "fixed":
             if mimic is not None:
                 joint.remove(mimic)
@@ -56,18 +50,16 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
         if mimic is not None:
             _check_mimic(mimic, name, moving, where)
         limit = joint.find("limit")
-        if limit is None:
-            limit = ET.SubElement(joint, "limit")
+        limit = ET.SubElement(joint, "limit") if limit is None else limit
         speed = _number(limit, "velocity", math.inf, where)
         if speed <= 0.0:
             no_speed.append(name)
         elif speed < math.inf:
             speeds[name] = speed
-        if kind == "continuous" or not _has_range(limit, where):
-            limit.attrib.pop("lower", None)
+        if kind != "continuous" and not _has_range(limit, where):
+            limit.attrib.pop("lower", None)  # MuJoCo would warn
             limit.attrib.pop("upper", None)
-            if kind != "continuous" and mimic is None:
-                no_range.append(name)
+            no_range += [name] if mimic is None else []
     left_out = []
     if no_range:
         left_out.append(
@@ -76,16 +68,7 @@ def read_joints(root: ET.Element, file: Path) -> Joints:
         )
     if no_speed:
         left_out.append(f"No velocity limit: {listed('joint', no_speed)}. Only one above 0 counts.")
-    return Joints(speeds, left_out)
-
-
-def _check_names(joints: list[ET.Element], file: Path) -> None:
-    names = [joint.get("name", "") for joint in joints]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise InvalidInput(
-            f"{file}: the name of {listed('joint', twice)} is given more than once; rename them."
-        )
+    return speeds, left_out
 
 
 def _check_roots(root: ET.Element, joints: list[ET.Element], file: Path) -> None:
@@ -101,19 +84,20 @@ def _check_roots(root: ET.Element, joints: list[ET.Element], file: Path) -> None
         )
 
 
-def _check_vectors(joint: ET.Element, where: str) -> None:
+def _check_vectors(element: ET.Element, where: str) -> None:
     """Check numbers: MuJoCo accepts NaN."""
-    for element in (*joint.findall("origin"), *joint.findall("axis")):
-        for attribute in ("xyz", "rpy"):
-            text = element.get(attribute, "0 0 0")
-            try:
-                numbers = [float(word) for word in text.split()]
-            except ValueError:
-                numbers = []
-            if len(numbers) != 3 or not all(math.isfinite(value) for value in numbers):
-                raise InvalidInput(
-                    f"{where}: <{element.tag} {attribute}={text!r}>: expected three numbers."
-                )
+    for attribute in ("xyz", "rpy"):
+        text = element.get(attribute, "0 0 0")
+        try:
+            is_vector = len(text.split()) == 3 and all(
+                math.isfinite(float(w)) for w in text.split()
+            )
+        except ValueError:
+            is_vector = False
+        if not is_vector:
+            raise InvalidInput(
+                f"{where}: <{element.tag} {attribute}={text!r}>: expected three numbers."
+            )
 
 
 def _has_range(limit: ET.Element, where: str) -> bool:
@@ -127,7 +111,7 @@ def _has_range(limit: ET.Element, where: str) -> bool:
         raise InvalidInput(
             f"{where}: its range is the one position {lower:g}; make it a fixed joint there."
         )
-    # MuJoCo ignores a range with a missing end; in URDF that end is 0.
+    # MuJoCo ignores the range of a prismatic joint with a missing end; in URDF that end is 0.
     limit.attrib.update(lower=repr(lower), upper=repr(upper))
     return lower < upper
 
@@ -139,14 +123,12 @@ def _check_mimic(mimic: ET.Element, name: str, moving: list[str], where: str) ->
             f"{where}: it mimics {leader!r}, which is no other joint of this file that moves; name "
             f"one of {', '.join(other for other in moving if other != name) or 'several'}."
         )
-    for key, default in (("multiplier", 1.0), ("offset", 0.0)):
-        mimic.set(key, repr(_number(mimic, key, default, where)))
+    for key in ("multiplier", "offset"):
+        _number(mimic, key, 0.0, where)
 
 
 def _number(element: ET.Element, attribute: str, default: float, where: str) -> float:
-    text = element.get(attribute)
-    if text is None:
-        return default
+    text = element.get(attribute, str(default))
     try:
         value = float(text)
     except ValueError:

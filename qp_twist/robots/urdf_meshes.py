@@ -16,7 +16,7 @@ from qp_twist.files import is_folder, read_bytes
 from qp_twist.robots.mesh_files import coloured_meshes, msh
 from qp_twist.robots.ros_packages import package_folders
 from qp_twist.robots.urdf_visuals import Visual, materials_of, visual_of
-from qp_twist.robots.wording import listed
+from qp_twist.robots.wording import free_name, listed
 
 _IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
 
@@ -78,8 +78,9 @@ def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> M
                 link.remove(shape)
                 unreadable[found] = f"Not readable: {error}"
                 continue
-            dae = found.suffix.lower() == ".dae"
-            names[key] = _free_name(found.with_suffix(".msh") if dae else found, assets)
+            suffix = ".msh" if found.suffix.lower() == ".dae" else found.suffix
+            # MuJoCo names meshes by the stem.
+            names[key] = free_name(found.stem, {Path(name).stem for name in assets}) + suffix
             assets[names[key]] = content
             originals[names[key]] = stated
         mesh.set("filename", names[key])
@@ -182,16 +183,6 @@ def _in_other_case(place: Path) -> Path | None:
             [name] = alike  # noqa: PLW2901
         found /= name
     return None if is_folder(found) else found
-
-
-def _free_name(found: Path, assets: Mapping[str, bytes]) -> str:
-    """The file's name, numbered if another mesh has it: MuJoCo names meshes by the stem."""
-    taken = {Path(name).stem for name in assets}
-    stem, count = found.stem, 1
-    while stem in taken:
-        count += 1
-        stem = f"{found.stem}_{count}"
-    return stem + found.suffix
 
 
 def _not_found(missing: list[str], file: Path, packages: Mapping[str, Path]) -> list[str]:

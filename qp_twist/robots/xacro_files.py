@@ -14,6 +14,7 @@ from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, is_folder, read_bytes
 from qp_twist.robots.ros_packages import package_folders
+from qp_twist.robots.wording import reason_of
 
 _ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']|\$\(arg\s+([^)\s]+)\s*\)")
 
@@ -73,8 +74,8 @@ def expanded(
                     raise cause from None
                 if isinstance(cause, substitution_args.ArgException):
                     raise InvalidInput(_no_value(file, str(cause))) from error
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise InvalidInput(f"{file}: xacro cannot expand it: {clause(reason)}.") from error
+            reason = clause(reason_of(error))
+            raise InvalidInput(f"{file}: xacro cannot expand it: {reason}.") from error
     _refuse_unknown(file, [file, *map(Path, xacro.all_includes)], arguments)
     said = [f"xacro: {line.strip()}" for line in warnings.getvalue().splitlines() if line.strip()]
     return str(document.toxml()), said
