@@ -158,7 +158,9 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
     if section.get("kind") != "file":
         section = {"kind": "file", "tool": section.get("tool", "into")}
     title = f"{table.get('title', source.stem)}; along {Path(path).name}"
-    return {**table, "title": title, "path": {**section, "file": str(Path(path).absolute())}}
+    here = source.parent.resolve() == Path.cwd()  # then messages have the file as it was given
+    file = str(path) if here else str(Path(path).absolute())
+    return {**table, "title": title, "path": {**section, "file": file}}
 
 
 def _build(path: Path, file: TaskFile) -> PathTask:
