@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import io
 import re
-import subprocess
-import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -122,27 +119,6 @@ def test_a_run_is_drawn_with_its_joints_and_errors() -> None:
         assert heights == {round(float(low), 6), round(float(high), 6)}
     drawn = panels["position error"].lines[0].get_ydata()
     np.testing.assert_allclose(drawn, np.maximum(1e3 * run.position_error, 1e-9))
-
-
-def test_figures_are_pictures_in_a_notebook_that_has_not_imported_matplotlib() -> None:
-    """As IPython asks for them: one figure as PNG, the figures of a comparison as HTML."""
-    run = qt.follow(line(), "qp")
-    figure = run.plot()
-    image = Image.open(io.BytesIO(figure._repr_png_()))  # type: ignore[attr-defined]
-    assert image.format == "PNG"
-    assert image.size == tuple(figure.canvas.get_width_height())
-    assert len(np.unique(np.asarray(image.convert("L")))) > 10
-    figures = qt.compare(line(), ["qp", "twa"]).figures()
-    assert figures["along_the_path"]._repr_png_()  # type: ignore[attr-defined]
-    page = figures._repr_html_()  # type: ignore[attr-defined]
-    pictures = re.findall(r'alt="([^"]*)"[^>]*src="data:image/png;base64,([^"]*)"', page)
-    assert [name for name, _ in pictures] == list(figures)
-    for _, data in pictures:
-        assert Image.open(io.BytesIO(base64.b64decode(data))).format == "PNG"
-    record = "import qp_twist as qt; run = qt.follow(qt.load_task('planar_line')); run.plot()"
-    code = f"import sys; {record}._repr_png_(); print('matplotlib.pyplot' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "False"
 
 
 def test_a_task_is_shown_as_a_picture(tmp_path: Path) -> None:

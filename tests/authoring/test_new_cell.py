@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
-import mink
 import mujoco
 import numpy as np
 import pytest
@@ -188,19 +187,6 @@ def test_a_cell_that_is_refused_leaves_nothing_behind(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_what_is_no_solid_is_refused(tmp_path: Path) -> None:
-    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 3, 2]])
-    flat.export(tmp_path / "flat.stl")
-    with pytest.raises(qt.InvalidInput, match=r"flat\.stl: is flat"):
-        read_solid("part", tmp_path / "flat.stl", "m")
-    (tmp_path / "text.stl").write_text("no mesh", encoding="utf-8")
-    with pytest.raises(qt.InvalidInput, match=r"text\.stl: "):
-        read_solid("part", tmp_path / "text.stl", "m")
-    (tmp_path / "empty.obj").write_text("v 0 0 0\n", encoding="utf-8")
-    with pytest.raises(qt.InvalidInput, match=r"empty\.obj: "):
-        read_solid("part", tmp_path / "empty.obj", "m")
-
-
 def test_a_scene_is_not_overwritten_unless_forced(request_: Request, tmp_path: Path) -> None:
     folder = tmp_path / "cell_cell"
     folder.mkdir()
@@ -233,18 +219,6 @@ def test_the_hull_of_a_concave_mesh_is_said_to_be_larger(
     assert f"{6800 / 3600:.3g} times the volume of the mesh" in solid.notes[0]
     assert "qp_twist[cell]" in solid.notes[0]
     assert read_solid("fixture", box(tmp_path / "box.stl", (10, 20, 30)), "mm").notes == ()
-
-
-def test_open_and_huge_meshes_are_questioned(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    without(monkeypatch, "coacd")
-    mesh = trimesh.load(bracket(tmp_path / "bracket.stl"))
-    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
-    mesh.export(tmp_path / "open.stl")
-    assert "not closed" in read_solid("fixture", tmp_path / "open.stl", "mm").notes[0]
-    [note] = read_solid("part", box(tmp_path / "box.stl", (100, 20, 30)), "m").notes
-    assert note == "box.stl: it is 100 m across: is the file in mm?"
 
 
 def test_the_pieces_of_a_concave_mesh_collide_and_the_mesh_is_drawn(
@@ -298,11 +272,6 @@ def test_pairs_that_always_touch_are_ignored_and_bare_links_named() -> None:
     # base to wrist, base to rod, one to rod.
     assert found.notes[0] == "3 pairs of shapes keep 5 mm, of base, one, three."
     assert found.notes[-1] == "two has no shape: nothing is checked for it."
-
-
-def test_where_nothing_can_collide_there_is_no_section() -> None:
-    still = CHAIN.replace("<worldbody>", '<default><geom contype="0"/></default><worldbody>')
-    assert watched(mujoco.MjModel.from_xml_string(still)) is None
 
 
 def test_the_command_takes_several_fixtures_and_says_what_it_watches(
@@ -375,23 +344,6 @@ def test_links_that_always_overlap_may_touch_but_not_what_the_outer_one_carries(
     assert set(clearance.names) == {"floor to l4", "floor to l6", "floor to tool", "l4 to tool"}
 
 
-@pytest.mark.parametrize(("width", "may_touch"), [(0.1, True), (0.05, False)])
-def test_thick_links_across_a_short_one_may_touch(
-    width: float, may_touch: bool, path: Path, tmp_path: Path
-) -> None:
-    """Overlapping with the wrist straight, apart where it is bent; the link between has 90 mm."""
-    four = f'<geom name="four" type="box" size="0.25 {width} 0.05" pos="0.25 0 0"/>'
-    robot = wrist(tmp_path / "wrist.xml", four, 0.02)
-    found = watched(mujoco.MjModel.from_xml_path(str(robot)))
-    if not may_touch:
-        assert found is not None and found.ignored == ()
-        return
-    assert found is not None
-    [pair] = found.ignored
-    assert {pair.one, pair.other} == {"l4", "l6"}
-    assert pair.why.startswith("neighbours across a link of 90 mm, thicker than that (100 mm)")
-
-
 def test_what_an_srdf_beside_the_robot_disables_may_touch(path: Path, tmp_path: Path) -> None:
     """Pairs of its links alone: neither what they carry, nor those of another robot."""
     four = TOUCHES.replace("0.25 0.1 0.1", "0.15 0.02 0.02").replace('pos="0.25', 'pos="0.15')
@@ -437,35 +389,6 @@ def test_a_plan_names_a_pair_that_no_motion_takes_apart_as_the_task_file_needs_i
     lines[begin : lines.index("]") + 1] = [line[0]]
     file.write_text("\n".join(lines), encoding="utf-8")
     assert qt.plan(qt.load_task(file)).q is not None
-
-
-@pytest.mark.parametrize("divides", [True, False])
-def test_a_concave_link_whose_hull_overlaps_is_divided(
-    divides: bool, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The sphere of l6 is in the corner of an L, which it never touches, but inside its hull."""
-    bracket(tmp_path / "bracket.stl")
-    corner = np.array([0.345, -0.075, -0.02])
-    asset = '<asset><mesh name="b" file="bracket.stl" scale="0.002 0.002 0.002"/></asset>'
-    mesh = f'<geom type="mesh" mesh="b" pos="{" ".join(map(str, corner))}"/>'
-    robot = wrist(tmp_path / "wrist.xml", mesh, 0.005, asset=asset, length="0.01")
-    without(monkeypatch, "coacd")
-    if divides:
-        bounds = [((0, 0, 0), (0.2, 0.04, 0.04)), ((0, 0.04, 0), (0.04, 0.2, 0.04))]
-        legs = [trimesh.creation.box(bounds=np.array(bound) + corner) for bound in bounds]
-        fake = SimpleNamespace(
-            Mesh=lambda vertices, faces: None, set_log_level=lambda level: None,
-            run_coacd=lambda mesh, **options: [(leg.vertices, leg.faces) for leg in legs],
-        )  # fmt: skip
-        monkeypatch.setitem(sys.modules, "coacd", fake)
-        monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
-    made = new_task(with_tool(robot, path, tmp_path), tmp_path / "task.toml")
-    told = "l4: divided into 2 convex pieces" if divides else "pip install qp_twist[cell]"
-    assert any(note.startswith("cell: l4: ") and told in note for note in made.notes)
-    assert bool(ignored(made.path)) is not divides
-    [clearance] = qt.load_task(made.path).clearances
-    pieces = {name for name in clearance.names if "piece" in name and "l6" in name}
-    assert len(pieces) == (2 if divides else 0)
 
 
 LINK = """
@@ -518,27 +441,3 @@ def test_the_robot_of_a_urdf_is_the_same_in_its_scene(path: Path, tmp_path: Path
     assert (tmp_path / "arm_cell" / "meshes" / "bar.stl").is_file()
     shutil.rmtree(tmp_path / "arm")
     assert qt.load_task(tmp_path / "arm.toml").model.nmesh == 1  # the scene stands on its own
-
-
-def test_a_study_of_what_was_written_moves_path_and_part_around_their_place(
-    cell: NewTask, tmp_path: Path
-) -> None:
-    stated = tomllib.loads(cell.path.read_text("utf-8"))["study"]["placement"]
-    # The middle of the path is the origin of its file, and the part's body stands there.
-    assert stated["point"] == pytest.approx(PLACE)
-    assert stated["body"] == "part"
-    low, high = np.array(stated["lower"]), np.array(stated["upper"])
-    assert (low + high) / 2 == pytest.approx(PLACE) and (high > low).all()
-    found = qt.study(
-        cell.path, samples=3, methods=["qp_gradient"], out=tmp_path / "study", jobs=1, certify=False
-    )
-    columns = found.table()
-    assert len(columns["sample"]) == 3
-    named = (columns[name] for name in ("sample", "x", "y", "z", "yaw_deg"))
-    for index, *at, yaw in zip(*named, strict=True):
-        assert (at >= low).all() and (at <= high).all() and abs(yaw) <= 30.0
-        sample = found.sample(index).path_task
-        body = sample.model.body("part")
-        # The path goes along with the part: its first point is -10 mm along the file's x.
-        turn = mink.SO3(body.quat)
-        assert sample.positions[0] == pytest.approx(body.pos + turn.apply(np.array([-0.01, 0, 0])))

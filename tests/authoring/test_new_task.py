@@ -270,12 +270,10 @@ class HandPlaced:
         return float(np.random.default_rng(self.seed + 1).uniform(0.0, 1.0))
 
 
-IRB140, IIWA = (next(r for r in (*MJCF, *URDF) if r.name == name) for name in ("irb140", "iiwa"))
+IRB140 = next(r for r in (*MJCF, *URDF) if r.name == "irb140")
 PLACED_BY_HAND = {
     "kr16_2": HandPlaced(KR16, 1, 0.15, 0.1),
-    "iiwa": HandPlaced(IIWA, 2, 0.3, 1.0),
     "irb140": HandPlaced(IRB140, 3, 0.5, 4.0),
-    "m16ib": HandPlaced("m16ib_deburring.xml", 1, 0.15, 0.1),
 }
 """Each with another size and speed of the path: every combination takes minutes."""
 
@@ -340,18 +338,6 @@ def made_names(task: qt.PathTask) -> tuple[str, ...]:
     return qt.JointRanges.of(task.model).names
 
 
-def test_a_fast_feed_on_a_part_within_reach_does_not_move_it(tmp_path: Path) -> None:
-    """The trial slows down, as run does: at 2 m/s no joint of this robot follows the arch."""
-    arch(tmp_path / "arch.csv", (1150.0, 100.0, 600.0), size=2.0)
-    request = Request(KR16.path, tmp_path / "arch.csv", frame="tool0", speed=2.0)
-    made = new_task(request, tmp_path / "kr16.toml")
-    assert made.runs
-    assert not any("MOVED" in note or "NOT REACHED" in note for note in made.notes)
-    task = load(made.path)
-    at_feed = qt.follow(task.started_at(task.start), "qp_gradient")
-    assert at_feed.position_error.max() > 1e-3  # which is what used to be looked at
-
-
 def wall(file: Path, offset: tuple[float, float, float]) -> tuple[Array, Array]:
     """A vertical line on a wall that looks to +x: a robot in the origin is behind it."""
     z = np.linspace(0.0, 0.3, 7)
@@ -386,7 +372,7 @@ def test_what_was_searched_is_said_where_nothing_was_found(tmp_path: Path) -> No
     rows = [";".join(f"{v:.6f}" for v in row) for row in np.hstack([0.55 * normals, normals])]
     text = "\n".join(["x [m];y [m];z [m];nx;ny;nz", *rows])
     (tmp_path / "ring.csv").write_text(text, encoding="utf-8")
-    request = Request(Path(SEVEN), tmp_path / "ring.csv", frame="tool", search_seconds=15.0)
+    request = Request(Path(SEVEN), tmp_path / "ring.csv", frame="tool", search_seconds=3.0)
     began = time.monotonic()
     made = new_task(request, tmp_path / "ring.toml")
     assert time.monotonic() - began < 90.0  # with machine code that is loaded, on a busy machine

@@ -18,8 +18,6 @@ from bench import main as run_script
 from contenders import Contender, contenders, floor, peer_steps
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.exact_levels import exact_cascade
-from oracles.hierarchies import Hierarchy
 from step_problems import DT, Problem, Truth, growth, table
 from step_program import StepProgram, Variant, reference
 from timer import StepOf
@@ -90,25 +88,6 @@ def test_the_reference_is_the_best_point_of_all_active_sets(
     assert np.abs(solution.velocity - by_brute_force(program)).max() < 1e-6
 
 
-def by_sixty_digits(program: StepProgram) -> Array:
-    """Task and rows as a first level, the distance to the desired velocity as a second."""
-    n = len(program.desired)
-    first = (program.A, program.b, program.G, program.g)
-    second = (np.eye(n), program.desired, np.zeros((0, n)), np.zeros(0))
-    hierarchy = Hierarchy([first, second], program.lower, program.upper, np.zeros(n))
-    return exact_cascade(hierarchy).x
-
-
-def test_the_reference_is_that_of_sixty_digit_arithmetic() -> None:
-    rng = np.random.default_rng(4)
-    programs = [feasible_program(rng, 6, 2, 2) for _ in range(6)]
-    programs += [p.make([40])[1].programs[40] for p in (*table(0), *growth(0)) if p.x < 24]
-    solutions = [reference(program) for program in programs]
-    assert sum(s.active > 1 for s in solutions) > 5
-    for program, solution in zip(programs, solutions, strict=True):
-        assert np.abs(solution.velocity - by_sixty_digits(program)).max() < 1e-12
-
-
 # ---------------------------------------------------------------- the problems
 
 
@@ -132,17 +111,6 @@ def test_the_rows_are_those_of_the_twist_task(by_rows: list[tuple[Problem, Truth
             assert truth.programs[50].residual(velocity) == pytest.approx(
                 np.linalg.norm(undone), rel=1e-9
             )
-
-
-def test_a_trajectory_keeps_its_limits_and_is_close_to_them() -> None:
-    planned = next(iter(table(0)))
-    problem, truth = planned.make(range(20, 200, 4))
-    lower, upper = problem.model.jnt_range.T
-    assert (problem.q > lower).all() and (problem.q < upper).all()
-    assert np.minimum(problem.q - lower, upper - problem.q).min() < 0.01
-    speeds = np.abs(np.diff(problem.q, axis=0)) / DT
-    assert (speeds < problem.speeds).all() and (speeds.max(axis=0) > 0.8 * problem.speeds).all()
-    assert truth.active_share >= 0.25
 
 
 # ---------------------------------------------------------------- answers, right and wrong

@@ -65,42 +65,6 @@ def test_a_moved_part_moves_as_one_piece_and_keeps_the_roll_rule(index: int) -> 
         )
 
 
-# ---------------------------------------------------------------- starts
-
-
-@pytest.mark.parametrize("index", range(3))
-def test_starts_are_in_the_limits_on_the_first_waypoint_in_the_order_of_z(index: int) -> None:
-    task = study.placed(TASK, *study.placement(5, index))
-    ranges = qt.JointRanges.of(TASK.model)
-    starts = ARM.starts(task.waypoints[0])
-    target = task.waypoints[0]
-    for q in starts:
-        assert ((q >= ranges.lower) & (q <= ranges.upper)).all()
-        pose = tool(q)
-        np.testing.assert_allclose(pose.translation(), target.translation(), rtol=0, atol=1e-9)
-        axes = pose.rotation().as_matrix()[:, 2], target.rotation().as_matrix()[:, 2]
-        np.testing.assert_allclose(*axes, rtol=0, atol=1e-9)
-    z = [float(ranges.centring(q)) for q in starts]
-    assert z == sorted(z)
-    # No position that Newton's method finds from anywhere is more central.
-    rows = qt.TwistTask("tool", "site", TASK.projector)
-    rows.set_target(target)
-    rng = np.random.default_rng(index)
-    found = 0
-    for _ in range(60):
-        configuration = mink.Configuration(TASK.model, rng.uniform(ranges.lower, ranges.upper))
-        for _ in range(40):
-            state = rows.state(configuration)
-            step = qt.closed_form.minimum_norm(state.jacobian, state.projector, state.error)
-            configuration.integrate_inplace(np.clip(step, -0.3, 0.3), 1.0)
-        q = configuration.q
-        on_it = np.linalg.norm(rows.state(configuration).error) < 1e-9
-        if on_it and ((q >= ranges.lower) & (q <= ranges.upper)).all():
-            found += 1
-            assert ranges.centring(q) >= z[0] - 1e-9
-    assert found > 3
-
-
 # ---------------------------------------------------------------- the judge
 
 

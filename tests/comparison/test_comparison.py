@@ -148,14 +148,6 @@ def test_an_objective_of_ones_own_is_compared_and_named() -> None:
         qt.follow(qt.load_task("deburring"), secondary=Mirrored(task.model, task.start))
 
 
-def test_options_of_a_comparison_are_for_the_methods_that_use_them() -> None:
-    comparison = qt.compare("planar_line", ["qp", "minimum_norm"], gain=0.3)
-    settings = comparison.to_dict()["settings"]
-    assert settings["qp"]["gain"] == 0.3
-    alone = qt.follow(qt.load_task("planar_line"), "qp", gain=0.3)
-    assert (comparison.trajectories["qp"].q == alone.q).all()
-
-
 @pytest.mark.usefixtures("without_picture")
 def test_gain_and_weight_are_options_of_the_commands(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

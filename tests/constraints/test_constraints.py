@@ -62,27 +62,6 @@ def test_the_example_states_its_derivative_and_bounds_its_change(seed: int) -> N
         assert least <= margins.min() + 1e-9
 
 
-@pytest.mark.parametrize("kind", [qt.PositionLimit, qt.constraints.DisplacementWindow])
-def test_the_limits_of_joints_state_the_same_as_their_bounds_do(kind: type) -> None:
-    model = BANDS.model
-    q = BANDS.start
-    limit = kind(model) if kind is qt.PositionLimit else kind(model, q, np.full(6, 0.2))
-    rng, configuration = np.random.default_rng(0), mink.Configuration(model)
-    for _ in range(20):
-        here = q + rng.uniform(-0.15, 0.15, 6)
-        configuration.update(here)
-        lower, upper = limit.bounds(configuration, 1.0)
-        margins, gradients = limit.margins(here[None])[0], limit.gradients(here[None])[0]
-        np.testing.assert_allclose(margins, np.minimum(-lower, upper), atol=1e-9)
-        step = 1e-7 * rng.normal(size=6)
-        after = limit.margins((here + step)[None])[0]
-        np.testing.assert_allclose(gradients @ step, after - margins, atol=1e-12)
-    assert limit.names == qt.JointRanges.of(model).names
-    # A window of a path is kept like any other constraint.
-    task = dataclasses.replace(every(BANDS, 20), constraints=(limit,))
-    assert len(task.constraint_excess(q[None])[0]) == 1
-
-
 # ---------------------------------------------------------------- between waypoints
 
 

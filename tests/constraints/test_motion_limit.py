@@ -161,26 +161,6 @@ def test_a_start_outside_returns_as_fast_as_acceleration_and_velocity_limits_all
     assert not any(run.reports[int(outside.sum()) :])
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_without_acceleration_limits_it_returns_at_the_velocity_limit_or_the_recovery_speed(
-    side: float,
-) -> None:
-    model = chain('range="-1 1"', 'range="-1 1"')
-    configuration = mink.Configuration(model, side * np.array([1.2, 1.2]))
-    limit = qt.MotionLimit(model, velocity={"joint_1": 3.0}, acceleration=None, recovery_speed=0.25)
-    for bound in limit.bounds(configuration, 0.01):
-        assert bound == pytest.approx(-side * np.array([3.0, 0.25]))
-    position = qt.PositionLimit(model, recovery_speed=0.25)
-    for bound in position.bounds(configuration, 0.01):
-        assert bound == pytest.approx(-side * np.array([0.25, 0.25]))
-    # Nearly back: it comes in, but does not have to stop at the very edge.
-    configuration.update(side * np.array([1.001, 1.0]))
-    near, far = position.bounds(configuration, 0.01)[:: int(side)]
-    assert near[0] == pytest.approx(-side * 0.25)
-    assert far[0] == pytest.approx(-side * 0.1)
-    assert far[1] == 0.0
-
-
 def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_can_and_comes_back() -> None:
     model = slide(-1.0, 1.0)
     limit = qt.MotionLimit(model, velocity=2.0, acceleration=5.0)
@@ -326,17 +306,6 @@ def test_ball_and_free_joints_have_velocity_and_acceleration_limits_on_each_dof(
     limited = chain('type="ball" range="0 1"')
     with pytest.raises(qt.InvalidInput, match=r"MotionLimit: ball joint 'joint_1' has a limit"):
         qt.MotionLimit(limited)
-
-
-def test_the_rows_for_mink_are_the_same_box() -> None:
-    model = chain('range="-1 1"', "", 'type="slide"')
-    limit = qt.MotionLimit(model, velocity={"joint_2": 1.0}, acceleration={"joint_1": 2.0})
-    configuration = mink.Configuration(model, np.array([0.999, 0.0, 0.0]))
-    rows = limit.compute_qp_inequalities(configuration, 0.1)
-    lower, upper = limit.bounds(configuration, 0.1)
-    for velocity in np.random.default_rng(0).uniform(-2.0, 2.0, (200, 3)):
-        inside = bool(((lower <= velocity) & (velocity <= upper)).all())
-        assert bool((rows.G @ (0.1 * velocity) <= rows.h).all()) is inside
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -228,15 +227,6 @@ def test_soft_mink_tasks_weigh_in_as_in_mink() -> None:
 # Input that is refused, with a sentence.
 
 
-class Crossed(qt.PositionLimit):
-    """Bounds that contradict each other."""
-
-    kind = "velocity"
-
-    def bounds(self, configuration: mink.Configuration, dt: float) -> tuple:
-        return np.full(7, 1.0), np.full(7, -1.0)
-
-
 NO_JOINTS = mujoco.MjModel.from_xml_string(
     '<mujoco><worldbody><site name="tool"/></worldbody></mujoco>'
 )
@@ -267,42 +257,6 @@ def test_wrong_arguments_are_refused(
     arm = Arm(1)
     with pytest.raises(error, match=sentence):
         qt.Controller(**({"model": arm.model, "tasks": [arm.task]} | keywords))
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "sentence"),
-    [
-        (lambda arm: {"dt": 0.0}, qt.InvalidInput, "dt"),
-        (lambda arm: {"dt": -1.0}, qt.InvalidInput, "dt"),
-        (lambda arm: {"dt": np.nan}, qt.InvalidInput, "dt"),
-        (lambda arm: {"dt": np.inf}, qt.InvalidInput, "dt"),
-        (
-            lambda arm: arm.configuration.data.qpos.__setitem__(3, np.nan),
-            qt.InvalidInput, r"configuration\.q: entry 3 is nan",
-        ),
-        (
-            lambda arm: {"configuration": Arm(1, joints=5).configuration},
-            qt.InvalidInput, "nq = 5",
-        ),
-        (
-            lambda arm: {"tasks": [qt.TwistTask("tool", "site", ROLL_FREE)]},
-            mink.TargetNotSet, "TwistTask",
-        ),
-        (
-            lambda arm: {"limits": [Crossed(arm.model)]},
-            qt.InvalidInput, r"'joint_1'.*lower velocity bound of 1 .*above",
-        ),
-    ],
-)  # fmt: skip
-def test_a_step_that_cannot_be_asked_for_is_refused(
-    change: Callable[[Arm], dict[str, Any] | None], error: type[Exception], sentence: str
-) -> None:
-    arm = Arm(1)
-    given = {"tasks": [arm.task], "limits": None, "dt": 0.1, "configuration": arm.configuration}
-    given |= change(arm) or {}
-    controller = qt.Controller(arm.model, given["tasks"], limits=given["limits"])
-    with pytest.raises(error, match=sentence):
-        controller.step(given["configuration"], given["dt"])
 
 
 def test_a_step_says_itself_in_a_sentence() -> None:

@@ -10,42 +10,11 @@ import mink
 import mujoco
 import numpy as np
 import pytest
-from oracles.same_steps import by_reference, plain_controller, same
+from oracles.same_steps import plain_controller, same
 from oracles.twists import POINT
 
 import qp_twist as qt
 from qp_twist.control.lazy_step import LazyStep
-
-# ---------------------------------------------------------------- the step
-
-
-def test_most_steps_are_plain_and_with_limits_that_bind_too() -> None:
-    path_task = qt.load_task("deburring")
-    found: dict[str, list[qt.Step]] = {}
-    for name in ("reference", "compiled"):
-        task = qt.TwistTask("tool", "site", path_task.projector)
-        controller = qt.Controller(
-            path_task.model, [task], secondary=[qt.JointCentering(path_task.model, "natural")],
-            limits=[qt.MotionLimit(path_task.model, velocity=0.4)],
-            solver="daqp" if name == "reference" else name,
-        )  # fmt: skip
-        if name == "reference":
-            by_reference(controller)
-        configuration = mink.Configuration(path_task.model, path_task.start)
-        found[name] = []
-        for waypoint in path_task.waypoints[:150]:
-            task.set_target(waypoint)
-            found[name].append(controller.step(configuration, 0.05))
-            configuration.integrate_inplace(found[name][-1].velocity, 0.05)
-    plain = [step for step in found["compiled"] if isinstance(step, LazyStep)]
-    assert len(plain) > 100
-    assert sum(bool(step.binding) for step in plain) > 30
-    for expected, step in zip(found["reference"], found["compiled"], strict=True):
-        np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-7)
-        assert [str(x) for x in step.binding] == [str(x) for x in expected.binding]
-        for mine, theirs in zip(step.binding, expected.binding, strict=True):
-            assert mine.multiplier == pytest.approx(theirs.multiplier, rel=1e-4, abs=1e-6)
-
 
 # ---------------------------------------------------------------- what may change under way
 
@@ -84,19 +53,6 @@ def test_a_copy_of_a_controller_has_arrays_of_its_own() -> None:
     again = controller.step(configuration, 0.1)
     np.testing.assert_allclose(again.velocity, before.velocity, atol=1e-6)
     assert task.gain == 1.0
-
-
-def test_two_configurations_and_their_velocities_do_not_mix() -> None:
-    model = qt.load_task("deburring").model
-    controller, _, first = plain_controller(
-        "compiled", limits=[qt.MotionLimit(model, acceleration=1.0)]
-    )
-    second = mink.Configuration(model, first.q + 0.1)
-    controller.step(first, 0.1, velocity=np.zeros(6))
-    there = controller.step(second, 0.1, velocity=np.full(6, 0.05)).velocity
-    again = controller.step(second, 0.1, velocity=np.full(6, 0.05)).velocity
-    np.testing.assert_allclose(there, again, atol=1e-12)
-    np.testing.assert_allclose(controller.limits[0].velocity, again)  # type: ignore[attr-defined]
 
 
 BALL = """<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 0 0.1">

@@ -199,26 +199,6 @@ def test_at_a_position_limit_it_goes_on_as_the_quadratic_program_does(optimal: b
     assert found.margins.min() < 1e-3
 
 
-def test_it_is_scaled_by_the_speed_limits_of_a_waypoint_as_the_quadratic_program_is() -> None:
-    planar = qt.load_task("planar_line")
-    waypoints = len(planar.waypoints)
-    task = dataclasses.replace(
-        planar,
-        durations=np.where(np.arange(waypoints) > 0, 0.1, 0.0),
-        # rad/s: joint 2 turns faster than this on the first part of the line, joint 1 at its end.
-        velocity_limits=np.array([0.08, 0.02, 0.05]),
-    )
-    found, program = qt.follow(task, "sns"), qt.follow(task, "qp_minimum_norm")
-    assert 5 < (found.scale < 1.0).sum() < waypoints
-    assert found.q == pytest.approx(program.q, abs=1e-6)
-    assert found.scale == pytest.approx(program.scale, abs=1e-6)
-    # Where the scale is clear of 1 they also say the same of who holds it.
-    held = [i for i in range(waypoints) if found.scale[i] < 0.999]
-    assert [set(found.binding[i]) for i in held] == [set(program.binding[i]) for i in held]
-    steps = np.abs(np.diff(found.q, axis=0))
-    assert (steps <= 0.1 * task.velocity_limits + 1e-12).all()
-
-
 def test_a_joint_outside_its_range_goes_no_further_out() -> None:
     task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
     resolver = make_resolver(

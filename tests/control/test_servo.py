@@ -245,19 +245,6 @@ def test_inputs_of_other_threads_disturb_no_tick() -> None:
     assert rig.off(rig.shifted(0.01)) < 1e-5
 
 
-@pytest.mark.parametrize("cartesian", [0.0, 0.05])
-def test_jogging_after_a_jump_of_the_stream_does_not_go_on_at_its_speed(cartesian: float) -> None:
-    rig = Rig()
-    rig.run(0.2, lambda t: rig.servo.track(rig.start))
-    rig.servo.track(rig.shifted(0.01))  # followed in one tick, at up to 2 m/s
-    rig.tick()
-    ticks = rig.run(1.0, lambda t: rig.servo.jog([0.0, cartesian, 0.0, 0.0, 0.0, 0.0]))
-    # The speed of a second of jogging, less the time that it takes to be there.
-    assert rig.went()[1] == pytest.approx(cartesian * (1.0 - 0.25 / 4.0), abs=1e-3)
-    assert 0.0 <= rig.went()[0] < 0.021
-    assert ticks[-1].state is ServoState.TRACKING
-
-
 @pytest.mark.parametrize("on_infeasible", ["scale", "relax"])
 def test_the_reference_waits_for_an_arm_that_cannot_follow(on_infeasible: str) -> None:
     rig = Rig(velocity=0.05, on_infeasible=on_infeasible)
@@ -391,21 +378,6 @@ def test_a_stream_is_followed_on_whatever_the_clock_does(clock: str) -> None:
     assert not rig.servo.refused
     assert {tick.state for tick in ticks} == {ServoState.TRACKING}
     assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
-
-
-@pytest.mark.parametrize("at", [-5.0, 0.9, 1e6, float("nan"), float("inf")])
-@pytest.mark.parametrize("how", ["jog", "move"])
-def test_a_stop_is_obeyed_whatever_its_stamp(how: str, at: float) -> None:
-    rig = Rig()
-    feed = getattr(rig.servo, how)
-    rig.run(1.0, lambda t: feed([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], at=t))
-    moving = np.abs(rig.tick().velocity).max()
-    assert moving > 0.01
-    assert feed(REST, at=at)
-    stopping = rig.run(rig.servo.stop_within + 0.05)
-    assert np.abs(stopping[-1].velocity).max() < np.exp(-3.0) * moving
-    # And whoever goes on with stamps of the same clock is followed again.
-    assert feed([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], at=rig.now)
 
 
 # ---------------------------------------------------------------- limits in every state

@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import qp_twist as qt
-from qp_twist.following.blending import towards
 from qp_twist.pages.roadmap import roadmap_figure
 from qp_twist.paths import Segment, shipped_folder
 
@@ -64,32 +63,6 @@ def test_twist_projectors_meet_block_by_block_in_the_frame_that_matters() -> Non
         assert (common.linear.rank, common.angular.rank, common.frame) == (3, 0, "body")
     with pytest.raises(qt.InvalidInput, match=r"fixed to 'body'.*'target'; state both in one"):
         contact.intersection(twist("full", "line", "target"))
-
-
-# ---------------------------------------------------------------- the ramp
-
-
-@given(st.integers(0, 10**6), st.sampled_from(KINDS), st.sampled_from(FRAMES), st.floats(0.0, 1.0))
-def test_a_pose_moved_by_a_share_has_the_rest_of_its_error(
-    seed: int, kind: str, frame: str, share: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    pose, target = (
-        mink.SE3.from_rotation_and_translation(mink.SO3.exp(rng.normal(size=3)), rng.normal(size=3))
-        for _ in range(2)
-    )
-    T = twist("full", kind, frame, rng.normal(size=3))
-
-    def error(pose: mink.SE3) -> np.ndarray:
-        return qt.geometry.twist_error(
-            pose.rotation().as_matrix(), pose.translation(),
-            target.rotation().as_matrix(), target.translation(), T,
-        )  # fmt: skip
-
-    before, after = error(pose), error(towards(pose, target, T, share))
-    assert after[:3] == pytest.approx((1.0 - share) * before[:3], abs=1e-12)
-    length = np.linalg.norm(before[3:])
-    assert np.linalg.norm(after[3:]) == pytest.approx((1.0 - share) * length, abs=1e-7)
 
 
 # ---------------------------------------------------------------- along the path

@@ -122,31 +122,6 @@ def test_the_gradients_of_the_cone(frame: str, seed: int) -> None:
     assert found == pytest.approx(np.append(expected, -rate @ e), rel=1e-5, abs=1e-6)
 
 
-def test_the_rows_of_a_task_are_those_of_its_bands_on_the_jacobian() -> None:
-    """Rates of the value along random joint velocities of random arms, slides included."""
-    for seed in range(20):
-        rng = np.random.default_rng(seed)
-        model = random_arm(rng, 5, slides=True)
-        configuration = mink.Configuration(model, random_configuration(model, rng))
-        a = random_direction(rng)
-        task = qt.TwistTask("tool", "site", NOTHING, bands=[
-            qt.SlabBand(a, -5.0, -4.0, frame="body"), qt.RollBand(a, 3.0, 3.01, weight=2.0),
-        ])  # fmt: skip
-        task.set_target(pose(random_rotation(rng), rng.normal(size=3)))
-        velocity = rng.normal(size=5)
-        slab, rolling = task.band_rows(configuration, 0.01)
-        ends = []
-        for h in (-1e-6, 1e-6):
-            end = mink.Configuration(model, configuration.integrate(velocity, h))
-            ends.append(task.band_excess(end))
-        rate = (ends[1] - ends[0]) / 2e-6
-        # Both are outside: the slab above its range, where the excess grows with the value.
-        assert slab.rows[1] @ velocity == pytest.approx(rate[0], rel=1e-5, abs=1e-7)
-        assert abs(rolling.rows[1] @ velocity) == pytest.approx(abs(rate[1]), rel=1e-5, abs=1e-7)
-        assert slab.label == "slab band of TwistTask('tool', 'site')"
-        assert (slab.weight, rolling.weight) == (None, 2.0)
-
-
 # ---------------------------------------------------------------------------------- the polygon
 
 
@@ -178,18 +153,6 @@ def test_a_cone_lets_everything_inside_through_and_its_polygon_by_two_percent(
     assert max(polygon) <= corner * (1.0 + upper**2)
     assert max(polygon) > 1.005 * upper
     assert max(single) > 2.0 * upper
-
-
-def test_a_cone_beyond_a_right_angle_is_the_one_about_the_opposite_direction() -> None:
-    rng = np.random.default_rng(2)
-    for _ in range(50):
-        pair, a, n = random_pair(rng), random_direction(rng), random_direction(rng)
-        ends = np.sort(rng.uniform(0.01, math.pi, size=2))
-        one = qt.ConeBand(a, n, ends[1], ends[0])
-        other = qt.ConeBand(a, -n, math.pi - ends[0], math.pi - ends[1])
-        rows = [np.column_stack(band.half_spaces(pair, 0.1, NOTHING)) for band in (one, other)]
-        rows = [block[np.lexsort(block.round(6).T)] for block in rows]
-        assert rows[0] == pytest.approx(rows[1], abs=1e-9)
 
 
 # ---------------------------------------------------------------------------------- containment

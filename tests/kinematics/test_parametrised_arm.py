@@ -205,19 +205,6 @@ def test_all_solutions_are_found_and_each_is_one(kind: str, seed: int) -> None:
                 assert np.nanmin(apart(found, other)) < 1e-5
 
 
-@given(kind=KINDS, seed=SEEDS)
-@settings(max_examples=25, deadline=None)
-def test_singular_poses_have_solutions(kind: str, seed: int) -> None:
-    """Straight wrists and elbows, aligned axes: what is returned leads to the pose."""
-    rng = np.random.default_rng(seed)
-    model = model_of(kind, rng)
-    for arm in recognised(model):
-        q = rng.choice([0.0, 0.5 * np.pi, np.pi, 0.7], model.nq)
-        target = pose(model, q)
-        found = arm.branches(target[0][None], target[1][None], q[None, list(arm.parameters)])[0]
-        check_solutions(model, arm, q, found)
-
-
 def test_two_closed_forms_of_an_industrial_arm_agree() -> None:
     """Subproblems of Paden and Kahan, and the formulas of the ortho-parallel arm (py_opw)."""
     task = qt.load_task("deburring")

@@ -26,7 +26,6 @@ from qp_twist.kinematics import (
     PostureReference,
     SecondaryObjective,
     TwistTask,
-    total_displacement,
 )
 
 Array = npt.NDArray[np.float64]
@@ -308,20 +307,6 @@ def test_as_a_plain_mink_task_an_objective_is_followed_exactly(gain: float) -> N
         assert np.linalg.norm(direction) > 1e-3
         close(velocity, gain * direction / dt, atol=1e-7)
         close(objective.displacement(configuration), gain * direction)
-
-
-def test_two_objectives_share_by_the_square_of_their_costs_in_mink_and_add_up_in_qp_twist() -> None:
-    rng = np.random.default_rng(16)
-    centering, posture, _ = objectives(rng)
-    model = centering.model
-    configuration = mink.Configuration(model, random_configuration(model, rng))
-    h_1, h_2 = (each.displacement(configuration) for each in (centering, posture))
-    close(total_displacement([centering, posture], configuration), h_1 + h_2)
-    close(total_displacement([], configuration), np.zeros(6))
-
-    heavy = PostureReference(model, posture.q_ref, cost=3.0)
-    velocity = mink.solve_ik(configuration, [centering, heavy], 1.0, "daqp", limits=[])
-    close(velocity, (h_1 + 9.0 * h_2) / 10.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["gain", "cost"])

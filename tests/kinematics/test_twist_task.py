@@ -17,7 +17,6 @@ from oracles.arms import (
     random_arm,
     random_configuration,
     random_direction,
-    random_rotation,
 )
 from oracles.twists import (
     FRAMES,
@@ -137,21 +136,6 @@ def test_a_task_has_as_many_rows_as_its_projector_has_rank_and_they_are_the_deri
     # No row is wasted: on a regular arm they are independent.
     assert rows == 0 or np.linalg.matrix_rank(jacobian, tol=1e-6) == rows
     close(jacobian, derivative(task, configuration), atol=1e-7)
-
-
-@pytest.mark.parametrize("linear", ["full", "plane", "line"])
-@pytest.mark.parametrize("frame", ["world", "target"])
-def test_linear_rows_are_the_derivative_at_any_misalignment_unless_they_turn_with_the_body(
-    linear: str, frame: str
-) -> None:
-    rng = np.random.default_rng(4)
-    for _ in range(3):
-        configuration = regular(rng)
-        task = tool(twists(linear, "full", frame, (random_direction(rng), Z)))
-        task.set_target(pose(random_rotation(rng), rng.normal(size=3)))
-        rows = slice(task.projector.linear.rank)
-        jacobian = task.compute_jacobian(configuration)
-        close(jacobian[rows], derivative(task, configuration)[rows], atol=1e-7)
 
 
 @pytest.mark.parametrize("frame", ["world", "body"])
@@ -277,22 +261,6 @@ def test_feed_forward_needs_the_time_step_and_a_resting_target_does_not() -> Non
     at_rest.compute_error(configuration)
 
 
-@pytest.mark.parametrize("gain", [0.05, 1.0])
-@pytest.mark.parametrize("dt", [1e-3, 0.1])
-def test_feed_forward_moves_with_the_target_whatever_the_gain(gain: float, dt: float) -> None:
-    rng = np.random.default_rng(14)
-    configuration = regular(rng)
-    twist = rng.normal(size=6)
-    J = frame_jacobian(configuration, "tool", "site")
-    for of in (SPATIAL, ROLL_FREE):
-        task = tool(of, gain=gain)
-        task.set_target_from_configuration(configuration)
-        task.set_target(task.target, twist=twist)
-        task.set_dt(dt)
-        T = of.resolved(body=frame_pose(configuration, "tool", "site")[0]).matrix
-        close(T @ J @ solve(configuration, task, dt), T @ twist, atol=1e-7)
-
-
 def test_a_moving_target_is_followed_without_lag() -> None:
     # At gain k a target of speed v is otherwise followed at the distance v dt / k.
     rng = np.random.default_rng(15)
@@ -366,24 +334,6 @@ def test_a_target_that_is_no_pose_is_refused_and_the_old_one_kept(
     np.testing.assert_array_equal(task.target.wxyz_xyz, old.wxyz_xyz)
 
 
-@pytest.mark.parametrize(
-    ("twist", "sentence"),
-    [
-        (np.zeros(3), r"shape \(6\), got \(3,\)"),
-        (np.zeros((6, 1)), r"shape \(6\), got \(6, 1\)"),
-        (0.0, r"shape \(6\), got \(\)"),
-        ([0, 0, np.nan, 0, 0, 0], "entry 2 is nan"),
-        ([0, 0, 0, 0, 0, -np.inf], "entry 5 is -inf"),
-        ("fast", "expected numbers"),
-    ],
-)
-def test_a_target_twist_that_is_no_twist_is_refused(twist: object, sentence: str) -> None:
-    task = tool()
-    with pytest.raises(InvalidTarget, match=rf"TwistTask\('tool', 'site'\) twist: .*{sentence}"):
-        task.set_target(mink.SE3.identity(), twist=twist)
-    assert task.target is None
-
-
 def test_a_target_is_copied_and_a_new_one_rests_again() -> None:
     wxyz_xyz, twist, task = np.array([1.0, 0, 0, 0, 1, 2, 3]), np.ones(6), tool()
     task.set_target(mink.SE3(wxyz_xyz=wxyz_xyz), twist=twist)
@@ -423,32 +373,6 @@ def test_an_unknown_frame_is_refused_by_name_with_the_names_there_are(
     for use in (task.compute_error, task.compute_jacobian):
         with pytest.raises(mink.InvalidFrame, match=sentence):
             use(mink.Configuration(planar_arm([1.0, 1.0])))
-
-
-@pytest.mark.parametrize("frame_type", ["joint", "Site", "", None])
-def test_an_unsupported_type_of_frame_is_refused(frame_type: object) -> None:
-    with pytest.raises(mink.UnsupportedFrame, match=r"body.*geom.*site"):
-        TwistTask("tool", frame_type, SPATIAL)
-    with pytest.raises(mink.UnsupportedFrame):
-        frame_jacobian(mink.Configuration(planar_arm([1.0])), "tip", frame_type)
-
-
-@pytest.mark.parametrize(
-    ("cost", "sentence"),
-    [
-        (np.ones(6), r"cost is one number or one for each row .*\(5,\)"),
-        ([1.0, 1.0, -1.0, 1.0, 1.0], "finite and at least 0"),
-        (np.inf, "finite and at least 0"),
-        ("high", "expected numbers"),
-    ],
-)
-def test_costs_that_the_task_has_not_are_a_sentence(cost: object, sentence: str) -> None:
-    task = tool(ROLL_FREE)
-    with pytest.raises(InvalidInput, match=sentence):
-        task.cost = cost
-    np.testing.assert_array_equal(task.cost, np.ones(5))  # as it was
-    with pytest.raises(InvalidInput, match=sentence):
-        tool(ROLL_FREE, cost=cost)
 
 
 @pytest.mark.parametrize(

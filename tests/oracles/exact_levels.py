@@ -1,20 +1,11 @@
-"""Strict priorities in 60-digit decimal arithmetic: an oracle that no BLAS kernel takes part in.
-
-    PYTHONPATH=tests python tests/oracles/exact_levels.py 150 --largest 22  # ten minutes
-
-solves the ill-conditioned hierarchies of these many seeds again, and those in ``NAMED``, and writes
-what each level leaves at its optimum into ``exact_levels.json``.
-"""
+"""Strict priorities in 60-digit decimal arithmetic: an oracle that no BLAS kernel takes part in."""
 
 from __future__ import annotations
 
-import argparse
 import decimal
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +16,6 @@ from oracles.hierarchies import Hierarchy, harder
 
 Array = npt.NDArray[np.float64]
 Exact = npt.NDArray[np.object_]
-FILE = Path(__file__).with_suffix(".json")
-KINDS = ("stretched", "parallel")
-NAMED = [("stretched", seed) for seed in (13, 18, 59, 64, 152)] + [
-    ("parallel", seed) for seed in (53, 89, 90, 143, 149, 161)
-]
-"""On these an active-set method once did not end."""
 Singular = list[tuple[Decimal, Exact, Exact]]
 
 DIGITS = 60
@@ -297,16 +282,8 @@ class _Cascade:
         return result
 
 
-def kept() -> dict[str, dict[int, list[float]]]:
-    """Lengths of the levels' residuals at the optimum, by kind and seed, from the file."""
-    return {
-        kind: {int(seed): lengths for seed, lengths in seeds.items()}
-        for kind, seeds in json.loads(FILE.read_text()).items()
-    }
-
-
 def solved(kind: str, seed: int) -> list[float]:
-    """The same, solved now, from the active constraints of ``qp_twist`` as a guess."""
+    """Lengths of the levels' residuals, from the active constraints of ``qp_twist`` as a guess."""
     h = harder(seed, kind)
     guesses = [
         qt.solve_levels(
@@ -315,34 +292,3 @@ def solved(kind: str, seed: int) -> list[float]:
         for count in range(len(h.levels))
     ]
     return exact_cascade(h, guesses).residuals
-
-
-def as_lines(found: dict[str, dict[int, list[float]]]) -> str:
-    """As JSON, a line for each hierarchy."""
-    kinds = (
-        f'"{kind}": {{\n'
-        + ",\n".join(f'"{seed}": {lengths}' for seed, lengths in seeds.items())
-        + "\n}"
-        for kind, seeds in found.items()
-    )
-    return "{\n" + ",\n".join(kinds) + "\n}\n"
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("seeds", type=int, help="how many seeds")
-    parser.add_argument("--largest", type=int, default=22, help="most unknowns")
-    options = parser.parse_args()
-    found: dict[str, dict[int, list[float]]] = {kind: {} for kind in KINDS}
-    for kind in KINDS:
-        for seed in range(options.seeds):
-            if (kind, seed) in NAMED or len(harder(seed, kind).lower) <= options.largest:
-                found[kind][seed] = solved(kind, seed)
-    for kind, seed in NAMED:
-        if seed not in found[kind]:
-            found[kind][seed] = solved(kind, seed)
-    FILE.write_text(as_lines(found))
-
-
-if __name__ == "__main__":
-    main()

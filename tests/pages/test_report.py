@@ -115,12 +115,6 @@ def test_ids_occur_once_and_references_have_their_target(page: str) -> None:
     assert without_text == []
 
 
-def test_the_command_is_that_which_made_it(page: str) -> None:
-    methods = [m for m in qt.METHODS if m in METHODS]
-    command = f"qp-twist compare planar_line --methods {','.join(methods)},pink"
-    assert f"{command} --solver compiled" in page
-
-
 def test_the_report_in_a_browser(folder: Path) -> None:
     with open_page() as opened:
         opened.go(folder / "report.html")

@@ -162,24 +162,6 @@ def on_the_cart(model: mujoco.MjModel, **others: object) -> qt.PathTask:
     return qt.PathTask(**settings)  # type: ignore[arg-type]
 
 
-def test_arrays_by_joint_are_stated_in_the_order_of_the_scene(cart: mujoco.MjModel) -> None:
-    task = on_the_cart(cart, starts={"qp": np.array([0.3, 0.1, 0.2])})
-    names = qt.JointRanges.of(task.model).names
-    assert names == ("drive", "lift", "swing")
-    assert dict(zip(names, task.velocity_limits, strict=True)) == {
-        "lift": 1.0, "swing": 2.0, "drive": 3.0,
-    }  # fmt: skip
-    assert dict(zip(names, task.acceleration_limits, strict=True)) == {
-        "lift": 4.0, "swing": 5.0, "drive": 6.0,
-    }  # fmt: skip
-    assert task.start.tolist() == task.starts["qp"].tolist() == [0.2, 0.3, 0.1]
-    assert task.scene_model is cart
-    # What is replaced afterwards is as the task has it.
-    again = dataclasses.replace(task, start=task.start)
-    assert again.model is task.model and again.start.tolist() == task.start.tolist()
-    assert repr(task) == "PathTask('cart', 3 waypoints on 'cart', rank 2 of 3)"
-
-
 def test_a_run_moves_cart_and_arm_against_each_other(cart: mujoco.MjModel) -> None:
     """x of the tool less that of the cart, by hand."""
     run = qt.follow(on_the_cart(cart))
@@ -284,23 +266,6 @@ def test_a_task_file_with_another_body_is_refused_with_the_line(
     number = next(k for k, line in enumerate(text.splitlines(), 1) if "relative_to" in line)
     assert words in str(refused.value)
     assert f"line {number}: " in str(refused.value)
-
-
-def test_the_start_is_in_the_order_of_the_scene() -> None:
-    task = qt.load_task(TURN_TILT)
-    start = dict(zip(qt.JointRanges.of(task.model).names, task.start, strict=True))
-    assert start["arm_joint_1"] == 1.4017 and start["tilt"] == 0.0711 and start["turn"] == 1.1914
-    assert task.known_limits is not None
-    robot, speeds, _ = task.known_limits
-    assert robot.name == "Fanuc M-16iB/20"
-    known = dict(zip(qt.JointRanges.of(task.model).names, np.degrees(speeds), strict=True))
-    assert math.isclose(known["arm_joint_6"], 520.0) and known["turn"] == np.inf
-    hand = qt.load_task(IN_HAND)
-    assert hand.known_limits is not None
-    known = dict(
-        zip(qt.JointRanges.of(hand.model).names, np.degrees(hand.known_limits[1]), strict=True)
-    )
-    assert math.isclose(known["joint_6"], 520.0) and math.isclose(known["joint_1"], 165.0)
 
 
 def test_two_arms_share_a_part() -> None:

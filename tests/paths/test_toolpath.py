@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges, SerialChain, largest_reach
 from qp_twist.paths import MOST, ColumnChoice, Orientation, UnclearColumns, read_toolpath
-from qp_twist.paths import leaned as leaned_in_a_study
 
 QUICK = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -842,21 +840,6 @@ def test_without_a_rule_the_roll_is_carried_along_from_the_start(tmp_path: Path)
     assert loaded.flipped_waypoints is None
 
 
-def test_lead_and_tilt_lean_the_tool_as_in_a_study(tmp_path: Path) -> None:
-    straight = HEAD + "0,0,0,0,0,1\n20,0,0,0,0,1\n"
-    keys = '"seam.csv"\nlead_deg = 10\ntilt_deg = 5\n'
-    leaned = qt.load_task(task(tmp_path, csv=straight, old='"seam.csv"\n', new=keys))
-    z = rotations_of(leaned)[:, :, 2]
-    assert np.ptp(z, axis=0) == pytest.approx(0.0, abs=1e-12)
-    # One rotation vector, lead·(z × t) + tilt·t, with z down and t along x.
-    vector = np.radians(10) * np.cross([0, 0, -1], [1, 0, 0]) + np.radians(5) * np.array([1, 0, 0])
-    assert z[0] == pytest.approx(Rotation.from_rotvec(vector).apply([0, 0, -1]))
-    assert z[0, 0] > 0.15  # towards the way it goes
-    plain = qt.load_task(task(tmp_path, csv=straight))
-    other = leaned_in_a_study(plain, math.radians(10), math.radians(5))
-    assert rotations_of(other)[:, :, 2] == pytest.approx(z)
-
-
 def test_approach_and_retreat_have_their_ways_projectors_and_blends(tmp_path: Path) -> None:
     loaded = qt.load_task(task(tmp_path, PLACED + WAYS))
     count = 4 + 7 + 5
@@ -1270,18 +1253,6 @@ def test_a_path_that_no_robot_of_this_size_reaches_is_refused_with_its_likely_un
         qt.load_task(task(tmp_path, csv=huge))
     small = qt.load_task(task(tmp_path, csv=csv.replace("[m]", "[mm]")))
     assert len(small.waypoints) == 40
-
-
-def test_the_reach_is_above_what_random_configurations_reach() -> None:
-    """An upper bound, and for an arm without offsets in its folds a tight one."""
-    for name in ("deburring", "planar_line"):
-        loaded = qt.load_task(name)
-        chain = SerialChain.of(loaded.model, loaded.frame_name, loaded.frame_type)
-        ranges = JointRanges.of(loaded.model)
-        reach = largest_reach(chain, ranges)
-        drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (20_000, loaded.model.nv))
-        apart = np.linalg.norm(chain.poses(drawn)[1] - chain.screws[0].anchor, axis=1)
-        assert 0.7 * reach < apart.max() <= reach * (1 + 1e-12)
 
 
 def test_the_number_of_waypoints_is_bounded_over_all_curves(tmp_path: Path) -> None:

@@ -206,49 +206,6 @@ def test_changed_times_and_functions_are_refused(
         assert (what, "not those that qp_twist writes" in why) == ("refused", True)
 
 
-@pytest.mark.parametrize(
-    ("program", "before", "statement", "words"),
-    [
-        ("ls", r"(?m)^ *50:.*", "WAIT 1.00(sec)", "a wait of 1 s, which is none of the"),
-        ("ls", r"(?m)^ *50:.*", "PAUSE", "PAUSE waits for something, but the header .*; remove it"),
-        ("rapid", "    MoveAbsJ", "WaitTime 1;", "a wait of 1 s, which is none of the"),
-        ("rapid", "    MoveAbsJ", "Stop;", "Stop waits for something, but the header"),
-        ("rapid", "    MoveAbsJ", "VelSet 50, 100;", "VelSet changes speeds"),
-        ("rapid", "    MoveAbsJ", "StartMove;", "StartMove is not read here"),
-        ("rapid", "    MoveAbsJ", "run_motion;", "run_motion calls itself"),
-        ("krl", "PTP_SPLINE", "$OV_PRO=10", r"\$OV_PRO changes speeds"),
-        ("krl", "PTP_SPLINE", "WAIT SEC 1", "a wait of 1 s, which is none of the"),
-        (
-            "urscript",
-            "$",
-            "motion()\nmotion()",
-            "a script of export calls its function at most once",
-        ),
-    ],
-)
-def test_statements_that_are_added_are_named_with_their_line(
-    program: str, before: str, statement: str, words: str,
-    written: Callable[[str], tuple[Path, ControllerJoints]],
-) -> None:  # fmt: skip
-    path, joints = written(program)
-    text = path.read_text("utf-8")
-    place = [match.start() for match in re.finditer(before, text)][-1]
-    line = text.count("\n", 0, place) + statement.count("\n") + 1
-    if program == "ls":
-        head, _, tail = text[place:].partition("\n/POS")
-        rest = re.sub(r"(?m)^ *(\d+)", lambda match: f"{int(match[1]) + 1:4d}", head) + "\n/POS"
-        begin = re.sub(r"(LINE_COUNT\D*)(\d+)", lambda m: f"{m[1]}{int(m[2]) + 1}", text[:place])
-        text = f"{begin}  50:  {statement} ;\n{rest}{tail}"
-    else:
-        text = f"{text[:place]}{statement}\n{text[place:]}"
-    path.write_text(text, "utf-8")
-    with pytest.raises(qt.InvalidInput, match=words) as refusal:
-        read_trajectory(path, None, joints)
-    if "itself" not in words:
-        assert f"{path}, line {line}: " in str(refusal.value)
-    assert "remove the header" not in str(refusal.value)
-
-
 def test_programs_written_as_modelled_say_so(
     written: Callable[[str], tuple[Path, ControllerJoints]],
     deburring: tuple[qt.PathTask, JointRows],

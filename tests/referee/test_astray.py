@@ -74,19 +74,6 @@ def test_a_retreat_from_the_whole_path_is_not_off_it() -> None:
     assert not check.astray
 
 
-@pytest.mark.parametrize("still", [False, True])
-def test_no_speed_is_computed_from_waypoints_that_are_missed(still: bool) -> None:
-    """Neither of a motion that ends early nor of one that then waits there."""
-    rows = np.vstack([LINE[:10], np.repeat(LINE[9:10], 5, axis=0)]) if still else LINE[:10]
-    check = checked(rows)
-    assert check.path_left[0].endswith("waypoint 10 of 21")
-    assert value(check, "feed") == pytest.approx(100.0)
-    assert value(check, "feed between") < 200.0
-    feed = next(f for f in check.findings if f.name == "feed")
-    assert feed.passes
-    assert next(f for f in check.findings if f.name == "time").where.startswith("not the whole")
-
-
 # ---------------------------------------------------------------- runs
 
 

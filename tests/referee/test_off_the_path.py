@@ -121,18 +121,6 @@ def test_whatever_comes_too_near_beside_the_path_does_not_pass(
         assert not [name for name in failed(check) if name.startswith("outside clearance")]
 
 
-def test_pairs_that_may_touch_on_the_path_are_kept_apart_beside_it() -> None:
-    """As on joint moves: where they are clear at both ends."""
-    task = task_with(("ball", "box"))
-    way = np.vstack([THROUGH[1:] * [-1.0, 1.0], [[-0.5, 0.6]]])
-    check = qt.check_trajectory(qt.JointRows(NAMES, joined(way[:0], way)), task)
-    assert failed(check) == ["outside clearance after the path"]
-    [finding] = [f for f in check.findings if not f.passes]
-    assert finding.where.endswith("pairs that are ignored elsewhere")
-    inside = joined(way[:0], np.array([[0.5, 0.6], [0.0, 0.6]]))  # it ends in what it may touch
-    assert qt.check_trajectory(qt.JointRows(NAMES, inside), task).passes
-
-
 def test_every_constraint_is_kept_beside_the_path() -> None:
     half = HalfSpace(TASK.model, "tool", "site", np.array([0.0, 1.0, 0.0]), -0.1)
     task = dataclasses.replace(TASK, constraints=(*TASK.constraints, half))

@@ -222,17 +222,6 @@ def test_links_of_all_kinds_of_joints_are_where_the_tags_say(tmp_path: Path) -> 
     assert np.linalg.matrix_rank(task.compute_jacobian(mink.Configuration(robot.model))) == 3
 
 
-def test_links_on_fixed_joints_stay_whatever_the_file_says(tmp_path: Path) -> None:
-    file = write(
-        tmp_path,
-        '<mujoco><compiler fusestatic="true"/></mujoco>',
-        *(link("a"), link("tool0", "")),
-        *(joint("j", "revolute", "base", "a"), joint("f", "fixed", "a", "tool0", "")),
-    )
-    names = [load_robot(file).model.body(i).name for i in range(4)]
-    assert names == ["world", "base", "a", "tool0"]
-
-
 @pytest.mark.parametrize(
     ("kind", "limit", "expected"),
     [
@@ -584,22 +573,6 @@ def test_a_joint_that_contradicts_itself_is_refused(
 ) -> None:
     with pytest.raises(InvalidInput, match=re.escape(said)):
         load_robot(one_joint(tmp_path, kind, inside))
-
-
-@pytest.mark.parametrize(
-    "parts",
-    [
-        (link("a"), joint("j", "revolute", "base", "nowhere")),
-        (link("a"), link("a"), joint("j", "revolute", "base", "a")),
-        (link("a"), joint("j", "revolute", "base", "a"), joint("k", "revolute", "a", "base")),
-    ],
-    ids=["unknown link", "two links of a name", "a loop"],
-)
-def test_what_only_mujoco_sees_is_refused_in_its_words(
-    parts: tuple[str, ...], tmp_path: Path
-) -> None:
-    with pytest.raises(InvalidInput, match=r"MuJoCo cannot load this URDF: .*URDF"):
-        load_robot(write(tmp_path, *parts))
 
 
 def test_what_is_no_file_or_folder_is_refused(tmp_path: Path) -> None:

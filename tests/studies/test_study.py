@@ -520,7 +520,7 @@ def test_a_study_says_why_samples_fail(tmp_path: Path) -> None:
     far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
            "upper = [1.0, 2.5, 0.0]": "upper = [9.5, 9.0, 0.0]"}  # fmt: skip
     task = line_task(tmp_path, **far)
-    found = qt.study(task, ["placement"], 3, METHODS, out=tmp_path / "out", jobs=2)
+    found = qt.study(task, ["placement"], 3, METHODS, out=tmp_path / "out", jobs=1)
     for summary in found.summary():
         assert summary.infeasible == 3 - summary.all.count == 3
         assert summary.reasons == "infeasible 3"

@@ -188,7 +188,7 @@ def test_a_mutated_file_is_read_or_refused(
         shutil.copy(other, tmp_path)
     read(tmp_path / name)
     refused = 0
-    for number in range(200):
+    for number in range(100):
         (tmp_path / name).write_bytes(mutated(content, number))
         try:
             with np.errstate(all="ignore"):
@@ -197,7 +197,7 @@ def test_a_mutated_file_is_read_or_refused(
             refused += 1
             assert isinstance(error, qt.InvalidInput)
             assert name in str(error) or name.startswith("m."), f"mutation {number}: {error}"
-    assert 0 < refused < 200 or name.startswith("m.")
+    assert 0 < refused < 100 or name.startswith("m.")
 
 
 def test_rows_without_units_are_no_table(tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def _has_xacro() -> bool:
     return True
 
 
-@pytest.mark.parametrize("value", [10**400, -(10**400), 1e308, "x", None, [], {"joint_1": 10**400}])
+@pytest.mark.parametrize("value", [10**400, "x", None, {"joint_1": 10**400}])
 @pytest.mark.parametrize("key", ["acceleration_limits", "task", "frame", "units", "interpolation"])
 def test_metadata_may_hold_anything(key: str, value: object, tmp_path: Path) -> None:
     """A check refuses them or passes them over."""
