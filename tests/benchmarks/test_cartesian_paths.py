@@ -122,11 +122,6 @@ def test_the_judge_measures_a_motion(script: ModuleType, tmp_path: Path) -> None
     assert turned["position_error_m"] < 1e-9 and not turned["valid"]  # out of its range
 
 
-def test_what_touches_is_not_valid(script: ModuleType, tmp_path: Path) -> None:
-    found = judge(script, tmp_path, JOINTS, box_y=-0.2 + 0.01 - RADIUS)
-    assert not found["valid"] and found["min_clearance_m"] == pytest.approx(-0.01, abs=1e-6)
-
-
 def test_what_touches_between_two_poses_is_noticed(script: ModuleType, tmp_path: Path) -> None:
     """The same poses with a joint that goes to the other side and back: the box is in the way."""
     problem = read(script, tmp_path, box_y=0.1)

@@ -9,21 +9,17 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import mink
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from oracles.twists import site
 from scipy.optimize import linprog, lsq_linear
 
 import qp_twist as qt
 from qp_twist import closed_form
 from qp_twist.closed_form import saturation_in_null_space
 from qp_twist.comparison import metrics
-from qp_twist.following.resolver import make_resolver
-from qp_twist.following.waypoint_limits import WaypointLimits
 
 Array = NDArray[np.float64]
 EXAMPLE = Path(__file__).parents[2] / "examples" / "scaling.py"
@@ -197,27 +193,6 @@ def test_at_a_position_limit_it_goes_on_as_the_quadratic_program_does(optimal: b
     assert found.q == pytest.approx(program.q, abs=1e-9)
     assert metrics(found)["status"] == "ok"
     assert found.margins.min() < 1e-3
-
-
-def test_a_joint_outside_its_range_goes_no_further_out() -> None:
-    task = narrowed(qt.load_task("planar_line"), joint=0, upper_deg=60.0)
-    resolver = make_resolver(
-        task, "sns", task.settings("sns"), task.projector, "daqp", WaypointLimits(task)
-    )
-    configuration = mink.Configuration(task.model, task.start)
-    pose = site(configuration, "tip")
-    outward = 0
-    for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
-        offset = 0.01 * np.array([np.cos(angle), np.sin(angle), 0.0])
-        resolver.task.set_target(mink.SE3.from_translation(offset) @ pose)
-        state = resolver.task.state(configuration)
-        shortest = closed_form.minimum_norm(state.jacobian, state.projector, state.error)
-        move = resolver.displacement(configuration, first=True)
-        outward += shortest[0] > 0.0
-        expected = 0.0 if shortest[0] > 0.0 else shortest[0]
-        assert move.dq[0] == pytest.approx(expected, abs=1e-12)
-        assert state.jacobian[:2] @ move.dq == pytest.approx(state.error[:2], abs=1e-12)
-    assert 3 < outward < 9
 
 
 def narrowed(task: qt.PathTask, joint: int, upper_deg: float) -> qt.PathTask:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from oracles.arms import seven_axes
 from oracles.twists import SPATIAL, at, pose, site, twists
 from oracles.walks import reversals
 
@@ -378,59 +377,6 @@ def test_a_stream_is_followed_on_whatever_the_clock_does(clock: str) -> None:
     assert not rig.servo.refused
     assert {tick.state for tick in ticks} == {ServoState.TRACKING}
     assert accelerations(ticks).max() < 10.0 * (1.0 + 1e-6)
-
-
-# ---------------------------------------------------------------- limits in every state
-
-
-@pytest.mark.parametrize("seed", [0, 2, 4])
-def test_a_secondary_fades_in_and_out_at_the_distance_that_is_asked_for(seed: int) -> None:
-    """A ball at the distance that is asked for, beside a link."""
-    rng = np.random.default_rng(seed)
-    model = seven_axes(
-        '<geom type="capsule" size=".05" fromto="0 0 0 0 0 {top}" contype="1" conaffinity="2"/>',
-        '<body name="ball" mocap="true"><geom name="ball" size=".08" contype="2" conaffinity="1"/>'
-        "</body>",
-    )
-    q = np.array([0.0, 0.5, 0.0, -1.4, 0.0, 1.2, 0.0]) + 0.3 * rng.normal(size=7)
-    clearance, ball = qt.Clearance(model, distance=0.01), model.geom("ball").id
-    task, target = qt.TwistTask.on_plane("tool", "site"), np.zeros(3)
-    data = mink.Configuration(model, q).data
-    link = data.body(f"link_{rng.integers(3, 8)}").xpos.copy()
-    away = rng.normal(size=3)
-    away /= np.linalg.norm(away)
-
-    def distance(q: Array) -> float:
-        data.qpos[:], data.mocap_pos[0], data.mocap_quat[0] = q, target, [1.0, 0.0, 0.0, 0.0]
-        mujoco.mj_kinematics(model, data)
-        return min(
-            mujoco.mj_geomDistance(model, data, int(a), int(b), 1.0, np.zeros(6))
-            for a, b in clearance.pairs
-            if ball in (a, b)
-        )
-
-    near, far = 0.0, 1.0
-    for _ in range(40):
-        target = link + 0.5 * (near + far) * away
-        near, far = (
-            (0.5 * (near + far), far) if distance(q) < 0.0101 else (near, 0.5 * (near + far))
-        )
-    target = link + far * away
-    rig = Rig(
-        model=model, tasks=[task], q=q, velocity=3.0, acceleration=100.0, limits=[clearance],
-        period=0.02, stop_within=0.4, on_infeasible="relax",
-        secondary=[qt.PostureReference(model, rng.uniform(-1.5, 1.5, 7), gain=0.5)],
-    )  # fmt: skip
-    rig.configuration.data.mocap_pos[0] = target
-    rig.configuration.update()
-    least, turned = np.inf, 0.0
-    for k in range(60):
-        if k < 40:
-            rig.servo.track(rig.start)
-        turned += 0.02 * np.abs(rig.tick().velocity).max()
-        least = min(least, distance(rig.configuration.q))
-    assert turned > 0.1
-    assert least > 0.01 - 1e-6
 
 
 # ---------------------------------------------------------------- singularities

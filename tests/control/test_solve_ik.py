@@ -215,23 +215,6 @@ def test_bad_input_is_a_sentence(change: dict[str, object], message: str) -> Non
 # ---------------------------------------------------------------- twist tasks under mink itself
 
 
-@pytest.mark.parametrize("solver", ["daqp", "osqp", "proxqp", "clarabel"])
-@pytest.mark.parametrize("name", ["TwistTask", "TwistTask, relative", "GazeTask"])
-def test_twist_tasks_are_minks_tasks(name: str, solver: str) -> None:
-    tight = {"eps_abs": 1e-9, "eps_rel": 0.0} if solver in ("osqp", "proxqp") else {}
-    c, rng = mink_problems.configuration(2), np.random.default_rng(2)
-    task, posture = mink_problems.TASKS[name](c, rng), mink_problems.posture(c, rng)
-    assert isinstance(task, qt.TwistTask)
-    held = mink.solve_ik(c, [posture], DT, solver, limits=[], constraints=[task], **tight)
-    rows, error = task.compute_jacobian(c), task.compute_error(c)
-    np.testing.assert_allclose(rows @ held * DT, -task.gain * error, atol=1e-6)
-    # As a cost it leads to the same place; alone, step by step.
-    for _ in range(30):
-        velocity = mink.solve_ik(c, [task], DT, solver, damping=1e-3, **tight)
-        c.integrate_inplace(velocity, DT)
-    assert np.linalg.norm(task.compute_error(c)) < (1e-3 if solver == "clarabel" else 1e-5)
-
-
 def test_the_time_step_reaches_the_feed_forward() -> None:
     c = mink_problems.configuration(2)
     task = qt.TwistTask.point("left_hand", "site")

@@ -171,33 +171,6 @@ def test_an_infeasible_step_does_not_stop_the_loop(on_infeasible: str) -> None:
         assert np.abs(record.command).max() == pytest.approx(0.2)
 
 
-# ---------------------------------------------------------------- the record
-
-
-def test_a_timed_path_is_at_each_pose_in_time_and_its_twist_is_its_derivative() -> None:
-    task, _ = controlled()
-    path = TimedPath(task, PATH.waypoints[:4], PATH.durations[:4], start=0.5)
-    times = 0.5 + np.cumsum(PATH.durations[:4])
-    for time, pose in zip(
-        [0.0, *times, 9.0], [PATH.waypoints[0], *PATH.waypoints[:4], PATH.waypoints[3]], strict=True
-    ):
-        path(time)
-        assert task.target is not None
-        assert (task.target.inverse() @ pose).log() == pytest.approx(np.zeros(6), abs=1e-9)
-    assert not task.feedforward.any()
-    h = 1e-6
-    middle = (times[1] + times[2]) / 2.0
-    path(middle - h)
-    before = task.target
-    path(middle + h)
-    after = task.target
-    assert before is not None
-    assert after is not None
-    rate = (after.rotation() @ before.rotation().inverse()).log() / (2.0 * h)
-    shift = (after.translation() - before.translation()) / (2.0 * h)
-    assert task.feedforward == pytest.approx(np.concatenate([shift, rate]), abs=1e-6)
-
-
 # ---------------------------------------------------------------- the page
 
 

@@ -222,27 +222,6 @@ def test_iterating_solve_ik_reaches_the_target_and_leaves_the_roll(solver: str) 
     assert Rotation.from_matrix(R_d @ R.T).magnitude() > 0.1  # the roll went where it liked
 
 
-@pytest.mark.parametrize("lm_damping", [0.0, 0.7])
-def test_what_mink_stacks_is_cost_times_rows_and_cost_times_gain_times_error(
-    lm_damping: float,
-) -> None:
-    rng = np.random.default_rng(9)
-    configuration = regular(rng)
-    costs = [2.0, 2.0, 2.0, 5.0, 5.0]
-    task = tool(ROLL_FREE, gain=0.4, cost=costs, max_angular_step=0.2)
-    task.lm_damping = lm_damping
-    task.set_target(misaligned(configuration, rng, 40.0))
-    W = np.diag(costs)
-    J, e = task.compute_jacobian(configuration), task.compute_error(configuration)
-    rows, error, mu = task.compute_qp_residual(configuration)
-    close(rows, W @ J)
-    close(error, -0.4 * W @ e)
-    assert mu == pytest.approx(lm_damping * 0.16 * e @ W @ W @ e)
-    H, c = task.compute_qp_objective(configuration)
-    close(H, J.T @ W @ W @ J + mu * np.eye(6))
-    close(c, 0.4 * J.T @ W @ W @ e)
-
-
 # --------------------------------------------------------------------------------- feed-forward
 
 
@@ -414,18 +393,3 @@ def test_a_far_target_is_approached_by_the_longest_step_in_its_own_direction(
     close(asked[3:], 0.5 * min(widest, 2.0) * axis, atol=1e-7)
     # The state still tells the whole error.
     close(task.state(configuration).error, np.concatenate([3.0 * way, 2.0 * axis]), atol=1e-9)
-
-
-def test_a_near_target_is_not_held_back_and_feed_forward_never_is() -> None:
-    rng = np.random.default_rng(21)
-    configuration = regular(rng)
-    target = misaligned(configuration, rng, 5.0)
-    twist = 4.0 * random_direction(rng)
-    errors = []
-    for limits in ({}, {"max_linear_step": 0.11, "max_angular_step": 6.0}):
-        task = tool(**limits)
-        task.set_target(target, twist=np.concatenate([twist, twist]))
-        task.set_dt(1.0)
-        errors.append(task.compute_error(configuration))
-    close(errors[0], errors[1])
-    assert np.linalg.norm(errors[1][:3]) > 3.0

@@ -12,8 +12,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.drawing.palette import ORANGE, RED, rgb
-from qp_twist.pages.local_server import LocalServer
-from qp_twist.pages.near_pairs import NEAR, LitPairs, NearPairs, distance_text
+from qp_twist.pages.near_pairs import NearPairs
 from qp_twist.paths import Tolerances
 
 NEAR_RGB, TOO_NEAR_RGB = rgb(ORANGE), rgb(RED)
@@ -123,46 +122,3 @@ def test_the_report_names_what_each_method_is_nearest_to(
         assert glance is not None
         assert ("came as near as" in glance[1]) == (mark == "bad")
         assert (glance[1][0] == "✗") >= (mark == "bad")
-
-
-def test_near_geoms_are_lit_in_the_colour_of_their_distance(
-    cell: qt.PathTask, runs: dict[str, qt.Trajectory]
-) -> None:
-    (clearance,) = cell.clearances
-    least = clearance.distance - cell.tolerances.position
-    server = LocalServer(0, names=())
-    try:
-        lit = LitPairs(server, cell)
-        q = runs["gradient_projection"].q[106]
-        lit.prepare(q[None])
-        assert not any(shape.visible for shape in lit.shapes.values())
-        assert not lit.label.visible
-        for row in (runs["qp_gradient"].q[0], q, runs["qp_gradient"].q[110], q):
-            near = lit.show(row)
-            every = distances(cell.model, row, clearance.pairs)
-            expected: dict[int, tuple[int, int, int]] = {}
-            for pair, distance in zip(clearance.pairs, every, strict=True):
-                if distance < 0.005 + NEAR:
-                    for geom in pair.tolist():
-                        rgb = TOO_NEAR_RGB if distance < least else NEAR_RGB
-                        expected[geom] = TOO_NEAR_RGB if TOO_NEAR_RGB in (
-                            rgb, expected.get(geom)
-                        ) else rgb  # fmt: skip
-            shown = {g: tuple(s.color) for g, s in lit.shapes.items() if s and s.visible}
-            assert shown == expected
-            assert near is not None
-            assert near.distance == pytest.approx(every.min(), abs=2e-5)
-            assert near.name == clearance.names[int(every.argmin())]
-            assert lit.label.visible == bool(expected)
-            if expected:
-                assert lit.label.text == f"{distance_text(near.distance)}: {near.name}"
-        assert expected
-        assert set(expected.values()) <= {NEAR_RGB, TOO_NEAR_RGB}
-        data = mujoco.MjData(cell.model)
-        data.qpos[:] = q
-        mujoco.mj_kinematics(cell.model, data)
-        for geom in expected:
-            shape = lit.shapes[geom]
-            np.testing.assert_allclose(shape.position, data.geom_xpos[geom], atol=1e-9)
-    finally:
-        server.stop()

@@ -14,10 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-import qp_twist as qt
-from qp_twist.authoring import Request, new_task
 from qp_twist.checks import Array
-from qp_twist.cli import main
 from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Rotary, Toolpath, read_toolpath
@@ -436,38 +433,6 @@ def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[
             assert np.isfinite(curve.positions).all()
             assert curve.vectors is not None
             assert np.linalg.norm(curve.vectors, axis=1) == pytest.approx(1.0)
-
-
-# ---------------------------------------------------------------- from the command line
-
-
-def test_new_makes_a_task_of_a_program_with_five_axes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    text = HEAD + (
-        "G0 X0. Y0. A0. C0.\nG43.4 H1 Z60.\nZ5.\nG1 Z0. F300.\nG3 X20. Y20. J20. A10.\n"
-        "G1 Y40. A0.\nG0 Z60.\nG49\nG28\nM30\n"
-    )
-    (tmp_path / "part.nc").write_text(text, encoding="utf-8")
-    out = tmp_path / "t.toml"
-    given_ = ["new", "seven_axis_arm.xml", "--frame", "tool", "--path", str(tmp_path / "part.nc"),
-              "--place", "0.45,0,0.3", "--out", str(out)]  # fmt: skip
-    with pytest.raises(SystemExit):
-        main(given_)
-    assert "For qp-twist new: --rotary head-ac or another of these" in capsys.readouterr().err
-    main([*given_, "--rotary", "head-ac", "--rollover", "as-written"])
-    assert 'rollover = "as-written"' in out.read_text(encoding="utf-8")
-    said = capsys.readouterr().out
-    assert "tool axes are those of the rotary axes by head-ac" in said
-    task = qt.load_task(out)
-    assert task.durations is not None and task.toolpath is not None
-    # A quarter circle of 20 mm and two straight cuts at 300 mm/min; ways at 0.05 m/s.
-    cut = (5 + 10 * math.pi + 20) / 5
-    assert task.durations.sum() == pytest.approx(cut + (55 + 60) / 50, rel=1e-3)
-    made = new_task(
-        Request(Path("seven_axis_arm.xml"), tmp_path / "part.nc", frame="tool", rotary="head-ac",
-                place=(0.45, 0.0, 0.3), rapids="drop"), out, force=True)  # fmt: skip
-    assert made.path_task.positions[:, 2].max() == pytest.approx(0.305)
 
 
 # ---------------------------------------------------------------- numbers without bounds

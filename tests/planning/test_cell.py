@@ -144,3 +144,10 @@ def test_a_distance_that_links_can_never_keep_is_refused_at_once(
     wide = replace(cell, constraints=(qt.Clearance(cell.model, distance),))
     with pytest.raises(qt.InvalidInput, match=r"floor to turret.* more. .*5 mm is 0.005"):
         qt.follow(wide)
+
+
+def test_a_start_that_comes_no_nearer_is_given_up(cell: qt.PathTask) -> None:
+    """At 30 mm all pairs are apart in some configurations, but not on the path."""
+    wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.03),))
+    with pytest.raises(qt.InvalidInput, match=r"after [2-5]\d steps it is .*clearance"):
+        qt.follow(wide)

@@ -16,9 +16,6 @@ from oracles.scripts import script
 from oracles.tilting_table import CENTRE, TILT, arm_that_moves, table_that_moves
 
 import qp_twist as qt
-from qp_twist.planning import RollMap
-from qp_twist.planning.layer import centred
-from qp_twist.planning.roll_grid import RollGrid
 
 study = script("benchmarks/placements.py")
 STEP = math.radians(20.0)
@@ -201,34 +198,3 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
     alone = float(np.mean([ranges.centring(layer).min() for layer in layers]))
     assert plan.bound <= min(alone, plan.value) + 1e-12
     assert plan.bound >= 0.97 * alone
-
-
-def test_the_map_of_rolls_of_a_part_in_the_hand_is_that_of_the_cell() -> None:
-    """The chain is reversed: each node of the map is posed in the scene as it stands, by MuJoCo."""
-    task = qt.load_task("part_in_hand")
-    roll_map = RollMap.of(task, columns=5, spacing_deg=30.0)
-    scene = mujoco.MjModel.from_xml_path(str(task.scene))
-    data = mujoco.MjData(scene)
-    joints = [scene.joint(task.model.joint(dof).name).qposadr[0] for dof in range(task.model.nv)]
-    grid = RollGrid(task, roll_map.arm, np.radians(30.0), np.full(6, np.inf))
-    order = np.argsort(np.remainder(grid.rolls + np.pi, 2.0 * np.pi), kind="stable")
-    seen = 0
-    for column, index in enumerate(roll_map.waypoints):
-        target = task.waypoints[index]
-        q = centred(grid.branches(index), qt.JointRanges.of(task.model))[order]
-        for roll, branch in np.ndindex(q.shape[:2]):
-            assert np.isnan(roll_map.margins[column, roll, branch]) == np.isnan(q[roll, branch, 0])
-            if np.isnan(q[roll, branch, 0]):
-                continue
-            data.qpos[joints] = q[roll, branch]
-            mujoco.mj_kinematics(scene, data)
-            part, wheel = data.body("part"), data.site("wheel")
-            turn = part.xmat.reshape(3, 3).T
-            assert np.abs(turn @ (wheel.xpos - part.xpos) - target.translation()).max() < 1e-8
-            axis = (turn @ wheel.xmat.reshape(3, 3))[:, 2]
-            assert np.abs(axis - target.rotation().as_matrix()[:, 2]).max() < 1e-8
-            seen += 1
-    assert seen > 200
-    run = qt.follow(task, "qp_gradient")
-    rolls, branches = roll_map.locate(run.q)
-    assert np.isfinite(rolls).all() and len(set(branches)) == 1

@@ -362,3 +362,15 @@ def test_a_band_that_a_later_segment_contradicts_is_refused() -> None:
                  segments=(qt.paths.Segment(3, whole),))  # fmt: skip
     with pytest.raises(qt.InvalidInput, match="holds the value at 0°"):
         qt.plan(task)
+
+
+def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
+    soft = qt.RollBand(Z, -0.1, 0.1, weight=5.0)
+    hard = qt.RollBand(Z, -0.5, 0.5)
+    task = every(BANDS, 10)
+    plans = [
+        qt.plan(dataclasses.replace(task, bands=bands), max_step_deg=30.0)
+        for bands in ((hard,), (soft, hard))
+    ]
+    # To what programs settle at: the runs that a plan begins with, too, know of the soft band.
+    assert plans[0].value == pytest.approx(plans[1].value, rel=1e-6)

@@ -130,25 +130,6 @@ def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
     assert np.linalg.norm(moved.residuals[0]) <= 1.01 * tolerance
 
 
-@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-7])
-@given(seed=SEEDS)
-@settings(max_examples=10)
-def test_a_small_demand_is_scaled_as_a_large_one(size: float, seed: int) -> None:
-    """The largest scale does not depend on the unit, down to what counts as met."""
-    J, goal, lower, upper, _ = saturated(seed)
-    large = qt.solve_levels([(J, goal)], lower, upper)
-    small = qt.solve_levels([(J, size * goal)], size * lower, size * upper)
-    closest = qt.solve_levels([(J, goal)], lower, upper, on_infeasible="relax")
-    missing = size * np.linalg.norm(closest.residuals[0])
-    demand = size * np.abs(goal).max()
-    tolerance = EQUALITY_TOLERANCE * (np.linalg.norm(J, axis=1).max() + demand)
-    if missing > 1.01 * tolerance:
-        assert small.scale == pytest.approx(large.scale, abs=1e-6 + 1e-12 / demand)
-    elif missing < 0.99 * tolerance:
-        assert small.scale == 1.0
-        assert np.linalg.norm(small.residuals[0]) <= 1.01 * tolerance
-
-
 @given(SEEDS)
 @settings(max_examples=20)
 def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> None:

@@ -7,6 +7,7 @@ of it is read from the MJCF files.
 from __future__ import annotations
 
 import io
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,7 @@ import pytest
 from matplotlib import image as matplotlib_image
 from scipy.spatial.transform import Rotation
 
-from qp_twist.drawing import NoPicture, picture_of
+from qp_twist.drawing import NoPicture, picture, picture_of
 from qp_twist.drawing.palette import RED
 from qp_twist.drawing.picture import draw_scene
 from qp_twist.drawing.picture_process import GHOST_ALPHA
@@ -354,3 +355,24 @@ def test_broken_opengl_is_a_sentence(
     assert "apt-get install libegl1 libgl1-mesa-dri" in sentence
     assert "unset MUJOCO_GL" in sentence
     assert "\n" not in sentence
+
+
+@pytest.mark.parametrize(
+    ("returncode", "said"),
+    [(-int(signal.SIGSEGV), "SIGSEGV"), (-int(signal.SIGABRT), "SIGABRT"), (1, "exit status 1")],
+)
+def test_a_crash_of_opengl_is_a_sentence(
+    returncode: int, said: str, m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = SimpleNamespace(returncode=returncode, stderr="")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
+    with pytest.raises(NoPicture, match=f"{said}.*apt-get"):
+        draw_scene(m16ib, [START])
+
+
+def test_a_hanging_driver_is_a_sentence(
+    m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(picture, "TIMEOUT_S", 0.01)
+    with pytest.raises(NoPicture, match="no picture within"):
+        draw_scene(m16ib, [START])

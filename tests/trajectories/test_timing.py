@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.arms import random_arm, random_configuration
 from oracles.joint_paths import evenly, joint_path, short, slider
 from scipy.interpolate import BPoly, CubicHermiteSpline
 
@@ -375,28 +374,6 @@ def test_the_error_between_waypoints_is_that_of_the_arc_over_its_chord() -> None
     task = dataclasses.replace(trajectory.path_task, projector=angle)
     turned = path_errors(task, JointMotion(np.arange(3.0), q))
     assert turned.axis_between == pytest.approx(0.0, abs=1e-9)
-
-
-@given(SEEDS)
-@settings(max_examples=10, deadline=None)
-def test_errors_at_the_rows_are_those_of_the_task(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, 5, slides=True)
-    q = np.array([random_configuration(model, rng) for _ in range(4)])
-    roll_free = qt.TwistProjector(
-        linear=qt.Projector.plane([1, 2, 3]), angular=qt.Projector.plane([0, 0, 1]), frame="body"
-    )
-    trajectory = joint_path(model, q, evenly(4, 1.0), projector=roll_free)
-    moved = q + 0.1 * rng.normal(size=q.shape)
-    errors = path_errors(trajectory.path_task, JointMotion(np.arange(4.0), moved))
-    task = qt.TwistTask("tool", "site", roll_free)
-    configuration = mink.Configuration(model)
-    for k, row in enumerate(moved):
-        configuration.update(row)
-        task.set_target(trajectory.path_task.waypoints[k])
-        error = task.state(configuration).error
-        assert errors.position[k] == pytest.approx(np.linalg.norm(error[:3]), abs=1e-12)
-        assert errors.axis[k] == pytest.approx(np.linalg.norm(error[3:]), abs=1e-9)
 
 
 # ---------------------------------------------------------------- rows between
