@@ -6,13 +6,15 @@ manifolds, one panel per joint, as in the paper's Fig. 4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import mujoco
 import numpy as np
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -31,7 +33,8 @@ from qp_twist.pages.method_style import entitle, line_style, method_curves, meth
 from qp_twist.paths import PathTask
 from qp_twist.planning import RollMap, roll_arm
 from qp_twist.planning.layer import centred
-from qp_twist.planning.self_motion import manifolds
+from qp_twist.planning.manifold_net import ManifoldNet
+from qp_twist.planning.path_rows import PathRows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,8 +47,8 @@ _KEPT, _LEFT = "#333333", "#C8C8C8"
 """Parts of manifolds inside all limits, and outside."""
 _NAMED, _ROOM = 3, 7.0
 """Largest number of pairs that are named in a panel; least radius of a named region, in nodes."""
-_DRAWN = 50
-"""Approximate number of waypoints whose manifolds are drawn."""
+_DRAWN, _SPACING = 50, np.radians(3.0)
+"""Approximate number of waypoints whose manifolds are drawn; distance of their points, rad."""
 
 
 def applies_to(path_task: PathTask) -> bool:
@@ -91,16 +94,20 @@ def roadmap_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) 
         return roll_figure(RollMap.of(path_task), trajectories)
     ranges, count = JointRanges.of(path_task.model), len(path_task.waypoints)
     drawn = range(0, count, max(1, count // _DRAWN))
-    found = manifolds(path_task, drawn, rng=np.random.default_rng(0))
-    curves = [(i + 1, own) for i, own in zip(drawn, found, strict=True)]
+    found = manifolds(path_task, drawn)
+    waypoints = np.repeat([index + 1.0 for index in drawn], [len(own) for own in found])
+    q = centred(np.concatenate(found), ranges)
+    kept = ranges.inside(q)
+    for clearance in path_task.clearances:
+        kept &= clearance.inside(q, 0.0)
     positions = {name: ranges.positions(t.q) for name, t in trajectories.items()}
     with mpl.rc_context(RC):
         figure = ShownFigure(figsize=(10.5, 3.0 * path_task.model.nv + 1.2), layout="constrained")
         panels = figure.subplots(path_task.model.nv, 1, sharex=True, squeeze=False)[:, 0]
         for dof, panel in enumerate(panels):
-            runs = method_curves({name: q[:, dof] for name, q in positions.items()})
+            runs = method_curves({name: run[:, dof] for name, run in positions.items()})
             draw_joint(panel, ranges, dof, runs)
-            _draw_manifolds(panel, path_task, dof, curves)
+            _draw_manifolds(panel, dof, waypoints, q, kept)
             if ranges.limited[dof]:
                 low, high = np.degrees((ranges.lower[dof], ranges.upper[dof]))
                 panel.set_ylim(low - 0.35 * (high - low), high + 0.35 * (high - low))
@@ -122,29 +129,20 @@ def roadmap_figure(path_task: PathTask, trajectories: Mapping[str, Trajectory]) 
     return figure
 
 
-def _draw_manifolds(
-    panel: Axes, path_task: PathTask, dof: int, curves: list[tuple[int, list[Array]]]
-) -> None:
-    ranges = JointRanges.of(path_task.model)
-    inside: list[Array] = []
-    outside: list[Array] = []
-    for waypoint, found in curves:
-        for curve in found:
-            wrapped = centred(curve, ranges)
-            ok = ranges.inside(wrapped)
-            for clearance in path_task.clearances:
-                ok &= clearance.inside(wrapped, 0.0)
-            theta = np.degrees(wrapped[:, dof])
-            points = np.column_stack([np.full(len(theta), waypoint), theta])
-            segments = np.stack([points[:-1], points[1:]], axis=1)
-            whole = np.abs(np.diff(theta)) < 90.0
-            inside.extend(segments[whole & ok[:-1] & ok[1:]])
-            outside.extend(segments[whole & ~(ok[:-1] & ok[1:])])
-    # Thousands of short lines: rasterised they take a tenth of the size.
-    for lines, colour, width, order in ((outside, _LEFT, 1.0, 1), (inside, _KEPT, 1.6, 2)):
-        panel.add_collection(
-            LineCollection(lines, colors=colour, linewidths=width, zorder=order, rasterized=True)
-        )
+def manifolds(path_task: PathTask, indices: Sequence[int]) -> list[Array]:
+    """Configurations (K, nv) on some waypoints that cover the self-motion, whatever the limits."""
+    model = copy.copy(path_task.model)
+    model.jnt_limited[:] = 0
+    free = dataclasses.replace(path_task.without_clearance(), model=model)
+    net = ManifoldNet(free, PathRows(free), _SPACING)
+    return [net.layer(index).q for index in indices]
+
+
+def _draw_manifolds(panel: Axes, dof: int, waypoints: Array, q: Array, kept: Mask) -> None:
+    """One joint of configurations (K, nv) above their waypoints (K,), dark where they are kept."""
+    for which, colour, width, order in ((~kept, _LEFT, 0.8, 1), (kept, _KEPT, 1.2, 2)):
+        panel.scatter(waypoints[which], np.degrees(q[which, dof]), color=colour, marker="|",
+                      s=16.0, linewidths=width, zorder=order, rasterized=True)  # fmt: skip
 
 
 def roll_figure(roll_map: RollMap, trajectories: Mapping[str, Trajectory]) -> Figure:
