@@ -130,16 +130,19 @@ PASSING = 107
 def draw_passing(comparison: qt.Comparison, path: Path) -> None:
     """The arm that passes the clamp, and as a ghost the one that does not."""
     task, runs = comparison.path_task, comparison.trajectories
-    arms = [runs[name].q[PASSING] for name in ("qp_gradient", "gradient_projection")]
+    lines, camera = [(task.positions, RED)], overview(task.model)
     try:
-        png = draw_scene(task.model, arms, [(task.positions, RED)], camera=overview(task.model))
+        pngs = [
+            draw_scene(task.model, runs[name].q[PASSING], lines, camera=camera)
+            for name in ("qp_gradient", "gradient_projection")
+        ]
     except NoPicture as error:
         print(error)
         return
-    with Image.open(io.BytesIO(png)) as picture:
-        width, height = picture.size
-        part = (0.22 * width, 0.06 * height, 0.92 * width, height)
-        shown = picture.convert("RGB").crop(tuple(map(int, part)))
+    passes, ghost = (Image.open(io.BytesIO(png)).convert("RGB") for png in pngs)
+    width, height = passes.size
+    part = (0.22 * width, 0.06 * height, 0.92 * width, height)
+    shown = Image.blend(passes, ghost, 0.28).crop(tuple(map(int, part)))
     shown.quantize(128).save(path, optimize=True)
     print(f"wrote {path}")
 

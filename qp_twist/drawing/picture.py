@@ -83,7 +83,7 @@ def picture_of(
     if lines is None:
         lines = [(np.insert(drawn.positions, drawn.joint_moves, np.nan, axis=0), RED)]
     png = draw_scene(
-        framed(drawn), [drawn.start], lines,
+        framed(drawn), drawn.start, lines,
         width=width, height=height, camera=overview(drawn.model),
     )  # fmt: skip
     return Picture(png, text)
@@ -91,7 +91,7 @@ def picture_of(
 
 def draw_scene(
     model: mujoco.MjModel,
-    configurations: Sequence[npt.ArrayLike],
+    configuration: npt.ArrayLike,
     lines: Sequence[Line] = (),
     *,
     width: int = 1280,
@@ -102,8 +102,7 @@ def draw_scene(
 
     Args:
         model: The scene.
-        configurations: Rad or m, (nq,) each. The first is drawn solid, the others as translucent
-            ghosts.
+        configuration: Rad or m, (nq,).
         lines: Drawn as tubes.
         width: px.
         height: px.
@@ -113,10 +112,9 @@ def draw_scene(
         NoPicture: If there is no OpenGL; the message says what to install.
         ValueError: If an array has the wrong shape.
     """
-    arms = [np.asarray(q, dtype=np.float64) for q in configurations]
-    if not arms or any(q.shape != (model.nq,) for q in arms):
-        shapes = [q.shape for q in arms]
-        raise ValueError(f"configurations must be arrays of shape ({model.nq},), got {shapes}")
+    q = np.asarray(configuration, dtype=np.float64)
+    if q.shape != (model.nq,):
+        raise ValueError(f"the configuration must have shape ({model.nq},), got {q.shape}")
     points = [_points(line) for line, _ in lines]
     settings = {
         "width": width, "height": height, "camera": camera,
@@ -126,7 +124,7 @@ def draw_scene(
         job = Path(temporary)
         mujoco.mj_saveModel(model, str(job / "scene.mjb"), None)
         (job / "settings.json").write_text(json.dumps(settings))
-        np.savez(job / "arrays.npz", np.stack(arms), *points)
+        np.savez(job / "arrays.npz", q, *points)
         _run(job)
         return (job / "picture.png").read_bytes()
 

@@ -1,7 +1,7 @@
 """The process that draws one picture: ``python picture_process.py FOLDER``.
 
-The folder has ``scene.mjb``, ``settings.json`` and ``arrays.npz`` (configurations, then the points
-of each line), as written by ``picture.py``; the process writes ``picture.png`` there.
+The folder has ``scene.mjb``, ``settings.json`` and ``arrays.npz`` (the configuration, then the
+points of each line), as written by ``picture.py``; the process writes ``picture.png`` there.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 
-GHOST_ALPHA = 0.28
 _MOST_PX = 4096
 """Largest size that is drawn at twice its size: OpenGL's buffers end somewhere above that."""
 _RADIUS = 0.0026
@@ -33,7 +32,7 @@ def draw(folder: Path) -> None:
 
     settings: dict[str, Any] = json.loads((folder / "settings.json").read_text())
     with np.load(folder / "arrays.npz") as stored:
-        configurations, *lines = (stored[name] for name in stored.files)
+        configuration, *lines = (stored[name] for name in stored.files)
     model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
     # Drawn at twice the size and averaged: smooth edges of shapes and shadows with any driver.
     width, height = settings["width"], settings["height"]
@@ -45,33 +44,14 @@ def draw(folder: Path) -> None:
         model.vis.quality.offsamples = 0  # the averaging replaces it
     coloured = list(zip(lines, settings["colours"], strict=True))
     view = View(model, factor * width, factor * height, settings["camera"], coloured)
-    view.update(configurations[0])
+    view.update(configuration)
     picture = view.colours()
     if not (model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).any():
         # MuJoCo's background is black, at the far clipping plane.
         picture[view.depth() > 0.99 * model.vis.map.zfar * model.stat.extent] = 1.0
-    if len(configurations) > 1:
-        _add_ghosts(picture, view, configurations)
     samples = [picture[i::factor, j::factor] for i in range(factor) for j in range(factor)]
     picture = np.clip(np.mean(samples, axis=0), 0.0, 1.0)
     matplotlib_image.imsave(folder / "picture.png", picture, format="png")
-
-
-def _add_ghosts(picture: Image, view: View, configurations: Array) -> None:
-    """Blend the other configurations into a picture of the first.
-
-    A ghost is blended as a whole wherever it stands before the surroundings and beside the solid
-    arm. With translucent geoms, one would see the shapes that overlap inside the arm.
-    """
-    margin = 1e-3 * view.model.stat.extent
-    solid = view.depth()
-    view.update(configurations[0], surroundings_only=True)
-    surroundings = view.depth()
-    beside = solid > surroundings - margin
-    for q in configurations[1:]:
-        view.update(q)
-        ghost = beside & (view.depth() < surroundings - margin)
-        picture[ghost] += GHOST_ALPHA * (view.colours()[ghost] - picture[ghost])
 
 
 class View:
@@ -99,11 +79,11 @@ class View:
         max_geom = 2 * model.ngeom + 1000 + sum(len(points) for points, _ in lines)
         self.renderer = mujoco.Renderer(model, height, width, max_geom=max_geom)
 
-    def update(self, q: Array, *, surroundings_only: bool = False) -> None:
-        """Show one configuration, or only what does not move."""
+    def update(self, q: Array) -> None:
+        """Show a configuration."""
         self.data.qpos[:] = q
         mujoco.mj_fwdPosition(self.model, self.data)
-        shown = mujoco.mjtCatBit.mjCAT_STATIC if surroundings_only else mujoco.mjtCatBit.mjCAT_ALL
+        shown = mujoco.mjtCatBit.mjCAT_ALL
         scene, option = self.renderer.scene, mujoco.MjvOption()
         mujoco.mjv_updateScene(self.model, self.data, option, None, self.camera, shown, scene)
         for points, rgba in self.lines:
