@@ -21,77 +21,65 @@ from qp_twist.kernel import COMPILED, MACHINE_CODE
 from qp_twist.paths import PathTask
 from qp_twist.qp import check_solver
 
-
-class MethodProgress:
-    """Draws the progress of the methods of a command; nothing without a bar."""
-
-    def __init__(self, progress: Progress | None, methods: Sequence[str], waypoints: int) -> None:
-        self._progress = progress
-        self._before = {name: k * waypoints for k, name in enumerate(dict.fromkeys(methods))}
-        if progress is not None:
-            self._bar = progress.add_task("", total=len(methods) * waypoints)
-            self._plan = progress.add_task("", total=1.0, visible=False)
-
-    def done(self, method: str, waypoints: int) -> None:
-        """Number of waypoints done of a method."""
-        if self._progress is not None:
-            completed = self._before.get(method, 0) + waypoints
-            self._progress.update(self._bar, description=method, completed=completed)
-            self._progress.update(self._plan, visible=False)
-
-    def planning(self, what: str, share: float) -> None:
-        """Part of a plan in progress, and its completed share."""
-        if self._progress is not None:
-            text = f"plan: {what}"
-            self._progress.update(self._plan, description=text, completed=share, visible=True)
-
-    def says(self, what: str) -> None:
-        """Activity that concerns all waypoints."""
-        if self._progress is not None:
-            self._progress.update(self._bar, description=what)
+Report = Callable[[float, str], None]
+"""Called with what is done so far, and a description."""
 
 
 @contextmanager
-def _drawn(*columns: ProgressColumn) -> Iterator[Progress | None]:
-    """A progress bar on standard error, if that is a terminal."""
+def _bar(total: float, *columns: ProgressColumn) -> Iterator[Report]:
+    """Draw a bar on standard error, if that is a terminal; yield what moves it."""
     console = terminal()
     if console is None:
-        yield None
+        yield lambda done, what: None
         return
     with Progress(*columns, console=console, transient=True) as progress:
-        yield progress
+        bar = progress.add_task("", total=total)
+        yield lambda done, what: progress.update(bar, completed=done, description=what)
+
+
+class MethodProgress:
+    """The progress of the methods of a command, one after the other."""
+
+    def __init__(self, report: Report, methods: Sequence[str], waypoints: int) -> None:
+        self._report, self._completed = report, 0.0
+        self._before = {name: k * waypoints for k, name in enumerate(dict.fromkeys(methods))}
+
+    def done(self, method: str, waypoints: int) -> None:
+        """Number of waypoints done of a method."""
+        self._completed = self._before.get(method, 0) + waypoints
+        self._report(self._completed, method)
+
+    def planning(self, what: str, share: float) -> None:
+        """Part of a plan in progress, and its completed share."""
+        self.says(f"plan: {what} ({100.0 * share:.0f} %)")
+
+    def says(self, what: str) -> None:
+        """Activity that concerns all waypoints."""
+        self._report(self._completed, what)
 
 
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
     """Yield the receiver of progress."""
-    text = TextColumn("{task.description:<20}")
-    with _drawn(text, BarColumn(), TaskProgressColumn(), TimeElapsedColumn()) as progress:
-        yield MethodProgress(progress, methods, waypoints)
+    columns = TextColumn("{task.description:<20}"), BarColumn(), TaskProgressColumn()
+    with _bar(len(methods) * waypoints, *columns, TimeElapsedColumn()) as report:
+        yield MethodProgress(report, methods, waypoints)
 
 
 @contextmanager
 def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
     """Yield ``report(samples done)``."""
     counted = TextColumn("samples"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with _drawn(*counted, TextColumn("left"), TimeRemainingColumn()) as progress:
-        if progress is None:
-            yield lambda done: None
-        else:
-            bar = progress.add_task("", total=samples)
-            yield lambda done: progress.update(bar, completed=done)
+    with _bar(samples, *counted, TextColumn("left"), TimeRemainingColumn()) as report:
+        yield lambda done: report(done, "")
 
 
 @contextmanager
 def share_progress() -> Iterator[Callable[[str, float], None]]:
     """Yield ``report(what, share done)``."""
     text = TextColumn("{task.description}")
-    with _drawn(BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), text) as progress:
-        if progress is None:
-            yield lambda what, share: None
-        else:
-            bar = progress.add_task("", total=1.0)
-            yield lambda what, share: progress.update(bar, description=what, completed=share)
+    with _bar(1.0, BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), text) as report:
+        yield lambda what, share: report(share, what)
 
 
 @contextmanager
