@@ -174,26 +174,15 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks; see also :meth:`table` and :meth:`report`."""
-        rows: list[tuple[object, ...]] = []
-        for name, numbers in self.to_dict()["methods"].items():
-            margin = numbers["min_margin"]
-            rows.append(
-                (
-                    name,
-                    numbers["violations"],
-                    "–" if margin is None else float(margin),
-                    float(numbers["mean_z"]),
-                    1e3 * numbers["position_error_max_m"],
-                    math.degrees(numbers["axis_error_max_rad"]),
-                    float(numbers["travel_deg"]),
-                    numbers["status"],
-                )
-            )
-        rows += [(name, *[""] * 6, f"not run: {why}") for name, why in self.not_run.items()]
-        heads = ("method", "violations", "least margin", "mean z", "position error, mm",
-                 "axis error, °", "travel, °", "status")  # fmt: skip
-        count = len(self.path_task.waypoints)
-        return html_table(f"{self.path_task.name}, {count} waypoints", rows, heads)
+        content = self.to_dict()
+        table = metrics_table(content)
+        rows: list[tuple[str, ...]] = [
+            (name, *(cell.text for cell in cells), content["methods"][name]["status"])
+            for name, cells in table.rows.items()
+        ]
+        rows += [(n, *[""] * len(table.columns), f"not run: {w}") for n, w in self.not_run.items()]
+        title = f"{self.path_task.name}, {len(self.path_task.waypoints)} waypoints"
+        return html_table(title, rows, ("method", *table.columns, "status"))
 
 
 class Interrupted(KeyboardInterrupt):
