@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import mink
@@ -15,8 +16,8 @@ from qp_twist.checks import Array
 from qp_twist.constraints import BindingLimit, Clearance, PositionLimit, refuse_never_apart
 from qp_twist.control import Controller
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import ProjectorKind
-from qp_twist.kinematics import JointRanges, SerialChain, TwistTask
+from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
+from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import PathTask, twist_task
 from qp_twist.planning.central import CentralConfiguration, central_configurations
 from qp_twist.planning.certificate import amount_of
@@ -31,13 +32,6 @@ _TIMES = 10
 _SEEDS = 300
 _CLIPPED = 8
 """How often configurations are moved into the limits and corrected onto the waypoint again."""
-_NEAR = 40
-"""Number of seeds that are moved on towards a waypoint out of reach."""
-_STEPS = 200
-_LONGEST = 0.3
-"""Largest of these steps in any joint, rad or m."""
-_DAMPING = 0.05
-"""Damping of the steps towards a point out of reach, relative to a lever arm of a metre."""
 _NAMED = 4
 """Largest number of constraints that a message names."""
 _STALLED = 20
@@ -301,8 +295,12 @@ def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
     position = path_task.waypoints[index].translation()
     shown = ", ".join(f"{value:.3g}" for value in position)
     if path_task.in_force[index].linear.kind is ProjectorKind.FULL:
-        chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-        distance = _nearest(chain, q, position)
+        linear = TwistProjector(
+            linear=path_task.operational.linear, angular=Projector.none(),
+            frame=path_task.operational.frame,
+        )  # fmt: skip
+        alone = dataclasses.replace(path_task, projector=linear, segments=(), bands=())
+        distance = PathRows(alone).nearest(index, q).linear
         if distance > REACHED.position:
             return (
                 f"{where} at ({shown}) m is out of the arm's reach by {1e3 * distance:.3g} mm, "
@@ -316,16 +314,3 @@ def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
         f"the task asks for{also}: the nearest configuration misses it by "
         f"{rows.nearest(index, q)}, joint limits not counted"
     )
-
-
-def _nearest(chain: SerialChain, q: Array, position: Array) -> float:
-    """Smallest distance, m, of the frame's origin from a position, by damped steps from q."""
-    apart = np.linalg.norm(position - chain.poses(q)[1], axis=1)
-    q = q[np.argsort(apart, kind="stable")[:_NEAR]]
-    for _ in range(_STEPS):
-        _, origins, jacobians = chain.poses_and_jacobians(q)
-        rows, errors = jacobians[:, :3], position - origins
-        gram = rows @ rows.transpose(0, 2, 1) + _DAMPING**2 * np.eye(3)
-        step = (rows.transpose(0, 2, 1) @ np.linalg.solve(gram, errors[:, :, None]))[:, :, 0]
-        q = q + step * np.minimum(1.0, _LONGEST / np.abs(step).max(axis=1, initial=1e-12))[:, None]
-    return float(np.linalg.norm(position - chain.poses(q)[1], axis=1).min())
