@@ -156,7 +156,7 @@ class Comparison:
             self.path_task,
             self.trajectories,
             content,
-            faults={run.name: ", ".join(run.faults) for run in runs},
+            faults={run.name: "; ".join(run.faults) for run in runs},
             findings={  # what was kept is what the page begins with
                 topic: sentences
                 for topic, sentences in by_topic(runs, self.not_run, self.z_bound).items()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from qp_twist.comparison.metrics import EXCESSES, compiled_share, metrics, too_near
+from qp_twist.comparison.metrics import compiled_share, faults, metrics
 from qp_twist.following import Trajectory
-from qp_twist.following.joint_speeds import OVER, PeakSpeed, peak_speed
-from qp_twist.paths import METHODS, Tolerances
+from qp_twist.following.joint_speeds import OVER, peak_speed
+from qp_twist.paths import METHODS
 
 KEPT = "What was kept"
 AS_GOOD = 0.05
@@ -24,70 +24,26 @@ class MethodRun:
     Attributes:
         name: Name of the method.
         numbers: Its :func:`~qp_twist.comparison.metrics`.
-        reached: Number of waypoints before it ended or diverged.
-        waypoints: Number of waypoints of the path.
-        speed: Its highest joint speed; ``None`` without a feed or speed limits.
+        faults: What it did not keep; empty if it kept all.
         compiled: Share of its waypoints that compiled code computed.
-        tolerances: Of the verdict on it.
     """
 
     name: str
     numbers: Mapping[str, Any]
-    reached: int
-    waypoints: int
-    speed: PeakSpeed | None = None
+    faults: Sequence[str] = ()
     compiled: float = 0.0
-    tolerances: Tolerances = field(default_factory=Tolerances)
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> MethodRun:
         """The run of a trajectory."""
-        reached = len(trajectory.q)
-        if trajectory.diverged_at is not None:
-            reached = trajectory.diverged_at - 1
-        return cls(
-            trajectory.method,
-            metrics(trajectory),
-            reached,
-            len(trajectory.path_task.waypoints),
-            peak_speed(trajectory),
-            compiled_share(trajectory),
-            trajectory.path_task.tolerances,
-        )
-
-    @property
-    def faults(self) -> list[str]:
-        """What it did not keep, as clauses that follow its name; empty if it kept all."""
-        numbers, faults = self.numbers, []
-        if self.reached < self.waypoints:
-            faults.append(f"stopped at waypoint {self.reached} of {self.waypoints}")
-        if numbers["violations"]:
-            first = min(numbers["first_violation"].items(), key=lambda item: item[1])
-            out = f"by up to {_digits(-100.0 * numbers['min_margin'])} % of half a range"
-            faults.append(f"left the joint limits ({first[0]} at waypoint {first[1]}, {out})")
-        if self.speed is not None and self.speed.share > OVER:
-            times = f"{self.speed.share:.3g}" if self.speed.share >= 1.005 else "just over 1"
-            faults.append(
-                f"needed {times} times the speed limit of {self.speed.joint} at waypoint "
-                f"{self.speed.waypoint}"
+        numbers, speed = metrics(trajectory), peak_speed(trajectory)
+        found = faults(trajectory, numbers)
+        if speed is not None and speed.share > OVER:
+            times = f"{speed.share:.3g}" if speed.share >= 1.005 else "just over 1"
+            found.append(
+                f"needs {times} times the speed limit of {speed.joint} at waypoint {speed.waypoint}"
             )
-        errors = numbers["position_error_max_m"], numbers["axis_error_max_rad"]
-        if not self.tolerances.met(*errors):
-            steps = " (one step a waypoint)" if "one step a waypoint" in numbers["status"] else ""
-            off = f"{_digits(1e3 * errors[0])} mm and {_digits(math.degrees(errors[1]))}°"
-            if not all(map(math.isfinite, errors)):
-                off = "an unknown amount"
-            faults.append(f"was off the path by up to {off}{steps}")
-        for key, what in EXCESSES.items():
-            excess = numbers.get(key, 0.0)
-            if what == "constraint" and too_near(numbers, self.tolerances):
-                distance = 1e3 * numbers["min_clearance_m"]
-                faults.append(f"came as near as {distance:.3g} mm to what it must not touch")
-            elif excess > self.tolerances.band:
-                faults.append(f"left a {what} by up to {excess:.2g} (m or rad)")
-        if not (math.isfinite(numbers["mean_z"]) and math.isfinite(numbers["travel_deg"])):
-            faults.append("had no finite mean z or travel")
-        return faults
+        return cls(trajectory.method, numbers, found, compiled_share(trajectory))
 
     @property
     def code(self) -> str:
@@ -125,12 +81,10 @@ def by_topic(
 
 def _kept(runs: Sequence[MethodRun]) -> list[str]:
     names = [run.name for run in runs if not run.faults]
-    tolerances = runs[0].tolerances
-    within = f"{1e3 * tolerances.position:g} mm and {math.degrees(tolerances.axis):g}°"
     who = _listed(names) if names else "No method"
     return [
-        f"{who} kept limits and task all the way, to {within}.",
-        *(f"{run.name} {_listed(run.faults)}." for run in runs if run.faults),
+        f"{who} kept limits and task all the way.",
+        *(f"{run.name}: {'; '.join(run.faults)}." for run in runs if run.faults),
     ]
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
@@ -79,7 +78,8 @@ def metrics(trajectory: Trajectory) -> dict[str, Any]:
     if near is not None:
         numbers["min_clearance_m"] = near[1].distance
         numbers["asked_clearance_m"] = near[0].distance
-    numbers["status"] = _status(trajectory, numbers, near)
+    parts = [*faults(trajectory, numbers), *_remarks(trajectory)]
+    numbers["status"] = "; ".join(parts) or "ok"
     return numbers
 
 
@@ -99,12 +99,10 @@ def compiled_share(trajectory: Trajectory) -> float:
     return min(1.0, trajectory.compiled / max(1, len(trajectory.q) - 1))
 
 
-def _status(
-    trajectory: Trajectory, numbers: dict[str, Any], near: tuple[Clearance, NearestPair] | None
-) -> str:
-    """Status of the run, with active limits."""
+def faults(trajectory: Trajectory, numbers: Mapping[str, Any]) -> list[str]:
+    """What a run did not keep, and where, from its verdict and metrics; empty if it kept all."""
     parts, verdict = [], trajectory.verdict
-    tolerances = trajectory.path_task.tolerances
+    tolerances, near = trajectory.path_task.tolerances, trajectory.nearest
     if trajectory.diverged_at is not None:
         parts.append(f"diverged at waypoint {trajectory.diverged_at}")
     if len(trajectory.q) < len(trajectory.path_task.waypoints):
@@ -114,17 +112,6 @@ def _status(
     if verdict.outside.any():
         names = ", ".join(f"{joint} at {i}" for joint, i in numbers["first_violation"].items())
         parts.append(f"leaves the limits: {names}")
-    scaled = trajectory.scale < 1.0
-    if scaled.any():
-        names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
-        held = f"held by {names}" if names else "held by no limit that was named"
-        since = int(np.argmax(scaled)) + 1
-        parts.append(f"scaled at {_waypoints(scaled)}, first at {since}, {held}")
-    for status in (Status.DEGRADED, Status.RELAXED):
-        at = np.array([s is status for s in trajectory.statuses])
-        if at.any():
-            first = int(np.argmax(at)) + 1
-            parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
     for what, left in (("a band", verdict.band), ("a constraint", verdict.constraint)):
         if left.any():
             since = int(np.argmax(left)) + 1
@@ -138,7 +125,7 @@ def _status(
         parts.append(f"{how}: {pair}, waypoint {row + 1.0:.4g}")
     off = verdict.off
     if off.any():
-        one_step = not METHODS[trajectory.method].constrained and not scaled.any()
+        one_step = not METHODS[trajectory.method].constrained and not (trajectory.scale < 1.0).any()
         why = " (one step a waypoint)" if one_step and trajectory.iterations.max() <= 1 else ""
         first = int(np.argmax(off)) + 1
         most = [
@@ -153,7 +140,23 @@ def _status(
             f"off the path at {_waypoints(off)}{why}, first at {first}, by up to "
             f"{' and '.join(most)}"
         )
-    return "; ".join(parts) or "ok"
+    return parts
+
+
+def _remarks(trajectory: Trajectory) -> list[str]:
+    """Where the task was slowed down, and by what, and where steps are not exact."""
+    parts, scaled = [], trajectory.scale < 1.0
+    if scaled.any():
+        names = ", ".join(dict.fromkeys(n for names in trajectory.binding for n in names))
+        held = f"held by {names}" if names else "held by no limit that was named"
+        since = int(np.argmax(scaled)) + 1
+        parts.append(f"scaled at {_waypoints(scaled)}, first at {since}, {held}")
+    for status in (Status.DEGRADED, Status.RELAXED):
+        at = np.array([s is status for s in trajectory.statuses])
+        if at.any():
+            first = int(np.argmax(at)) + 1
+            parts.append(f"{status.name.lower()} at {_waypoints(at)}, first at {first}")
+    return parts
 
 
 def _waypoints(which: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> str:

@@ -231,7 +231,7 @@ def test_a_comparison_says_by_how_much_it_is_left() -> None:
     assert numbers["qp_gradient"]["constraint_excess_max"] < most
     assert "constraint" in comparison.table()
     said = " ".join(comparison.findings())
-    assert re.search("minimum_norm [^.]*left a constraint by up to", said)
+    assert re.search("minimum_norm: [^.]*outside a constraint at", said)
 
 
 # ---------------------------------------------------------------- who cannot ask it refuses it
