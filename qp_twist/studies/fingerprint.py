@@ -23,21 +23,19 @@ _NAMES_ONLY = {"name", "title", "source", "scene", "toolpath", "lines"}
 
 
 def fingerprint(path_task: PathTask) -> str:
-    """Digest of everything that a sample depends on: the compiled models and the whole task.
-
-    Args:
-        path_task: The task.
-
-    Returns:
-        The first 16 hexadecimal digits of a SHA-256.
-    """
+    """Digest of everything that a sample depends on: the compiled models and the whole task."""
     varied, source = section_of(path_task).robot, path_task.source
     scenes = () if varied is None or source is None else varied.scenes
     others = [load_scene(source, scene).model for scene in scenes if source is not None]
-    digest = hashlib.sha256()
-    for part in _parts((path_task, path_task.scene.name, others)):
-        digest.update(len(part).to_bytes(8, "little") + part)
-    return digest.hexdigest()[:16]
+    return digest((path_task, path_task.scene.name, others))
+
+
+def digest(value: Any) -> str:
+    """The first 16 hexadecimal digits of the SHA-256 of what a value consists of."""
+    found = hashlib.sha256()
+    for part in _parts(value):
+        found.update(len(part).to_bytes(8, "little") + part)
+    return found.hexdigest()[:16]
 
 
 def _parts(value: Any) -> Iterator[bytes]:

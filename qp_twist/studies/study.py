@@ -16,7 +16,6 @@ from rich.console import Console
 
 from qp_twist import __version__
 from qp_twist.checks import one_of, whole_number
-from qp_twist.constraints import COUPLED_WITHIN, Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.files import read_text, write_atomically
 from qp_twist.paths import (
@@ -29,7 +28,7 @@ from qp_twist.paths import (
 )
 from qp_twist.paths.section import Section
 from qp_twist.qp import check_solver
-from qp_twist.studies.fingerprint import fingerprint
+from qp_twist.studies.fingerprint import digest, fingerprint
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
 from qp_twist.studies.store import EMPTY_STORE, Store
@@ -72,13 +71,13 @@ class Study:
             InvalidInput: If the folder has no study, or the task has changed.
         """
         folder = Path(folder)
-        settings = _read(folder / _SETTINGS)
+        before = _read(folder / _SETTINGS)
         job = Job(
-            path_task or load_task(settings["task"]), tuple(settings["vary"]), settings["seed"],
-            tuple(settings["methods"]), settings["solver"], settings["start"], settings["certify"],
+            path_task or load_task(before.task), before.vary, before.seed, before.methods,
+            before.solver, before.start, before.certify,
         )  # fmt: skip
-        _check_same(folder, settings, _settings(job, settings["samples"]))
-        found = cls(folder, job, settings["samples"])
+        _check_same(folder, before, _settings(job, before.samples))
+        found = cls(folder, job, before.samples)
         found._store().check()
         return found
 
@@ -213,8 +212,8 @@ class Study:
             self._write_settings()
 
     def _write_settings(self) -> None:
-        text = json.dumps(_settings(self.job, self.count), indent=2) + "\n"
-        write_atomically(self.folder / _SETTINGS, text)
+        text = _settings(self.job, self.count).model_dump_json(indent=2)
+        write_atomically(self.folder / _SETTINGS, f"{text}\n")
 
     def _store(self) -> Store:
         return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
@@ -318,7 +317,7 @@ def study(
         ) from None
     found = Study(folder, job, count)
     found._store().check()
-    if settings["samples"] < (done := 1 + max(found.table(["sample"])["sample"], default=-1)):
+    if count < (done := 1 + max(found.table(["sample"])["sample"], default=-1)):
         raise InvalidInput(f"{folder}: has {done} samples already; ask for at least as many.")
     found.run(jobs=jobs, scheduler=scheduler, progress=progress)
     return found
@@ -329,69 +328,53 @@ class _Settings(Section):
 
     task: str
     fingerprint: str
-    vary: list[str]
+    vary: tuple[str, ...]
     samples: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)]
     seed: Annotated[int, Field(ge=0)]
-    methods: list[str]
+    methods: tuple[str, ...]
     solver: str
     start: Start
     certify: bool
     versions: dict[str, str]
 
 
-def _settings(job: Job, count: int) -> dict[str, Any]:
-    """The content of ``study.json`` as a dictionary."""
+def _settings(job: Job, count: int) -> _Settings:
     source = job.path_task.source
     assert source is not None
     shipped = source.resolve().parent == shipped_folder("tasks").resolve()
-    return {
-        "task": source.stem if shipped else str(source.resolve()),
-        "fingerprint": fingerprint(job.path_task),
-        "vary": list(job.vary),
-        "samples": count,
-        "seed": job.seed,
-        "methods": list(job.methods),
-        "solver": job.solver,
-        "start": job.start,
-        "certify": job.certify,
-        "versions": {
-            "qp_twist": __version__,
-            **{name: version(name) for name in ("mink", "mujoco", "numpy")},
-        },
-    }
+    packages = ("mink", "mujoco", "numpy")
+    return _Settings(
+        task=source.stem if shipped else str(source.resolve()),
+        fingerprint=fingerprint(job.path_task),
+        vary=job.vary,
+        samples=count,
+        seed=job.seed,
+        methods=job.methods,
+        solver=job.solver,
+        start=job.start,
+        certify=job.certify,
+        versions={"qp_twist": __version__, **{name: version(name) for name in packages}},
+    )
 
 
 def _check_from_file(task: PathTask) -> None:
     if task.source is None:
         raise InvalidInput("study: needs a task from a file, which it can load again.")
-    # What comes from the scene and the file is there whenever the file is loaded.
-    added = [
-        constraint
-        for constraint in task.constraints
-        if not isinstance(constraint, (JointCouplings, Clearance))
-        or (isinstance(constraint, JointCouplings) and constraint.tolerance != COUPLED_WITHIN)
-    ]
-    clearances = [c for c in task.constraints if isinstance(c, Clearance)]
-    if clearances and not added:
-        stated = [
-            (c.distance, c.ignored)
-            for c in load_task(task.source).constraints
-            if isinstance(c, Clearance)
-        ]
-        added = [c for c in clearances if (c.distance, c.ignored) not in stated]
+    stated = set(map(digest, load_task(task.source).constraints))
+    added = [constraint.kind for constraint in task.constraints if digest(constraint) not in stated]
     if added:
         raise InvalidInput(
-            f"study: {task.name} has constraints ({added[0].kind}) that its task file lacks, but "
-            "each sample is made from the file; follow and check its runs one by one, or remove "
-            "them: dataclasses.replace(task, constraints=())."
+            f"study: {task.name} has constraints ({added[0]}) that its task file lacks, but each "
+            "sample is made from the file; follow and check its runs one by one, or remove them: "
+            "dataclasses.replace(task, constraints=())."
         )
 
 
-def _read(file: Path) -> dict[str, Any]:
+def _read(file: Path) -> _Settings:
     if not os.path.lexists(file):
         raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).")
     try:
-        return _Settings.model_validate_json(read_text(file)).model_dump()
+        return _Settings.model_validate_json(read_text(file))
     except ValueError as error:
         reason = str(error).partition("\n")[0]
         raise InvalidInput(
@@ -400,17 +383,16 @@ def _read(file: Path) -> dict[str, Any]:
         ) from None
 
 
-def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+def _check_same(folder: Path, before: _Settings, now: _Settings) -> None:
     """Raise if the settings of two studies differ; the number of samples may."""
-    for key in ("vary", "seed", "methods", "solver", "start", "certify", "fingerprint"):
-        if before.get(key) == now[key]:
-            continue
-        if key == "fingerprint":
+    for key in ("vary", "seed", "methods", "solver", "start", "certify"):
+        if getattr(before, key) != getattr(now, key):
             raise InvalidInput(
-                f"{folder}: holds a study of the task {before['task']!r} as it was then; the task "
-                "or its robot has changed since. Give another folder, or restore the file."
+                f"{folder}: holds a study with {key} = {getattr(before, key)!r}, not "
+                f"{getattr(now, key)!r}; give another folder, or the same arguments."
             )
+    if before.fingerprint != now.fingerprint:
         raise InvalidInput(
-            f"{folder}: holds a study with {key} = {before.get(key)!r}, not {now[key]!r}; give "
-            "another folder, or the same arguments."
+            f"{folder}: holds a study of the task {before.task!r} as it was then; the task or its "
+            "robot has changed since. Give another folder, or restore the file."
         )
