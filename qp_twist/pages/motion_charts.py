@@ -159,16 +159,14 @@ def _clearance_chart(
     at = float(np.interp(near.at, np.arange(len(times)), times))
     later = int(np.searchsorted(times, at))
     times, distances = np.insert(times, later, at), np.insert(distances, later, near.distance)
-    # The referee evaluates other points: the number is the least of both.
-    least, where = near.distance, f"{escape(near.pair)}, {escape(check.passing.place(at))}"
-    findings = _of_clearance(path_task, check, clearance)
-    worst = max(findings, key=lambda finding: finding.value)
-    if not worst.passes and asked - worst.value < least:
-        least, where = asked - worst.value, escape(worst.where)
+    where = f"{escape(near.pair)}, {escape(check.passing.place(at))}"
+    findings = [f for f in check.findings if f.name.startswith(f"outside {clearance.kind}")]
     tolerance = check.tolerances.position
-    passes = all(finding.passes for finding in findings) and least >= asked - tolerance
+    passes = all(finding.passes for finding in findings) and check.tolerances.keeps_clear(
+        near.distance, asked
+    )
     words = f"at least {1e3 * asked:.4g} mm required" if asked else "they must not touch"
-    if passes and least < asked:
+    if passes and near.distance < asked:
         words += f", to {1e3 * tolerance:.4g} mm"
     low, high = 1e3 * float(distances.min()), 1e3 * float(distances.max())
     top = max(1.1 * high, 2e3 * asked, 1.0)
@@ -178,22 +176,11 @@ def _clearance_chart(
     return MotionChart(
         f"clearance-{number}",
         title,
-        f"{data(1e3 * least, 'mm', 'clearance')} <small>{words}</small>",
+        f"{data(1e3 * near.distance, 'mm', 'clearance')} <small>{words}</small>",
         f"Least: {where}.",
         svg,
         passes,
     )
-
-
-def _of_clearance(path_task: PathTask, check: Check, clearance: Clearance) -> list[Finding]:
-    """The findings about a clearance: all but those that name a pair of another one."""
-    others = {name for other in path_task.clearances for name in other.names} - {*clearance.names}
-    return [
-        finding
-        for finding in check.findings
-        if finding.name.startswith(f"outside {clearance.kind}")
-        and finding.where.partition(",")[0] not in others
-    ]
 
 
 def _fine_times(motion: JointMotion) -> Array:
