@@ -11,7 +11,6 @@ from typing import Any
 
 import mink
 import numpy as np
-import numpy.typing as npt
 import viser
 from PIL import Image
 
@@ -62,7 +61,6 @@ class Page:
         self._shown: Moment | None = None
         self._marked: mink.SE3 | None = None
         self._texts: dict[str, str] = {}
-        self._roadmap_panel: viser.PanelHandle | None = None
         self._ticks = 0
         self._slid = 0  # the waypoint, from 0, that the slider shows
         self._add_readings()
@@ -126,11 +124,7 @@ class Page:
                 "Speed [1/s]", min=1, max=200, step=1, initial_value=int(session.speed),
                 hint="waypoints per second",
             )  # fmt: skip
-            self._roadmap = gui.add_button(
-                "Roadmap", icon=viser.Icon.MAP,
-                hint="what the limits leave of the free motion along the path; takes seconds",
-            )  # fmt: skip
-            self._roadmap.visible = applies_to(session.base)
+            _RoadmapButton(gui, session)
         with gui.add_folder("Method"):
             self._method = gui.add_dropdown(
                 "Method", tuple(method_choices(session.base)), initial_value=settings.method
@@ -196,7 +190,6 @@ class Page:
         on(self._part, lambda value: setattr(self.stage.workpiece, "visible", value))
         on(self._shadows, self.stage.cast_shadows)
         self._play.on_click(lambda _: self._toggle_play())
-        self._roadmap.on_click(lambda _: self._draw_roadmap())
         self._back.on_click(lambda _: self._put_back())
         # Coroutines keep the order of the drag events.
         self.stage.target.on_update(self._target_moved)
@@ -288,28 +281,6 @@ class Page:
         if pose is not None:
             self.session.place(pose)
 
-    def _draw_roadmap(self) -> None:
-        """Draw it in viser's thread of the click, and show it in a separate window."""
-        run = self.session.run
-        if run is None or self._roadmap.disabled:
-            return
-        self._roadmap.disabled, self._roadmap.label = True, "Drawing the roadmap"
-        try:
-            problem, pixels = "", _roadmap_pixels(run)
-        except mink.MinkError as error:
-            problem = str(error)
-        gui = self.server.gui
-        if self._roadmap_panel is not None:
-            self._roadmap_panel.remove()
-        self._roadmap_panel = panel = gui.add_panel()
-        with panel.add_tab("Roadmap"):
-            if problem:
-                gui.add_html(sentence(problem, wrong=True))
-            else:
-                gui.add_image(pixels, label=f"with {run.trajectory.method}", format="png")
-        panel.float(x=15, y=15, width=760)
-        self._roadmap.disabled, self._roadmap.label = False, "Roadmap"
-
     def _put_back(self) -> None:
         self.session.put_back()
         self.stage.workpiece.position = self.session.handle
@@ -365,15 +336,43 @@ class Page:
         self.server.stop()
 
 
-def _roadmap_pixels(run: Run) -> npt.NDArray[np.uint8]:
-    """Picture of the roadmap with a run, (height, width, 3).
+class _RoadmapButton:
+    """Draws the roadmap with the run, in viser's thread of the click, in a window of its own.
 
     For the present placement of the workpiece and the run's projector.
     """
-    trajectory, buffer = run.trajectory, io.BytesIO()
-    figure = roadmap_figure(trajectory.path_task, {trajectory.method: trajectory})
-    figure.savefig(buffer, format="png", dpi=100)
-    return np.asarray(Image.open(buffer).convert("RGB"))
+
+    def __init__(self, gui: viser.GuiApi, session: Session) -> None:
+        self._gui, self._session = gui, session
+        self._panel: viser.PanelHandle | None = None
+        self._button = gui.add_button(
+            "Roadmap", icon=viser.Icon.MAP, visible=applies_to(session.base),
+            hint="what the limits leave of the free motion along the path; takes seconds",
+        )  # fmt: skip
+        self._button.on_click(lambda _: self._draw())
+
+    def _draw(self) -> None:
+        run = self._session.run
+        if run is None or self._button.disabled:
+            return
+        self._button.disabled, self._button.label = True, "Drawing the roadmap"
+        trajectory, buffer, problem = run.trajectory, io.BytesIO(), ""
+        try:
+            figure = roadmap_figure(trajectory.path_task, {trajectory.method: trajectory})
+            figure.savefig(buffer, format="png", dpi=100)
+        except mink.MinkError as error:
+            problem = str(error)
+        if self._panel is not None:
+            self._panel.remove()
+        self._panel = panel = self._gui.add_panel()
+        with panel.add_tab("Roadmap"):
+            if problem:
+                self._gui.add_html(sentence(problem, wrong=True))
+            else:
+                pixels = np.asarray(Image.open(buffer).convert("RGB"))
+                self._gui.add_image(pixels, label=f"with {trajectory.method}", format="png")
+        panel.float(x=15, y=15, width=760)
+        self._button.disabled, self._button.label = False, "Roadmap"
 
 
 def _set(handle: Any, value: object) -> None:
