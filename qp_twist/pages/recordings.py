@@ -5,16 +5,16 @@ from __future__ import annotations
 import base64
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.drawing.palette import RED, rgb
+from qp_twist.drawing.palette import ORANGE, RED, rgb
 from qp_twist.drawing.sight import sight
 from qp_twist.drawing.surroundings import coloured, floor_height, make_matte
 from qp_twist.pages.near_pairs import CARRIER, LitPairs
@@ -36,9 +36,68 @@ def recorded_scene(
     The player is viser's client, a page that plays ``window.__VISER_EMBED_DATA__``. It is the same
     for all recordings and larger than they are, so a page contains it once.
     """
+    return _with_player(recordings(path_task, motions, seconds=seconds, path_rgb=path_rgb))
+
+
+class DrawnLines(NamedTuple):
+    """Lines of a recording.
+
+    Attributes:
+        name: Of these lines.
+        segments: Both ends of each, m, (M, 2, 3).
+        colours: Of each, 0 to 1, (M, 3).
+        thickness: In pixels.
+    """
+
+    name: str
+    segments: Array
+    colours: Array
+    thickness: float
+
+
+def recorded_lines(lines: Sequence[DrawnLines], tip: Array) -> str:
+    """Lines in space, a ball that moves along them, and the player, as elements of a page.
+
+    Args:
+        lines: The lines.
+        tip: The ball at equal times, m, (K, 3). The picture shows these points as large as it can.
+
+    Its name is ``toolpath``.
+    """
+    low, high = tip.min(axis=0), tip.max(axis=0)
+    middle, size = (low + high) / 2.0, float(np.linalg.norm(high - low)) or 1.0
+    with _server() as server:
+        for each in lines:
+            colours = np.round(255.0 * each.colours).astype(np.uint8)
+            server.scene.add_line_segments(
+                f"/{each.name}",
+                each.segments.astype(np.float32),
+                colors=_linear(np.repeat(colours[:, None], 2, axis=1)),
+                thickness=each.thickness,
+                thickness_units="screen",
+            )
+        server.scene.add_frame(
+            "/directions", axes_length=0.08 * size, axes_radius=0.002 * size, origin_radius=0.0,
+            position=tuple(low.tolist()),
+        )  # fmt: skip
+        ball = server.scene.add_icosphere("/tip", radius=0.01 * size, color=rgb(ORANGE))
+        # All of a ball around the points is seen: its radius is the sine of half the angle of view.
+        server.initial_camera.fov = np.pi / 6.0
+        away = 0.5 * size / np.sin(np.pi / 12.0)
+        seen_from = middle + away * np.array([0.42, -0.76, 0.5])
+        server.initial_camera.position = tuple(seen_from.tolist())
+        server.initial_camera.look_at = tuple(middle.tolist())
+        recorder = server.get_scene_serializer()
+        for point in tip:
+            ball.position = tuple(point.tolist())
+            recorder.insert_sleep(DURATION_S / len(tip))
+        return _with_player({"toolpath": base64.b64encode(recorder.serialize()).decode("ascii")})
+
+
+def _with_player(found: Mapping[str, str]) -> str:
+    """Recordings and viser's player, as elements of a page."""
     import viser
 
-    found = recordings(path_task, motions, seconds=seconds, path_rgb=path_rgb)
     data = "".join(
         f'<script type="text/plain" class="recording" data-method="{name}">{recording}</script>'
         for name, recording in found.items()

@@ -1,0 +1,273 @@
+"""The page of a toolpath, before there is a robot: what a file was understood to say."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from qp_twist.checks import Array
+from qp_twist.drawing.charts import Curve, draw_chart
+from qp_twist.drawing.figures import ShownFigure, inline_svg, save_figure
+from qp_twist.drawing.palette import BLUE, FAINT, INK, QUIET, RC
+from qp_twist.files import LENGTHS, write_atomically
+from qp_twist.pages.page import fill_template
+from qp_twist.pages.recordings import DrawnLines, recorded_lines
+from qp_twist.paths import Toolpath
+from qp_twist.paths.toolpath_summary import ToolMotion, ToolpathSummary, summarize, tool_motion
+
+NAME = "toolpath.html"
+"""Name of the page in its folder."""
+_DRAWN = 20_000
+"""Largest number of lines in the moving picture: with more, a browser without a graphics card takes
+more than a second for each frame."""
+_FRAMES = 200
+"""Number of pictures of the moving tip."""
+_AXES = 300
+"""Largest number of tool axes that are drawn; more of them hide the path."""
+_AXIS_LENGTH = 0.06
+"""Length of a drawn axis, as a share of the path's largest extent."""
+_COLOURS = "viridis"
+"""Of feeds, from the lowest on."""
+_PARTS = {"axis": "tool axes", "normal": "surface normals", "rotation": "whole orientations",
+          "none": "positions only"}  # fmt: skip
+
+
+class ToolpathPage(NamedTuple):
+    """What :func:`show_toolpath` made: the page's file, and the numbers in it."""
+
+    path: Path
+    summary: ToolpathSummary
+
+
+def show_toolpath(toolpath: Toolpath, out: str | Path) -> ToolpathPage:
+    """Write ``toolpath.html``: curves, tool axes, feeds, rapid motions, and what was assumed.
+
+    Args:
+        toolpath: From :func:`~qp_twist.paths.read_toolpath`.
+        out: Folder to write to; created if necessary.
+    """
+    motion, summary = tool_motion(toolpath), summarize(toolpath)
+    facts = toolpath_facts(toolpath, summary)
+    page = fill_template(
+        "toolpath",
+        file=toolpath.source.name,
+        lead=lead(toolpath, summary),
+        feeds="" if _feed_range(toolpath) is None else facts["feed"],
+        ramp=", ".join(_hex(colour) for colour in _ramp(np.linspace(0.0, 1.0, 9))),
+        has_axes=summary.tilt is not None,
+        axes="surface normals" if toolpath.meaning == "normal" else "tool axes",
+        has_rapids=summary.rapids > 0.0,
+        picture=_still(toolpath, motion),
+        scene=recorded_lines(_drawn_lines(toolpath, motion), _tip(motion)),
+        thinned=len(motion.positions) > _DRAWN,
+        charts=_charts(toolpath, motion),
+        facts=facts,
+        notes=toolpath.notes,
+    )
+    return ToolpathPage(write_atomically(Path(out) / NAME, page), summary)
+
+
+def toolpath_figure(toolpath: Toolpath) -> Figure:
+    """A still picture of a toolpath: cuts coloured by feed, rapid motions grey, tool axes faint."""
+    return _figure(toolpath, tool_motion(toolpath))
+
+
+def save_toolpath_figure(toolpath: Toolpath, path: Path) -> Path:
+    """Write that picture as a PNG."""
+    return save_figure(toolpath_figure(toolpath), path)
+
+
+def lead(toolpath: Toolpath, summary: ToolpathSummary) -> str:
+    """One line: how much there is, and of what kind."""
+    curves = f"{summary.curves:,} curve{'' if summary.curves == 1 else 's'}"
+    return f"{curves}, {summary.points:,} points, {_PARTS[toolpath.meaning]}"
+
+
+def toolpath_facts(toolpath: Toolpath, summary: ToolpathSummary) -> dict[str, str]:
+    """What there is to know of a toolpath, in the unit of its file, by name."""
+    unit, scale = toolpath.unit, LENGTHS[toolpath.unit]
+
+    def length(value: float) -> str:
+        return (
+            f"{value / scale:,.4g} {unit}"
+            if value < 1e4 * scale
+            else f"{value / scale:,.0f} {unit}"
+        )
+
+    sides = (summary.high - summary.low) / scale
+    ranges = [
+        f"{name} {low:.6g} to {high:.6g}"
+        for name, low, high in zip("xyz", summary.low / scale, summary.high / scale, strict=True)
+    ]
+    found = {
+        "unit": f"{unit}, {'as the file states' if toolpath.unit_in_file else 'not in the file'}",
+        "extent": f"{' × '.join(f'{side:.4g}' for side in sides)} {unit}: {', '.join(ranges)}",
+        "curves": length(summary.cut) + ("" if summary.time is None else f", {summary.time:.4g} s"),
+        "ways between": length(summary.rapids),
+    }
+    if summary.feeds is not None:
+        low, high = (60.0 * feed / scale for feed in summary.feeds)
+        found["feed"] = f"{low:.4g}" + (f" to {high:.4g}" if high > low else "") + f" {unit}/min"
+    else:
+        found["feed"] = "none in the file"
+    if summary.longest_step is not None:
+        step = summary.longest_step
+        found["longest step"] = f"{length(step.value)}, to line {step.line}"
+    if summary.largest_turn is not None:
+        turn = summary.largest_turn
+        found["largest turn of the axis"] = (
+            f"{np.degrees(turn.value):.3g}° from a point to the next, to line {turn.line}"
+        )
+    if summary.tilt is not None:
+        least, largest = np.degrees(summary.tilt)
+        found["axis to z"] = f"{least:.3g}°" + (
+            f" to {largest:.3g}°" if largest - least > 0.05 else ""
+        )
+    return found
+
+
+def _feed_range(toolpath: Toolpath) -> tuple[float, float] | None:
+    """The feeds between which colours are chosen; ``None`` if all are the same."""
+    feeds = toolpath.feeds
+    return None if feeds is None or feeds[1] <= feeds[0] else feeds
+
+
+def _ramp(shares: Array) -> Array:
+    """Colours, 0 to 1, (N, 3), of feeds by their share of the range; NaN has the path's blue."""
+    colours = mpl.colormaps[_COLOURS](np.nan_to_num(shares))[:, :3]
+    colours[np.isnan(shares)] = mpl.colors.to_rgb(BLUE)
+    return np.asarray(colours)
+
+
+def _hex(colour: Array) -> str:
+    return str(mpl.colors.to_hex(tuple(colour.tolist())))
+
+
+def _colours(toolpath: Toolpath, motion: ToolMotion) -> Array:
+    """The colour of the motion to each point, 0 to 1, (N, 3)."""
+    feeds = _feed_range(toolpath)
+    shares = np.full(len(motion.feeds), np.nan)
+    if feeds is not None:
+        shares = (motion.feeds - feeds[0]) / (feeds[1] - feeds[0])
+    colours = _ramp(shares)
+    colours[~motion.cut] = mpl.colors.to_rgb(QUIET)
+    return colours
+
+
+def _axes_drawn(motion: ToolMotion) -> Array:
+    """Some of the tool axes, from the tip on, (M, 2, 3)."""
+    along = np.flatnonzero(motion.cut & np.isfinite(motion.axes[:, 0]))
+    some = along[:: max(1, -(-len(along) // _AXES))]
+    size = _AXIS_LENGTH * float(np.ptp(motion.positions, axis=0).max())
+    tips = motion.positions[some]
+    return np.stack([tips, tips + size * motion.axes[some]], axis=1)
+
+
+def _drawn_lines(toolpath: Toolpath, motion: ToolMotion) -> list[DrawnLines]:
+    """Lines of the moving picture."""
+    keep = np.unique(np.linspace(0, len(motion.positions) - 1, _DRAWN).round().astype(int))
+    points, cut = motion.positions[keep], motion.cut[keep][1:]
+    colours = _colours(toolpath, motion)[keep][1:]
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    axes = _axes_drawn(motion)
+    faint = np.tile(mpl.colors.to_rgb(FAINT), (len(axes), 1))
+    lines = [
+        DrawnLines("rapids", segments[~cut], colours[~cut], 1.5),
+        DrawnLines("curves", segments[cut], colours[cut], 4.0),
+        DrawnLines("tool", axes, faint, 1.5),
+    ]
+    return [line for line in lines if len(line.segments)]
+
+
+def _tip(motion: ToolMotion) -> Array:
+    """The tip of the tool at equal distances along its way, m, (K, 3)."""
+    along = np.cumsum(motion.steps)
+    at = np.linspace(0.0, along[-1], _FRAMES)
+    return np.column_stack([np.interp(at, along, column) for column in motion.positions.T])
+
+
+def _figure(toolpath: Toolpath, motion: ToolMotion) -> Figure:
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
+
+    scale = LENGTHS[toolpath.unit]
+    points = motion.positions / scale
+    with mpl.rc_context(RC):
+        figure = ShownFigure(figsize=(8.0, 5.0))
+        panel: Any = figure.add_axes((0.0, 0.02, 0.9, 0.94), projection="3d")
+        for line in _drawn_lines(toolpath, motion):
+            panel.add_collection3d(
+                Line3DCollection(
+                    line.segments / scale, colors=line.colours, linewidths=0.4 * line.thickness
+                )
+            )
+        low, high = points.min(axis=0), points.max(axis=0)
+        sides = np.maximum(high - low, 0.15 * float((high - low).max()) or 1.0)
+        for axis, middle, side in zip("xyz", (low + high) / 2.0, sides, strict=True):
+            getattr(panel, f"set_{axis}lim")(middle - side / 2.0, middle + side / 2.0)
+            getattr(panel, f"set_{axis}label")(f"{axis} [{toolpath.unit}]")
+        panel.set_box_aspect(sides)
+        panel.locator_params(nbins=5)
+        panel.tick_params(labelsize=7)
+        feeds = _feed_range(toolpath)
+        if feeds is not None:
+            low_feed, high_feed = (60.0 * feed / scale for feed in feeds)
+            values = mpl.cm.ScalarMappable(
+                mpl.colors.Normalize(low_feed, high_feed), cmap=mpl.colormaps[_COLOURS]
+            )
+            bar = figure.colorbar(values, cax=figure.add_axes((0.9, 0.25, 0.015, 0.5)))
+            bar.set_label(f"feed [{toolpath.unit}/min]")
+    return figure
+
+
+def _still(toolpath: Toolpath, motion: ToolMotion) -> str:
+    """The still picture as an element of the page, for print and before the moving one is there."""
+    file = io.BytesIO()
+    with mpl.rc_context(RC):
+        _figure(toolpath, motion).savefig(file, format="png", dpi=140)
+    data = base64.b64encode(file.getvalue()).decode("ascii")
+    return f'<img src="data:image/png;base64,{data}" alt="The curves of the toolpath in space.">'
+
+
+def _charts(toolpath: Toolpath, motion: ToolMotion) -> list[dict[str, str]]:
+    """Feed, length of the steps and turn of the axis, over the length of the curves."""
+    unit, scale = toolpath.unit, LENGTHS[toolpath.unit]
+    cut = motion.cut
+    along = np.cumsum(motion.steps[cut]) / scale
+    charts: list[tuple[str, str, Array, Callable[[float], str]]] = [
+        ("Feed", f"{unit}/min", 60.0 * motion.feeds[cut] / scale, lambda v: f"up to {v:.4g}"),
+        ("Steps", unit, motion.steps[cut] / scale, lambda v: f"up to {v:.3g}"),
+        ("Turn of the axis in a step", "°", np.degrees(motion.turns[cut]),
+         lambda v: f"up to {v:.3g}"),
+    ]  # fmt: skip
+    return [
+        {
+            "key": title.split()[0].lower(),
+            "title": title,
+            "number": f"{said(float(np.nanmax(values)))} {others}",
+            "svg": _svg(title, along, values, others, unit),
+        }
+        for title, others, values, said in charts
+        if len(values) > 1 and np.isfinite(values).any()
+    ]
+
+
+def _svg(title: str, along: Array, values: Array, unit: str, unit_along: str) -> str:
+    small: Any = {"font.size": 7.5, "axes.grid": False, "axes.edgecolor": INK}
+    with mpl.rc_context(RC | small):
+        figure = Figure(figsize=(3.6, 1.55))
+        panel = figure.add_axes((0.13, 0.26, 0.83, 0.6))
+        # A value belongs to the whole way to its point.
+        along, values = np.insert(along, 0, 0.0), np.insert(values, 0, values[0])
+        curve = Curve(along, values, {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-pre"})
+        draw_chart(panel, [curve], bottom=0.0, top=1.2 * float(np.nanmax(values)) or 1.0)
+        panel.text(0.0, 1.05, unit, transform=panel.transAxes)
+        panel.set_xlabel(f"{unit_along} along the curves", labelpad=1.0)
+        panel.locator_params(axis="both", nbins=5)
+    return inline_svg(figure, title.split(maxsplit=1)[0].lower(), f"{title} along the curves.")
