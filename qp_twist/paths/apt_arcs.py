@@ -32,6 +32,7 @@ class Circle(NamedTuple):
         axis: Unit vector, (3,).
         radius: m.
         angle: Of the motion, rad, if it is stated.
+        turns: Turns begun by a helix: 1 for an arc.
     """
 
     line: int
@@ -40,6 +41,7 @@ class Circle(NamedTuple):
     axis: Array
     radius: float
     angle: float | None
+    turns: int = 1
 
     @property
     def side(self) -> float:
@@ -86,7 +88,7 @@ class Arcs:
         if circle.angle is not None:
             self._weigh_angle(circle, circle.angle, arc.sweep, start)
         self.weigh(circle, start, heading)
-        return arc
+        return arc._replace(sweep=arc.sweep + 2.0 * math.pi * (circle.turns - 1))
 
     def by_angle(self, circle: Circle, start: Array, heading: Array | None) -> Arc:
         """The arc from where the tool is, on a circle that no GOTO ends, by its angle.

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from itertools import zip_longest
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +16,8 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, shortened
 from qp_twist.paths.apt_arcs import Arcs, Circle, arc_to_line
-from qp_twist.paths.arcs import Arc, ArcAxis
+from qp_twist.paths.arcs import Arc, ArcAxis, check_radius
+from qp_twist.paths.splines import clamped_cubic
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -29,7 +32,8 @@ from qp_twist.paths.turning import vectors_at
 
 _ALONG = re.compile(r"\(?CIRCLE/([^()/]*?)\)?,ON(,2,INTOF)?,\(?LINE/([^()/]*?)\)?")
 _MOVES = frozenset({
-    "GODLTA", "CIRCLE", "MOVARC", "TLON,GOFWD", "GOFWD", "FROM", "RAPID", "TOOL PATH",
+    "GODLTA", "CIRCLE", "MOVARC", "TLON,GOFWD", "GOFWD", "FROM", "RAPID", "TOOL PATH", "NURBS",
+    "CYCLE",
 })  # fmt: skip
 """Words other than GOTO before which a circle ends by its angle."""
 _SHORT = 1e-6
@@ -37,14 +41,15 @@ _SHORT = 1e-6
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _WORDS = ProgramWords("an APT file", "i, j, k", "RAPID", "UNITS/MM")
 
-_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT")
+_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT",
+         "CSI_")  # fmt: skip
 """Words followed by free text, or that concern only the operator or the machine."""
 
 _IGNORED = frozenset({
     *_TEXT, "COOLNT", "LOAD", "SELCTL", "SELECT", "TOOLNO", "SPINDL", "MULTAX",
     "CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "MCHTOL", "AUTOPS", "PSIS",
     "MCHFIN", "AUXFUN", "PREFUN", "SEQNO", "OPSKIP", "LEADER", "DELAY", "DWELL", "STOP", "OPSTOP",
-    "CLRSRF", "CLAMP", "HEAD", "PROBE", "VERIFY", "TMARK", "CLDIST", "ARCSLP", "ISN",
+    "CLRSRF", "CLAMP", "SETUP", "HEAD", "PROBE", "VERIFY", "TMARK", "CLDIST", "ARCSLP", "ISN",
     "END-OF-PATH", "END", "FINI", "NOPOST", "CLPRNT", "PRINT", "AIR", "COUPLE", "PPWORD",
 })  # fmt: skip
 """Words that do not change the path between two points."""
@@ -58,8 +63,7 @@ _CHANGES = {
     "GOBACK": "a move along a surface", "GOLFT": "a move along a surface",
     "GORGT": "a move along a surface", "GOUP": "a move along a surface",
     "GODOWN": "a move along a surface",
-    "GOCLER": "a move to a plane", "CYCLE": "a drilling cycle", "SPLINE": "a curved move",
-    "NURBS": "a curved move", "TRACUT": "a change of coordinates",
+    "GOCLER": "a move to a plane", "SPLINE": "a curved move", "TRACUT": "a change of coordinates",
     "ORIGIN": "a change of coordinates", "TRANS": "a change of coordinates",
     "ROTATE": "a turn of the part", "ROTABL": "a turn of the part",
     "COPY": "a repetition", "INDEX": "a repetition", "MIRROR": "a mirrored path",
@@ -76,10 +80,42 @@ _PER_TURN: dict[str, LengthUnit | None] = {
     "MMPR": "mm", "IPR": "inch", "UPR": None, "PERREV": None,
 }  # fmt: skip
 """Units of a feed per turn of the spindle."""
+_FEED_UNITS = {**_PER_MINUTE, **_PER_TURN}
 _UNITS: dict[str, LengthUnit] = {
     "MM": "mm", "MMS": "mm", "INCHES": "inch", "INCH": "inch", "IN": "inch", "M": "m",
     "METERS": "m",
 }  # fmt: skip
+
+
+class _Dialect(NamedTuple):
+    """What the files of a CAM system have in common.
+
+    Attributes:
+        name: Of the system.
+        words: Its files have one of these, alone or with its first argument.
+        sense: Of the motion about the axis that a circle states.
+    """
+
+    name: str
+    words: frozenset[str]
+    sense: ArcAxis
+
+
+_DIALECTS = (
+    # Its manual calls the axis that of a clockwise motion.
+    _Dialect("Siemens NX", frozenset({"TOOL PATH"}), "left"),
+    # In 38 public files, of 1,900 straight motions beside a circle all but 42 continue it without a
+    # corner if it is right-handed; of those 42 each turns back where the circle begins.
+    _Dialect("CAMWorks", frozenset({"UNIT", "TRNTYP"}), "right"),
+    # Autodesk's post turns the axis round for a clockwise motion.
+    _Dialect("ISO 4343", frozenset({"MOVARC CENTER"}), "right"),
+)
+_BORED = frozenset({"DRILL", "DEEP", "DEEP2", "BRKCHP", "CSINK", "FACE", "REAM", "BORE", "THRU"})
+"""Cycles that lead the tool along its axis into a hole and back."""
+_OF_CYCLE = frozenset({
+    "FEDTO", "RAPTO", "RTRCTO", "DWELL", "STEP", "INCR", "1STPECK", "SUBPECK",
+})  # fmt: skip
+"""What a cycle states, each with a number."""
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
@@ -99,12 +135,18 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     """
     if not _has_goto("", lines):
         raise InvalidInput("there is no GOTO in it.")
-    reader = _Reader(options, options.arc_axis or "right")
-    reader.read(lines)
-    arcs, is_open = reader.arcs, options.arc_axis is None
+    statements = list(_statements(lines))
+    words = {
+        word for of in statements for word in (of.word, " ".join([of.word, *of.arguments[:1]]))
+    }
+    dialect = next((each for each in _DIALECTS if each.words & words), None)
+    by_dialect: ArcAxis = "right" if dialect is None else dialect.sense
+    reader = _Reader(options, options.arc_axis or by_dialect)
+    reader.read(statements)
+    arcs, is_open = reader.arcs, options.arc_axis is None and dialect is None
     if is_open and arcs.against_sense and not arcs.for_sense:
         reader = _Reader(options, "left")
-        reader.read(lines)
+        reader.read(statements)
     elif is_open and arcs.lines and not reader.out.problems and not arcs.all_fit:
         raise InvalidInput(
             f"CIRCLE ({of_lines(arcs.lines)}) {arcs.question()}", options={"arc_axis": None}
@@ -157,6 +199,22 @@ def _statements(lines: Sequence[str]) -> Iterator[_Statement]:
         begun, text = 0, ""
 
 
+class _Cycle(NamedTuple):
+    """A drilling cycle: heights above each point, and the depth below it, along the axis, m."""
+
+    depth: float
+    rapid_to: float
+    retract_to: float
+
+
+class _Spline(NamedTuple):
+    """A curve of NURBS, which begins where the tool is."""
+
+    line: int
+    knots: list[float]
+    control: list[Array]
+
+
 class _Reader:
     """Reads the statements of a file.
 
@@ -175,26 +233,38 @@ class _Reader:
         self._last: Array | None = None  # where the tool is, m; None if that is not known
         self._heading: Array | None = None  # direction of the straight cut that led there
         self._tangent: tuple[float, ...] | None = None  # of INDIRV
-        self._noted: dict[str, list[int]] = {"seventh": [], "CUTCOM": [], "FEDRAT": []}
+        self._in_world = False  # since TRNTYP/WORLD
+        self._cycle: _Cycle | None = None
+        self._spline: _Spline | None = None
+        self._noted: dict[str, list[int]] = {
+            "seventh": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [], "CSYS": [],
+        }  # fmt: skip
         self._acts: dict[str, Callable[[_Statement], None]] = {
             "GOTO": self._goto, "GODLTA": self._godlta, "CIRCLE": self._circle,
             "MOVARC": self._circle, "INDIRV": self._indirv, "TLON,GOFWD": self._gofwd,
             "GOFWD": self._gofwd, "TLAXIS": self._tlaxis, "FROM": self._from,
             "RAPID": self._go_rapid, "FEDRAT": self._fedrat, "FEED": self._fedrat,
-            "UNITS": self._units, "TOOL PATH": self._tool_path, "CUTCOM": self._cutcom,
+            "UNITS": self._units, "UNIT": self._units, "CYCLE": self._begin_cycle,
+            "NURBS": self._nurbs, "KNOT": self._knot, "CNTRL": self._control,
+            "TRNTYP": self._trntyp, "CSYS": self._csys, "TOOL PATH": self._tool_path,
+            "CUTCOM": self._cutcom,
             "SET": self._set, "MODE": self._set, "SPINDL": self._spindl, "MULTAX": self._multax,
             "MSYS": lambda of: self.out.set_frame("MSYS", tuple(of.arguments)),
         }  # fmt: skip
 
-    def read(self, lines: Sequence[str]) -> None:
+    def read(self, statements: Sequence[_Statement]) -> None:
         """Read all statements."""
+        self._find_unit(statements)
         try:
-            for of in _statements(lines):
+            for of in statements:
                 if of.word in _MOVES:
                     self._end_circle_by_angle()
+                if of.word not in ("KNOT", "CNTRL"):
+                    self._end_spline()
                 with self.out.at(of.line):
                     self._statement(of)
             self._end_circle_by_angle()
+            self._end_spline()
         except TooManyPoints:
             pass  # which is one of the problems
 
@@ -206,6 +276,16 @@ class _Reader:
             found.append(
                 f"CUTCOM ({where['CUTCOM']}) has a machine shift the path by the radius of its "
                 "tool; here the points are the path of the tool's tip."
+            )
+        if "CYCLE" in where:
+            found.append(
+                f"CYCLE ({where['CYCLE']}): the tool goes along its axis down to the depth at once "
+                "and back, without pecking and dwelling."
+            )
+        if "CSYS" in where:
+            found.append(
+                f"CSYS ({where['CSYS']}) is a frame of the machine's set-up; the points are in the "
+                "part's, as TRNTYP/WORLD states."
             )
         sense = f", {self.arcs.sense}-handed about their axes" if self.arcs.lines else ""
         found += self.out.divided(sense)
@@ -254,6 +334,9 @@ class _Reader:
         if len(of.arguments) == 7:
             self._noted["seventh"].append(self.out.line)
         point, self._last = scale * np.array(numbers[:3]), last
+        if self._cycle is not None:
+            self._bore(self._cycle, point, axis)
+            return
         if circle is None:
             if last is not None and not self._rapid:
                 self.arcs.refuse_open(last, point)
@@ -278,29 +361,96 @@ class _Reader:
         self._straight(self._last + self.out.scale() * np.array(numbers), self._axis)
 
     def _circle(self, of: _Statement) -> None:
-        """A circle that the next GOTO ends: centre, axis, radius, perhaps an angle."""
-        angle, words = None, [*of.arguments]
-        if "ANGLE" in words:
-            at = words.index("ANGLE")
-            angle = _number(f"{of.word}, ANGLE", (words[at + 1 :] or [""])[0])
-            words[at : at + 2] = []
-        least, most = (7, 11) if of.word == "CIRCLE" else (7, 7)
-        if not least <= len(words) <= most or (of.word == "MOVARC" and angle is None):
+        """A circle that the next GOTO ends: centre, axis, perhaps a radius, an angle, turns."""
+        words = [word for word in of.arguments if word not in ("CENTER", "AXIS", "RADIUS")]
+        angle, turns = (_taken(of.word, words, name) for name in ("ANGLE", "TIMES"))
+        # After the radius NX states tolerances and the tool's size; SolidWorks leaves it out.
+        if not 6 <= len(words) <= (11 if of.word == "CIRCLE" else 7):
             raise InvalidInput(
                 f"{of.word} takes the centre x, y, z, the axis i, j, k and the radius"
                 + (", then ANGLE and degrees" if of.word == "MOVARC" else "")
                 + f"; got {len(words)} words in {shortened(','.join(of.arguments))!r}"
             )
+        if turns is not None and not (turns >= 1.0 and turns.is_integer()):
+            raise InvalidInput(f"{of.word}, TIMES: expected a number of turns, got {turns:g}")
         values = [_number(of.word, word) for word in words]
         scale = self.out.scale()
         if self._last is None:
             raise InvalidInput(f"{of.word}: where the arc begins is not known; expected a GOTO")
         if angle is not None and not 0.0 < abs(angle) <= 360.0:
             raise InvalidInput(f"{of.word}: expected an angle up to 360 degrees, got {angle:g}")
+        centre, axis = scale * np.array(values[:3]), _unit(of.word, values[3:6])
+        check_radius(float(np.abs(centre - self._last).max()))
         self.arcs.begun = Circle(
-            self.out.line, of.word, scale * np.array(values[:3]), _unit(of.word, values[3:6]),
-            scale * values[6], None if angle is None else math.radians(angle),
+            self.out.line, of.word, centre, axis,
+            scale * values[6] if len(values) > 6
+            else float(np.linalg.norm(np.cross(axis, self._last - centre))),
+            None if angle is None else math.radians(angle), int(turns or 1),
         )  # fmt: skip
+
+    def _nurbs(self, of: _Statement) -> None:
+        """NURBS: a cubic spline from where the tool is, by the KNOT and CNTRL that follow."""
+        if self._last is None:
+            raise InvalidInput("NURBS: where the curve begins is not known; expected a GOTO")
+        self._spline = _Spline(self.out.line, [], [self._last])
+
+    def _knot(self, of: _Statement) -> None:
+        if self._spline is None:
+            raise InvalidInput("KNOT: expected NURBS before it")
+        self._spline.knots.extend(_number("KNOT", argument) for argument in of.arguments)
+
+    def _control(self, of: _Statement) -> None:
+        if self._spline is None:
+            raise InvalidInput("CNTRL: expected NURBS before it")
+        if len(of.arguments) != 3:
+            raise InvalidInput(f"CNTRL takes x, y, z; got {len(of.arguments)} numbers")
+        self._spline.control.append(self.out.scale() * np.array(_coordinates(of)))
+
+    def _end_spline(self) -> None:
+        """Add the points of a spline whose last control point has been read."""
+        spline, self._spline = self._spline, None
+        if spline is None:
+            return
+        with self.out.at(spline.line):
+            if spline.knots[-1:] != [1.0]:
+                raise InvalidInput("NURBS: expected KNOT with knots that end in 1")
+            points, _ = clamped_cubic(
+                np.array(spline.control), np.array(spline.knots[:-1]), self.out.options.arc_error
+            )
+            self._heading = self.arcs.ended = None
+            self._add([*points], [self._axis] * len(points))
+
+    def _begin_cycle(self, of: _Statement) -> None:
+        """CYCLE: at each point that follows the tool goes into a hole, up to CYCLE/OFF."""
+        kind = (of.arguments or [""])[0]
+        self.out.pass_over(of.word)
+        if kind in ("OFF", "CLEAR", "INIT"):
+            self._cycle = None
+            return
+        if kind not in _BORED:
+            raise _not_read(f"CYCLE/{kind}", "a cycle")
+        values = _by_name(f"CYCLE/{kind}", of.arguments[1:], _OF_CYCLE | _FEED_UNITS.keys())
+        if "FEDTO" not in values or "RAPTO" not in values:
+            raise InvalidInput(f"CYCLE/{kind}: expected FEDTO and RAPTO, each with a distance")
+        for unit in _FEED_UNITS.keys() & values:
+            self._set_feed(of.word, values[unit], unit)
+        depth, rapid_to = values["FEDTO"], values["RAPTO"]
+        scale = self.out.scale()
+        # FEDTO is a depth, in some systems with a minus; the tool does not go further out than in.
+        above = max(values.get("RTRCTO", rapid_to), rapid_to)
+        self._cycle = _Cycle(scale * abs(depth), scale * rapid_to, scale * above)
+        self._noted["CYCLE"].append(self.out.line)
+
+    def _bore(self, cycle: _Cycle, point: Array, axis: tuple[float, ...]) -> None:
+        """The motions of a cycle at a point: above it, near it, into it, and back."""
+        out = _unit("GOTO", axis)
+        near, above = (point + height * out for height in (cycle.rapid_to, cycle.retract_to))
+        for place in [above, near] if cycle.retract_to > cycle.rapid_to else [above]:
+            self._rapid = True
+            self._straight(place, axis)
+        self._straight(point - cycle.depth * out, axis)
+        self._rapid = True
+        self._straight(above, axis)
 
     def _indirv(self, of: _Statement) -> None:
         """INDIRV: the direction in which GOFWD begins."""
@@ -365,10 +515,40 @@ class _Reader:
         if not {"OFF", "ADJUST"} & set(of.arguments):
             self._noted["CUTCOM"].append(self.out.line)
 
+    def _trntyp(self, of: _Statement) -> None:
+        """TRNTYP: the frame of the points that follow."""
+        self.out.pass_over(of.word)
+        if of.arguments[:1] != ["WORLD"]:
+            raise _not_read(f"TRNTYP/{','.join(of.arguments[:1])}", "a change of coordinates")
+        self._in_world = True
+
+    def _csys(self, of: _Statement) -> None:
+        """CSYS: rows of a rotation, each with a part of an origin, of the machine's set-up."""
+        numbers = [_number(of.word, argument) for argument in of.arguments]
+        self.out.pass_over(of.word)
+        if numbers == np.eye(3, 4).ravel().tolist():
+            return
+        if not self._in_world:
+            raise _not_read("CSYS", "a change of coordinates")
+        self._noted["CSYS"].append(self.out.line)
+
     def _set(self, of: _Statement) -> None:
         if "INCR" in of.arguments:
             raise _not_read(f"{of.word}/INCR", "a change to relative coordinates")
         self.out.pass_over(of.word)
+
+    def _find_unit(self, statements: Sequence[_Statement]) -> None:
+        """A file without UNITS has the unit of its feeds, if all of these have the same one."""
+        words = {
+            argument: unit
+            for of in statements
+            if of.word in ("FEDRAT", "CYCLE")
+            for argument in of.arguments
+            if (unit := _FEED_UNITS.get(argument)) is not None
+        }
+        units = {*words.values()}
+        if len(units) == 1 and not any(of.word in ("UNITS", "UNIT") for of in statements):
+            self.out.assume_unit(units.pop(), f"its feeds are in {', '.join(sorted(words))}")
 
     def _units(self, of: _Statement) -> None:
         if len(of.arguments) == 1 and of.arguments[0] in _UNITS:
@@ -382,19 +562,20 @@ class _Reader:
         """FEDRAT: a feed, a number and its unit, in either order."""
         words = [argument for argument in of.arguments if argument[:1].isalpha()]
         numbers = [argument for argument in of.arguments if not argument[:1].isalpha()]
-        known = {"": None, **_PER_MINUTE, **_PER_TURN}
         unit = words[0] if words else ""
-        if len(numbers) != 1 or len(words) > 1 or unit not in known:
+        if len(numbers) != 1 or len(words) > 1 or (unit and unit not in _FEED_UNITS):
             raise InvalidInput(
                 f"{of.word}/{shortened(','.join(of.arguments))}: expected a number and its unit, "
-                f"one of {', '.join(filter(None, known))}"
+                f"one of {', '.join(_FEED_UNITS)}"
             )
-        value = _number(of.word, numbers[0])
-        if value <= 0.0:
-            raise InvalidInput(f"{of.word}: expected a feed above 0, got {value:g}")
         if not words:
             self._noted["FEDRAT"].append(self.out.line)
-        scale = LENGTHS[known[unit] or self.out.length_unit]
+        self._set_feed(of.word, _number(of.word, numbers[0]), unit)
+
+    def _set_feed(self, word: str, value: float, unit: str) -> None:
+        if value <= 0.0:
+            raise InvalidInput(f"{word}: expected a feed above 0, got {value:g}")
+        scale = LENGTHS[_FEED_UNITS.get(unit) or self.out.length_unit]
         self.out.feeds.set(scale * value, per_turn=unit in _PER_TURN)
 
     def _spindl(self, of: _Statement) -> None:
@@ -455,6 +636,32 @@ class _Reader:
         self._add([*points], [*axes[:-1], tool_axis])
 
 
+def _by_name(word: str, words: Sequence[str], names: AbstractSet[str]) -> dict[str, float]:
+    """Numbers by the name before each.
+
+    Raises:
+        InvalidInput: If a name is another one, or no number follows it.
+    """
+    found: dict[str, float] = {}
+    for name, number in zip_longest(words[::2], words[1::2], fillvalue=""):
+        if name in _BORED:  # a second word of the kind, as in DRILL, DEEP
+            return _by_name(word, [other for other in words if other != name], names)
+        if name not in names:
+            raise InvalidInput(f"{word}: {shortened(name)!r} is not known in a cycle")
+        found[name] = _number(f"{word}, {name}", number)
+    return found
+
+
+def _taken(word: str, words: list[str], name: str) -> float | None:
+    """The number after a name, both taken out of the words; ``None`` without the name."""
+    if name not in words:
+        return None
+    at = words.index(name)
+    number = _number(f"{word}, {name}", (words[at + 1 :] or [""])[0])
+    words[at : at + 2] = []
+    return number
+
+
 def _coordinates(of: _Statement) -> tuple[float, ...]:
     """Three or six numbers; a seventh, a feed in some systems, is left out."""
     if len(of.arguments) not in (3, 6, 7):
@@ -505,7 +712,7 @@ def _not_read(word: str, what: str) -> InvalidInput:
 
 def _changes_nothing(of: _Statement) -> bool:
     """Whether a word that may change the path does not: a cycle's end, a shift by zero."""
-    if of.word in ("CYCLE", "OFSTNO"):
+    if of.word == "OFSTNO":
         return "OFF" in of.arguments
     if of.word == "TRACUT":
         return of.arguments == ["NOMORE"]

@@ -196,6 +196,7 @@ class ProgramBuilder:
         self.problems, self.feeds = Problems(), Feeds()
         self.line = 0
         self.unit: LengthUnit | None = None
+        self._likely: tuple[LengthUnit, str] | None = None
         self.name = ""
         self.rows: list[Row] = []
         self._begins = False
@@ -249,14 +250,19 @@ class ProgramBuilder:
             self.problem("the unit changes after the first motion")
         self.unit = unit
 
+    def assume_unit(self, unit: LengthUnit, why: str) -> None:
+        """What speaks for a unit of length, if neither the file nor the options state one."""
+        self._likely = unit, why
+
     @property
     def length_unit(self) -> LengthUnit:
-        """The unit of length: that of the file, else the one asked for, else mm."""
-        return self.unit or self.options.length_unit or "mm"
+        """That of the file, else the one asked for, else the likely one, else mm."""
+        likely = None if self._likely is None else self._likely[0]
+        return self.unit or self.options.length_unit or likely or "mm"
 
     def scale(self) -> float:
         """Metres in the unit of length; if there is none, the first line that needs it is wrong."""
-        if self.unit is None and self.options.length_unit is None:
+        if self.unit is None and self.options.length_unit is None and self._likely is None:
             self.problem(
                 f"no unit of length before the first point; add {self.words.units} above it, or "
                 'length_unit = "mm" or "inch" to [path] of the task file',
@@ -337,9 +343,14 @@ class ProgramBuilder:
             orientation or "axis",
             curves,
             self.words.axis,
-            [*([] if orientation or has_axis else [no_axis]), *self._rapid_notes(curves), *notes],
+            [
+                *self._unit_notes(),
+                *([] if orientation or has_axis else [no_axis]),
+                *self._rapid_notes(curves),
+                *notes,
+            ],
             self.problems,
-            unit=self.unit or self.options.length_unit or "m",
+            unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )
 
@@ -365,6 +376,13 @@ class ProgramBuilder:
         if found:
             found[-1].after.extend(waiting)
         return found
+
+    def _unit_notes(self) -> Iterator[str]:
+        """A note on a unit that nothing states."""
+        if self._likely is not None and self.unit is None and self.options.length_unit is None:
+            unit, why = self._likely
+            other = "inch" if unit == "mm" else "mm"
+            yield f"read as {unit}: {why}; {self.options.answer('length_unit', other)} reads it so."
 
     def _rapid_notes(self, curves: Sequence[RowsOfCurve]) -> Iterator[str]:
         """Notes on rapid motions: their speed, and the points between them."""
