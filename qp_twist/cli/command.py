@@ -20,8 +20,8 @@ from qp_twist.cli.names import check_names
 
 # Each is a function in a module of its name; help lists them in this order.
 COMMANDS = (
-    "bench", "check", "compare", "export", "new", "report", "roadmap", "run", "starts", "study",
-    "tasks", "view",
+    "bench", "check", "compare", "export", "new", "report", "roadmap", "run", "show", "starts",
+    "study", "tasks", "view",
 )  # fmt: skip
 READS_NOTHING = "tasks"
 """A command without input files; it starts in the third of a second, as help does: mink, which the

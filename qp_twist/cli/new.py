@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable
-from dataclasses import make_dataclass
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
@@ -17,10 +16,10 @@ from qp_twist.authoring import NewTask, Request, new_task
 from qp_twist.cli import app as cli
 from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
+from qp_twist.cli.toolpath import given, options_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import ToolpathOptions
-from qp_twist.paths.toolpath_options import choices
 
 _LONG = 2.0
 """A longer search also prints how to end it, s."""
@@ -28,26 +27,7 @@ Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Pose = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
 
 
-def _toolpath_options() -> type:
-    """The options of a toolpath for tyro: ``auto``, or nothing, is for what the file says."""
-    fields: list[tuple[str, Any, Any]] = []
-    for key, field in ToolpathOptions.model_fields.items():
-        about = (field.description or "")[:1].upper() + (field.description or "")[1:] + "."
-        name = ToolpathOptions.option(key).removeprefix("--")
-        kind: Any
-        default: object
-        if values := choices(field.annotation):
-            kind, default, metavar = Literal["auto", *values], "auto", None
-        elif isinstance(field.default, (bool, int, float)):
-            kind, default, metavar = type(field.default), field.default, None
-        else:
-            kind, default, metavar = str | None, None, "TEXT"
-        argument = tyro.conf.arg(name=name, metavar=metavar, help=about)
-        fields.append((key, Annotated[kind, argument], default))
-    return make_dataclass("ToolpathOptions", fields)
-
-
-_Options: Any = _toolpath_options()
+_Options: Any = options_of(ToolpathOptions)
 _AS_THE_FILE_SAYS = _Options()
 Toolpath = Annotated[Any, tyro.conf.arg(constructor=_Options, name=""), tyro.conf.OmitArgPrefixes]
 
@@ -127,7 +107,7 @@ def new(
         request = Request(
             robot,
             path,
-            **_given(toolpath),
+            **given(toolpath),
             frame=frame,
             frame_type=None if frame_type == "auto" else frame_type,
             transfer=transfer,
@@ -231,8 +211,3 @@ def _pose(option: str, text: str) -> tuple[float, ...]:
             f"(with a negative first one {option}=-0.5,0,0.2){got}."
         )
     return tuple([*numbers, 0.0, 0.0, 0.0][:6])
-
-
-def _given(toolpath: Any) -> dict[str, object]:
-    """The options of a toolpath that were given."""
-    return {key: value for key, value in vars(toolpath).items() if value not in (None, "auto")}
