@@ -3,62 +3,68 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mink
+import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.following.mink_step import MinkLimits, MinkResolver
 from qp_twist.following.resolver import Iteration, Resolver, make_resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, twist_error
-from qp_twist.paths import METHODS, MethodSettings, PathTask
+from qp_twist.paths import METHODS, MethodSettings, PathTask, Waypoints
 
 
 def resolvers_along(
     path_task: PathTask,
-    waypoints: Sequence[mink.SE3],
+    path: Waypoints,
     method: str,
     settings: MethodSettings,
     solver: str,
+    *,
+    accelerations: bool = True,
 ) -> list[Resolver]:
-    """The resolvers of the waypoints: that of the segment, or a blend of two.
+    """The resolvers of the rows of a path: that of the projector in force, or a blend of two.
 
-    A method that fixes the whole twist has a single one: it meets every projector.
+    A method that fixes the whole twist has a single one: it meets every projector. Without
+    ``accelerations`` their limits are left out.
     """
-    limits = MinkLimits(path_task) if METHODS[method].peer else WaypointLimits(path_task)
+    peer = METHODS[method].peer
+    limits = (MinkLimits if peer else WaypointLimits)(path_task, accelerations=accelerations)
+    made = dict[int, Resolver]()
 
-    def make(projector: TwistProjector) -> Resolver:
-        if isinstance(limits, MinkLimits):
-            return MinkResolver(path_task, method, settings, projector, solver, limits)
-        return make_resolver(path_task, method, settings, projector, solver, limits)
+    def of(projector: TwistProjector) -> Resolver:
+        if id(projector) not in made:
+            given = path_task, method, settings, projector, solver
+            made[id(projector)] = (
+                MinkResolver(*given, limits)
+                if isinstance(limits, MinkLimits)
+                else make_resolver(*given, limits)
+            )
+        return made[id(projector)]
 
-    count = len(waypoints)
     if METHODS[method].whole_twist:
-        return [make(path_task.operational)] * count
-    resolvers = [make(path_task.projector)] * count
-    for segment in path_task.segments:
-        old, new = resolvers[segment.first - 1], make(segment.projector)
-        resolvers[segment.first :] = [new] * (count - segment.first)
-        if segment.blend:
-            common = make(path_task.in_force[segment.first])
-            for step in range(1, segment.blend + 1):
-                index = segment.first + step - 1
-                resolvers[index] = BlendingResolver(
-                    old, new, common, waypoints[index - 1], Ramp(step, segment.blend)
-                )
+        return [of(path_task.operational)] * len(path.s)
+    resolvers = [of(projector) for projector in path.projectors]
+    for segment, before in zip(path_task.segments, path_task.projectors, strict=False):
+        steps = path.s - segment.first + 1.0
+        for k in np.flatnonzero(segment.blended(path.s)).tolist():
+            ramp = Ramp(float(steps[k - 1]), float(steps[k]), segment.blend)
+            pair = of(before), of(segment.projector)
+            resolvers[k] = BlendingResolver(*pair, resolvers[k], path.target(k - 1), ramp)
     return resolvers
 
 
 @dataclass(frozen=True)
 class Ramp:
-    r"""Progress of a blend at the ``step``-th of ``length`` waypoints.
+    r"""Progress of a blend over ``length`` waypoints, from one row of the path to the next.
 
     With n = length, the waypoint before the blend is step 0, the first one after it step n + 1.
     """
 
-    step: int
+    before: float
+    step: float
     length: int
 
     @property
@@ -75,11 +81,12 @@ class Ramp:
     def share(self) -> float:
         r"""Share of the error in the acquired rows that the new projector's step removes.
 
-        :math:`1 - ((m-1)/m)^3` with m = n + 2 − step remaining waypoints. At weight 1 the error
-        would fall with m³, to zero at step n + 1 without a jump of speed or acceleration.
+        :math:`1 - (m/m_0)^3` with m = n + 1 − step remaining waypoints, and m₀ before the step. At
+        weight 1 the error would fall with m³, to zero at step n + 1 without a jump of speed or
+        acceleration.
         """
-        m = self.length + 2 - self.step
-        return 1.0 - ((m - 1) / m) ** 3
+        last = self.length + 1
+        return 1.0 - ((last - self.step) / (last - self.before)) ** 3
 
 
 class BlendingResolver(Resolver):

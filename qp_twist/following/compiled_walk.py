@@ -9,10 +9,7 @@ from qp_twist.checks import Array
 from qp_twist.constraints import PositionLimit
 from qp_twist.control.controller import SINGULARITY, UNSEEN_WEIGHT
 from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of
-from qp_twist.following.resolver import (
-    LARGEST_JOINT,
-    waypoints_of,
-)
+from qp_twist.following.resolver import LARGEST_JOINT
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, distinct_projectors
 from qp_twist.kernel import follow_kernel
@@ -20,7 +17,7 @@ from qp_twist.kernel.step_kernel import STEP, Settings, StepInputs
 from qp_twist.kernel.step_record import Sizes
 from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
-from qp_twist.paths import METHODS, MethodSettings, PathTask
+from qp_twist.paths import METHODS, MethodSettings, PathTask, Waypoints
 from qp_twist.planning.starts import START_ITERATIONS
 
 Counts = npt.NDArray[np.int64]
@@ -33,24 +30,37 @@ STILL = np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
 class CompiledWalk:
     """A method and a path in the kernel's arrays."""
 
-    def __init__(self, path_task: PathTask, method: str, settings: MethodSettings) -> None:
-        """Fill the arrays of a path for which :func:`walk_known` is true."""
+    def __init__(
+        self,
+        path_task: PathTask,
+        method: str,
+        settings: MethodSettings,
+        path: Waypoints | None = None,
+        references: Array | None = None,
+    ) -> None:
+        """Fill the arrays of a path for which :func:`walk_known` is true.
+
+        Args:
+            path_task: The task.
+            method: Name of the method.
+            settings: Of the method.
+            path: The rows; ``None``: the waypoints.
+            references: Of the secondary, for each row, (K, nq); ``None``: middles of the ranges.
+        """
         kind, model = METHODS[method], path_task.model
+        path = path_task.at(flipped=kind.flipped) if path is None else path
         ranges = JointRanges.of(model)
         self._arm = arm_of(SerialChain.of(model, path_task.frame_name, path_task.frame_type))
-        waypoints = waypoints_of(path_task, method)
-        rotations = np.array([waypoint.rotation().as_matrix() for waypoint in waypoints])
-        positions = np.array([waypoint.translation() for waypoint in waypoints])
-        held: list[TwistProjector | None] = list(path_task.in_force)
+        held: list[TwistProjector | None] = list(path.projectors)
+        for segment in path_task.segments:
+            for k in np.flatnonzero(segment.blended(path.s)):
+                held[k] = None
         if kind.whole_twist:
-            held = [path_task.operational] * len(waypoints)
-        else:
-            for segment in path_task.segments:
-                held[segment.first : segment.first + segment.blend] = [None] * segment.blend
-        durations = path_task.durations
-        if durations is None:
-            durations = np.ones(len(waypoints))
-        shown = (rotations, positions)
+            held = [path_task.operational] * len(path.s)
+        durations = np.ones(len(path.s)) if path.durations is None else path.durations
+        if references is None:
+            references = np.tile(ranges.middle, (len(path.s), 1))
+        shown = (path.rotations, path.positions)
         self._path = follow_kernel.Path(
             rows_of(
                 *distinct_projectors(held),
@@ -58,9 +68,9 @@ class CompiledWalk:
                 max_linear_step=path_task.iteration.max_linear_step,
                 max_angular_step=path_task.iteration.max_angular_step,
             ),
-            rows_of(*distinct_projectors(path_task.in_force), *shown),
+            rows_of(*distinct_projectors(path.projectors), *shown),
             np.where(durations > 0.0, durations, 1.0),
-            np.tile(ranges.middle, (len(waypoints), 1)),
+            np.ascontiguousarray(references),
         )
         self._way = self._way_of(path_task, method, settings, ranges)
         table, types = table_of([PositionLimit(model)] if kind.holds_limits else [], model.nv)
@@ -79,30 +89,21 @@ class CompiledWalk:
             floats=floats,
             integers=integers,
         )
-        self._ranks = np.array([projector.rank for projector in path_task.in_force])
         # Run on nothing, so that compiling or loading is not part of a run's time.
-        self.on_from(ranges.middle, len(waypoints))
+        self.on_from(ranges.middle, len(path.s))
 
-    def toward(self, references: Array) -> None:
-        """Set the secondary's references (N, nq), one for each waypoint."""
-        self._path = self._path._replace(references=np.ascontiguousarray(references))
-
-    def on_from(self, start: Array, first: int) -> tuple[Array, Counts, Array, Array]:
-        """Follow the waypoints from ``first`` on, from ``start``, until the reference is needed.
+    def on_from(self, start: Array, first: int) -> tuple[Array, Counts, Array]:
+        """Follow the rows from ``first`` on, from ``start``, until the reference is needed.
 
         Returns:
-            Configurations (K, nq), iterations (K,), lengths of the task errors (K, 2), m and rad,
-            and the smallest singular values of the rows (K,).
+            Configurations (K, nq), iterations (K,), and lengths of the task errors (K, 2), m and
+            rad.
         """
-        q = np.zeros((1, len(self._ranks), len(start)))
+        q = np.zeros((1, len(self._path.durations), len(start)))
         q[0, first - 1] = start
-        ends, iterations, errors, rows = self._followed(self._way, self._path, STILL, q, first)
+        ends, iterations, errors = self._followed(self._way, self._path, STILL, q, first)
         done = slice(first, ends[0])
-        sigma = np.zeros(len(self._ranks))
-        for rank in np.unique(self._ranks[self._ranks > 0]):
-            here = np.flatnonzero(self._ranks[done] == rank) + first
-            sigma[here] = np.linalg.svd(rows[0, here, :rank], compute_uv=False)[:, -1]
-        return q[0, done], iterations[0, done], errors[0, done], sigma[done]
+        return q[0, done], iterations[0, done], errors[0, done]
 
     def many(self, moves: Array, q: Array) -> tuple[Counts, Counts, Array]:
         """Follow K runs of moved paths (K, 12), from and into the rows of q (K, N, nq).
@@ -111,8 +112,7 @@ class CompiledWalk:
             Indices of the first waypoints that are left to the reference, (K,), the iterations
             (K, N), and the lengths of the task errors, m and rad, (K, N, 2).
         """
-        ends, iterations, errors, _ = self._followed(self._way, self._path, moves, q, 1)
-        return ends, iterations, errors
+        return self._followed(self._way, self._path, moves, q, 1)
 
     def corrected_starts(self, moves: Array, starts: Array) -> tuple[Array, Array]:
         """Starts (K, nq) corrected onto the first waypoints of moved paths.
@@ -126,7 +126,7 @@ class CompiledWalk:
         rows = rows._replace(which=rows.which[twice], targets=rows.targets[twice])
         first = follow_kernel.Path(rows, rows, np.ones(2), self._path.references[twice])
         q = np.repeat(starts[:, None], 2, axis=1)
-        ends, _, errors, _ = self._followed(self._correction, first, moves, q, 1)
+        ends, _, errors = self._followed(self._correction, first, moves, q, 1)
         errors[ends < 2, 1] = np.nan
         return q[:, 1], errors
 
@@ -137,12 +137,12 @@ class CompiledWalk:
         moves: Array,
         q: Array,
         first: int,
-    ) -> tuple[Counts, Counts, Array, Array]:
+    ) -> tuple[Counts, Counts, Array]:
         runs, count, nv = q.shape
         iterations, ends = np.zeros((runs, count), dtype=np.int64), np.zeros(runs, dtype=np.int64)
         errors, rows = np.zeros((runs, count, 2)), np.zeros((runs, count, 6, nv))
         follow_kernel.follow(self._arm, way, path, moves, first, q, iterations, errors, rows, ends)
-        return ends, iterations, errors, rows
+        return ends, iterations, errors
 
     def _way_of(
         self, path_task: PathTask, method: str, settings: MethodSettings, ranges: JointRanges
@@ -156,7 +156,7 @@ class CompiledWalk:
                 metric = ranges.metric
         elif settings.secondary == "plan":
             stiffness[:] = settings.gain
-        limits = WaypointLimits(path_task)
+        limits = WaypointLimits(path_task, accelerations=False)
         if limits.window is not None:
             limits.window.half_width = path_task.velocity_limits
         table, types = table_of(limits.limits if kind.constrained else [], model.nv)
@@ -199,11 +199,13 @@ def _steps(
     return floats, integers
 
 
-def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bool:
+def walk_known(
+    path_task: PathTask, method: str, settings: MethodSettings, *, accelerations: bool = True
+) -> bool:
     """Whether :class:`CompiledWalk` supports a method on a path.
 
-    It does not support tolerance bands, constraints, acceleration limits, ball and free joints, or
-    secondaries other than centering and a plan.
+    It does not support tolerance bands, constraints, ball and free joints, secondaries other than
+    centering and a plan, or, unless a run leaves them out, acceleration limits.
     """
     kind = METHODS[method]
     if kind.peer or not (kind.constrained or method in CLOSED_FORMS):
@@ -214,6 +216,6 @@ def walk_known(path_task: PathTask, method: str, settings: MethodSettings) -> bo
         known
         and not path_task.bands
         and not path_task.stated_constraints
-        and not (timed and np.isfinite(path_task.acceleration_limits).any())
+        and not (accelerations and timed and np.isfinite(path_task.acceleration_limits).any())
         and JointRanges.of(path_task.model).only_hinges_and_slides
     )

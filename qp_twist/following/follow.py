@@ -14,7 +14,6 @@ from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
 from qp_twist.following.stretches import follow_stretches
 from qp_twist.following.trajectory import Trajectory
-from qp_twist.following.walk import walk
 from qp_twist.kinematics import SecondaryObjective
 from qp_twist.paths import (
     DEFAULT_METHOD,
@@ -108,6 +107,7 @@ def follow(
     if method in path_task.starts:
         path_task = replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
+    start: Array | None = None
     motion: Array | None = None
     bound: float | None = None
     interrupted: Plan | None = None
@@ -120,11 +120,12 @@ def follow(
         free = int(PathRows(path_task).freedom.max())
         of_z = plan.objective == "centering" and not plan.joint_weights
         bound = plan.bound if of_z and free <= BOUNDED and not path_task.joint_moves else None
-        path_task = replace(path_task, start=motion[0])
-    trajectory = (follow_stretches if path_task.joint_moves else walk)(
+        start = motion[0]
+    trajectory = follow_stretches(
         path_task,
         method,
         settings,
+        start=start,
         solver=solver,
         plan=motion,
         slow_down=slow_down,

@@ -10,7 +10,6 @@ import numpy as np
 from qp_twist.checks import Array, clause, instance, whole_number
 from qp_twist.errors import InvalidInput
 from qp_twist.following.stretches import follow_stretches
-from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
@@ -133,8 +132,7 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
         return not task.tolerances.met(position_error, axis_error)
 
     try:
-        followed = follow_stretches if task.joint_moves else walk
-        run = followed(
+        run = follow_stretches(
             task, method, task.settings(method), solver=COMPILED, slow_down=True, stop=lost
         )
     except InvalidInput as error:  # directions free in T may still violate a limit of the method

@@ -37,8 +37,8 @@ class MinkLimits(WaypointLimits):
     may use what the previous ones left of |q̇| Δt.
     """
 
-    def __init__(self, path_task: PathTask) -> None:
-        super().__init__(path_task)
+    def __init__(self, path_task: PathTask, *, accelerations: bool = True) -> None:
+        super().__init__(path_task, accelerations=accelerations)
         self.ranges = JointRanges.of(path_task.model)
         self._began = self.ranges.positions(path_task.start)
 

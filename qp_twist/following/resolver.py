@@ -250,21 +250,6 @@ def make_resolver(
     return ClosedFormResolver(path_task, method, settings, projector)
 
 
-def waypoints_of(path_task: PathTask, method: str) -> Sequence[mink.SE3]:
-    """The waypoints that a method follows.
-
-    Raises:
-        InvalidInput: If the method needs flipped waypoints, and the task has none.
-    """
-    if not METHODS[method].flipped:
-        return path_task.waypoints
-    if path_task.flipped_waypoints is None:
-        raise InvalidInput(
-            f"follow: {method} needs a roll rule with two signs; this task has no [roll]."
-        )
-    return path_task.flipped_waypoints
-
-
 def secondary_objectives(
     path_task: PathTask, task: TwistTask, settings: MethodSettings
 ) -> list[SecondaryObjective]:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
 from qp_twist.files import write_atomically
-from qp_twist.kinematics import JointRanges
+from qp_twist.kinematics import FramePair, JointRanges, frame_jacobian, largest_excess
 from qp_twist.notebook import html_table
-from qp_twist.paths import PathTask, Waypoints
+from qp_twist.paths import METHODS, PathTask, Waypoints
 from qp_twist.planning import Plan
-from qp_twist.referee import PathErrors, RowVerdict, straight_errors
+from qp_twist.referee import PathErrors, RowVerdict, poses_of, straight_errors, task_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,9 +38,6 @@ class Trajectory:
         path_task: The task that was followed.
         method: Name of the method.
         q: Joint configurations, rad or m, (N, nq).
-        position_error: Length of the linear task error after the last iteration, m, (N,).
-        axis_error: Length of the angular task error, in the rows of the task only, rad, (N,).
-        sigma_min: Smallest singular value of the task rows UᵀJ, (N,).
         scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
         iterations: Iterations that each waypoint took, (N,).
         binding: Names of the limits active in a step of the waypoint, or because of which its
@@ -48,8 +46,6 @@ class Trajectory:
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
         failure: Why and where there was no step; empty if there always was one.
-        band_excess: Largest violation of a band, rad or m, (N,); 0 inside all bands, or without
-            bands.
         durations: Duration of each waypoint, s, (N,): the task's, or longer if
             :func:`~qp_twist.follow` slowed down; ``None`` if untimed.
         z_bound: Lower bound of the mean z of all motions from this start, if the followed plan has
@@ -66,9 +62,6 @@ class Trajectory:
     path_task: PathTask
     method: str
     q: Array
-    position_error: Array
-    axis_error: Array
-    sigma_min: Array
     scale: Array
     iterations: npt.NDArray[np.int64]
     binding: tuple[tuple[str, ...], ...]
@@ -76,7 +69,6 @@ class Trajectory:
     diverged_at: int | None
     statuses: tuple[Status, ...]
     failure: str
-    band_excess: Array
     durations: Array | None
     z_bound: float | None = None
     compiled: int = 0
@@ -109,11 +101,77 @@ class Trajectory:
 
         On the path at the feed; in joint moves by the joints' speeds.
         """
-        times = self.path_task.feed_at(self.s)
-        if times is None or self.durations is None:
+        at_feed = self.path.durations
+        if at_feed is None or self.durations is None:
             return None
-        feed: Array = np.where(self.path.moves, self.durations[1:], np.diff(times))
+        feed: Array = np.where(self.path.moves, self.durations[1:], at_feed[1:])
         return feed
+
+    @cached_property
+    def _pairs(self) -> tuple[FramePair, FramePair]:
+        """The frame with the method's target at each row, and with the path's own."""
+        R, p = poses_of(self.path_task, self.q)
+        path = self.path_task.at(self.s, flipped=METHODS[self.method].flipped)
+        return (
+            FramePair(R, p, path.rotations, path.positions),
+            FramePair(R, p, self.path.rotations, self.path.positions),
+        )
+
+    @cached_property
+    def _errors(self) -> Array:
+        """Task errors, linear and angular, in the rows of the task only; 0 off the path, (N, 6)."""
+        errors = task_errors(*self._pairs[0][:4], self.path.projectors)
+        return np.where(self.path.on_path[:, None], errors, 0.0)
+
+    @cached_property
+    def position_error(self) -> Array:
+        """Length of the linear task error, m, (N,)."""
+        return np.asarray(np.linalg.norm(self._errors[:, :3], axis=1))
+
+    @cached_property
+    def axis_error(self) -> Array:
+        """Length of the angular task error, in the rows of the task only, rad, (N,)."""
+        return np.asarray(np.linalg.norm(self._errors[:, 3:], axis=1))
+
+    @cached_property
+    def band_excess(self) -> Array:
+        """Largest violation of a band, soft ones too, rad or m, (N,); 0 inside all bands."""
+        excess = largest_excess(self.path_task.bands, self._pairs[1])
+        return np.where(self.path.on_path, excess, 0.0)
+
+    @cached_property
+    def sigma_min(self) -> Array:
+        """Smallest singular value of the task rows UᵀJ, (N,); 0 where there are none."""
+        configuration = mink.Configuration(self.path_task.model)
+        frame = self.path_task.frame_name, self.path_task.frame_type
+        pair, smallest = self._pairs[0], np.zeros(len(self.q))
+        for k, projector in enumerate(self.path.projectors):
+            configuration.update(self.q[k])
+            T = projector.in_world(pair.rotation[k], pair.target_rotation[k])
+            rows = T.basis.T @ frame_jacobian(configuration, *frame)
+            smallest[k] = np.linalg.svd(rows, compute_uv=False)[-1:].sum()
+        return smallest
+
+    def with_rows(self, at: Indices, q: Array, s: Array, durations: Array | None) -> Trajectory:
+        """The trajectory with further rows.
+
+        Args:
+            at: Indices of its rows before which rows are inserted, ascending, (K,).
+            q: Their configurations, (K, nq).
+            s: Their parameters of the path, (K,).
+            durations: Of all rows afterwards, s, (N + K,); ``None`` without a feed.
+        """
+        kept = np.insert(np.arange(len(self.q)), at, -1).tolist()
+        return replace(
+            self,
+            q=np.insert(self.q, at, q, axis=0),
+            s=np.insert(self.s, at, s),
+            scale=np.insert(self.scale, at, 1.0),
+            iterations=np.insert(self.iterations, at, 0),
+            binding=tuple(() if k < 0 else self.binding[k] for k in kept),
+            statuses=tuple(Status.SOLVED if k < 0 else self.statuses[k] for k in kept),
+            durations=durations,
+        )
 
     @cached_property
     def verdict(self) -> RowVerdict:
@@ -128,8 +186,12 @@ class Trajectory:
 
         Between them: ``between``, and :func:`~qp_twist.check_trajectory`.
         """
-        whole = self.ended and self.diverged_at is None and not self.failure
-        return whole and not bool(self.verdict.fails.any())
+        return self.ended and self.keeps_rows
+
+    @property
+    def keeps_rows(self) -> bool:
+        """Whether it keeps everything at the rows that it has, and no step failed."""
+        return self.diverged_at is None and not self.failure and not self.verdict.fails.any()
 
     @property
     def rows_kept(self) -> int:

@@ -28,14 +28,14 @@ class WaypointLimits:
         dt: Duration of the current waypoint, s.
     """
 
-    def __init__(self, path_task: PathTask) -> None:
+    def __init__(self, path_task: PathTask, *, accelerations: bool = True) -> None:
         model = path_task.model
         self.limits: list[mink.Limit] = [PositionLimit(model)]
         self.velocity_limits = path_task.velocity_limits
         self.window: DisplacementWindow | None = None
         self.motion: MotionWindow | None = None
         timed = path_task.durations is not None
-        if timed and np.isfinite(path_task.acceleration_limits).any():
+        if accelerations and timed and np.isfinite(path_task.acceleration_limits).any():
             self.motion = MotionWindow(
                 MotionLimit(
                     model,

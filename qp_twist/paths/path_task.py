@@ -275,26 +275,41 @@ class PathTask:
 
     @cached_property
     def poses(self) -> tuple[Array, Array]:
-        """Rotations (N, 3, 3) and positions (N, 3), m, of the waypoints."""
-        rotations = np.array([w.rotation().as_matrix() for w in self.waypoints])
-        return rotations, np.array([w.translation() for w in self.waypoints])
+        """Rotations (N, 3, 3) and positions (N, 3), m, of the waypoints; read-only."""
+        return _poses(self.waypoints)
+
+    @cached_property
+    def flipped_poses(self) -> tuple[Array, Array]:
+        """The same of the flipped waypoints.
+
+        Raises:
+            InvalidInput: If there are none.
+        """
+        if self.flipped_waypoints is None:
+            raise InvalidInput(
+                "flipped waypoints need a roll rule with two signs; this task has no [roll]."
+            )
+        return _poses(self.flipped_waypoints)
 
     @property
     def positions(self) -> Array:
         """Positions of the waypoints in the world, or in the body that carries them, m, (N, 3)."""
         return self.poses[1]
 
-    def at(self, s: Array | None = None) -> Waypoints:
+    def at(self, s: Array | None = None, *, flipped: bool = False) -> Waypoints:
         """The path at parameters s (K,), ascending (:class:`~qp_twist.paths.Waypoints`).
 
-        ``None``: at its waypoints.
+        Args:
+            s: The parameters; ``None``: at its waypoints.
+            flipped: Whether to take the flipped waypoints.
 
         Raises:
-            InvalidInput: If s is not from 0, the first waypoint, to the last one, and ascending.
+            InvalidInput: If s is not from 0, the first waypoint, to the last one, and ascending, or
+                there are no flipped waypoints.
         """
         last = len(self.waypoints) - 1
         if s is None:
-            return Waypoints.of(self, np.arange(last + 1, dtype=np.float64))
+            s = np.arange(last + 1, dtype=np.float64)
         s = finite_array("s", np.atleast_1d(s), (None,))
         if s.size and not (s[0] >= 0.0 and s[-1] <= last and (np.diff(s) >= 0.0).all()):
             raise InvalidInput(
@@ -302,14 +317,7 @@ class PathTask:
                 f"{s.min():g} to {s.max():g}.",
                 key="s",
             )
-        return Waypoints.of(self, s)
-
-    def feed_at(self, s: Array) -> Array | None:
-        """Times at the feed from the first waypoint to parameters s (K,), s, (K,)."""
-        if self.durations is None:
-            return None
-        times: Array = np.interp(s, np.arange(len(self.durations)), np.cumsum(self.durations))
-        return times
+        return Waypoints.of(self, s, flipped=flipped)
 
     @property
     def projectors(self) -> tuple[TwistProjector, ...]:
@@ -436,6 +444,13 @@ class PathTask:
             f"PathTask({self.name!r}, {len(self.waypoints)} waypoints{on}, "
             f"rank {ranks} of {self.operational.rank})"
         )
+
+
+def _poses(waypoints: tuple[mink.SE3, ...]) -> tuple[Array, Array]:
+    rotations = np.array([w.rotation().as_matrix() for w in waypoints])
+    positions = np.array([w.translation() for w in waypoints])
+    rotations.flags.writeable = positions.flags.writeable = False
+    return rotations, positions
 
 
 def check_carrier(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from qp_twist.checks import instance
+from qp_twist.checks import Array, Mask, instance
 from qp_twist.errors import InvalidInput, about
 from qp_twist.geometry import TwistProjector, task_redundancy
 
@@ -30,6 +30,11 @@ class Segment:
         instance("Segment(first=…)", self.first, int)
         instance("Segment(projector=…)", self.projector, TwistProjector)
         instance("Segment(blend=…)", self.blend, int)
+
+    def blended(self, s: Array) -> Mask:
+        """Which parameters s (K,) of the path are in the blend, or on the way into it or out."""
+        after: Mask = (s > self.first - 1) & (s < self.first + self.blend)
+        return after & (self.blend > 0)
 
 
 def projectors_in_force(

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Mask
 from qp_twist.geometry import TwistProjector, with_fewer_rows
+from qp_twist.paths.orientation import poses
 
 if TYPE_CHECKING:
     from qp_twist.paths.path_task import PathTask
@@ -29,6 +31,7 @@ class Waypoints:
         projectors: The projector in force; between two, that with fewer rows, (K,).
         on_path: Where a path holds: not inside a joint move, (K,).
         moves: Which of the intervals from each s to the next are part of a joint move, (K − 1,).
+        feed_times: Times at the feed from the first waypoint on, s, (K,); ``None`` without a feed.
     """
 
     s: Array
@@ -37,11 +40,12 @@ class Waypoints:
     projectors: tuple[TwistProjector, ...]
     on_path: Mask
     moves: Mask
+    feed_times: Array | None
 
     @classmethod
-    def of(cls, path_task: PathTask, s: Array) -> Waypoints:
+    def of(cls, path_task: PathTask, s: Array, *, flipped: bool = False) -> Waypoints:
         """The path of a task at parameters s (K,), ascending, from 0 to its last waypoint."""
-        rotations, positions = path_task.poses
+        rotations, positions = path_task.flipped_poses if flipped else path_task.poses
         after = np.ceil(s).astype(np.intp)
         before = np.maximum(after - 1, 0)
         share = s - before
@@ -64,4 +68,17 @@ class Waypoints:
             tuple(projectors),
             ~(to[after] & (~there | to[after + 1])),
             to[after[1:]],
+            None
+            if path_task.durations is None
+            else np.interp(s, np.arange(len(path_task.durations)), np.cumsum(path_task.durations)),
         )
+
+    @property
+    def durations(self) -> Array | None:
+        """Time at the feed to each s from the one before, s, (K,); 0 for the first."""
+        times = self.feed_times
+        return None if times is None else np.diff(times, prepend=times[:1])
+
+    def target(self, index: int) -> mink.SE3:
+        """One of the poses."""
+        return poses(self.positions[index : index + 1], self.rotations[index : index + 1])[0]

@@ -162,9 +162,10 @@ class Plan:
         task, q = self.path_task, self.motion()
         s = np.arange(len(q), dtype=np.float64) if self.s is None else self.s
         pieces = np.ones(len(q) - 1)
-        at_feed = task.feed_at(s)
+        path = task.at(s)
+        at_feed = path.feed_times
         if at_feed is not None:
-            moves = task.at(s).moves
+            moves = path.moves
             pieces = np.where(moves, JointMoves(task).seconds(q) if moves.any() else 0.0,
                               np.diff(at_feed))  # fmt: skip
         times = np.append(0.0, np.cumsum(pieces))

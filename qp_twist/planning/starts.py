@@ -98,16 +98,23 @@ def random_start(path_task: PathTask, rng: np.random.Generator) -> Array | None:
 
 
 def corrected_start(
-    path_task: PathTask, waypoint: mink.SE3, *, holds_limits: bool, task: TwistTask | None = None
+    path_task: PathTask,
+    waypoint: mink.SE3,
+    *,
+    holds_limits: bool,
+    task: TwistTask | None = None,
+    start: Array | None = None,
 ) -> Array:
     """The start, corrected onto the first waypoint by minimum-norm steps in the rows of ``task``.
 
-    The rows are the path's if ``task`` is ``None``. A method that holds the limits also holds them
-    here, and moves the start inside the constraints if possible; other methods ignore both.
+    The rows are the path's if ``task`` is ``None``, the start the task's if ``start`` is. A method
+    that holds the limits also holds them here, and moves the start inside the constraints if
+    possible; other methods ignore both.
     """
     if task is None:
         task = twist_task(path_task, path_task.in_force[0])
-    configuration = mink.Configuration(path_task.model, path_task.start)
+    start = path_task.start if start is None else start
+    configuration = mink.Configuration(path_task.model, start)
     task.set_target(waypoint)
     controller: Controller | None = None
     if holds_limits:

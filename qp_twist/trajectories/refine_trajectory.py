@@ -6,7 +6,6 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask, instance
 from qp_twist.following import Trajectory
-from qp_twist.following.further_rows import with_rows
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import JointMotion, sampled_errors
@@ -103,7 +102,7 @@ def with_rows_between(
     if durations is not None:
         times = divided_times(durations[1:], pieces, shares)
         durations = np.concatenate([durations[:1], times])
-    return with_rows(trajectory, pieces + 1, rows, between, durations), pieces
+    return trajectory.with_rows(pieces + 1, rows, between, durations), pieces
 
 
 def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:

@@ -19,6 +19,7 @@ from qp_twist.studies.sample import section_of
 pytestmark = pytest.mark.numerical
 TASK = qt.load_task("planar_line")
 COUNT = 5
+MEASURED = ("position_error", "axis_error", "band_excess", "sigma_min")
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,11 @@ def made(template: qt.Trajectory, **changed: Any) -> qt.Trajectory:
         "statuses": COUNT * (qt.Status.SOLVED,),
         "path_task": dataclasses.replace(template.path_task, waypoints=TASK.waypoints[:COUNT]),
     }  # fmt: skip
-    return dataclasses.replace(template, **(still | changed))
+    values = still | changed
+    measured = {name: values.pop(name) for name in MEASURED}
+    trajectory = dataclasses.replace(template, **values)
+    vars(trajectory).update(measured)  # in place of what its rows would give
+    return trajectory
 
 
 def at(waypoint: int, value: Any, otherwise: Any) -> list[Any]:

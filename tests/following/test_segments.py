@@ -318,7 +318,7 @@ def test_a_path_between_two_waypoints_is_their_line_and_shortest_rotation(
     assert path.positions[0] == pytest.approx(line, abs=1e-12)
     assert path.rotations[0] == pytest.approx(way.rotation().as_matrix(), abs=1e-9)
     assert path.projectors[0].rank == min(t.rank for t in task.in_force[k : k + 2])
-    assert task.feed_at(np.array([s])) == pytest.approx(
+    assert task.at(np.array([s])).feed_times == pytest.approx(
         task.durations[: k + 1].sum() + (s - k) * task.durations[k + 1]
     )
 

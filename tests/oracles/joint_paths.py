@@ -66,9 +66,6 @@ def joint_path(
         path_task=task,
         method="qp",
         q=q,
-        position_error=zeros,
-        axis_error=zeros,
-        sigma_min=zeros,
         scale=zeros + 1.0,
         iterations=zeros.astype(int),
         binding=((),) * len(q),
@@ -76,7 +73,6 @@ def joint_path(
         diverged_at=None,
         statuses=(Status.SOLVED,) * len(q),
         failure="",
-        band_excess=zeros,
         durations=durations,
     )
 
