@@ -77,10 +77,11 @@ def run(
         _say_how(trajectory, stated=gain is not None or weight is not None)
         cli.fail(f"{out}: not written: {method} {trajectory.ending}")
     what = f"wrote {out}" if done.written else f"did not write {out}"
-    cli.say(f"{what}: {len(trajectory.q)} waypoints, {method}: {trajectory.summary}")
+    count = int(trajectory.at_waypoints.sum())
+    cli.say(f"{what}: {count} waypoints, {method}: {trajectory.summary}")
     _say_how(trajectory, stated=gain is not None or weight is not None)
-    if len(rows.q) > len(trajectory.q):
-        more = len(rows.q) - len(trajectory.q)
+    if len(rows.q) > count:
+        more = len(rows.q) - count
         cli.say(f"{more} rows more between waypoints, where the joints would have left the path")
     cli.say(*_timing(timed, rows))
     cli.say(*check.notes)

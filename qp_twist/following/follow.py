@@ -39,6 +39,7 @@ def follow(
     plan: Plan | None = None,
     planning: Callable[[str, float], None] | None = None,
     slow_down: bool = False,
+    fine: bool = False,
     **options: Any,
 ) -> Trajectory:
     """Follow a path with one method.
@@ -73,6 +74,8 @@ def follow(
         slow_down: Whether to extend a waypoint's duration instead of missing it. Methods without
             velocity limits never need it. Acceleration limits are then left to
             :func:`~qp_twist.time_trajectory`.
+        fine: Whether to follow the path also at rows between its waypoints, where joints that go
+            straight from one to the next would leave it by more than the tolerances.
         **options: Settings that replace those of the task file, which replace the method's own
             (:data:`~qp_twist.paths.methods.METHODS`): ``iterations``, ``secondary`` (a name, or a
             :class:`~qp_twist.SecondaryObjective`), ``weight``, ``gain``, ``objective``, and for the
@@ -99,7 +102,8 @@ def follow(
     for name, function in (("progress", progress), ("stop", stop), ("planning", planning)):
         if function is not None and not callable(function):
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
-    instance("follow(slow_down=…)", slow_down, bool)
+    for name, given in (("slow_down", slow_down), ("fine", fine)):
+        instance(f"follow({name}=…)", given, bool)
     solver = check_solver(solver)
     if options:
         path_task = with_options(path_task, [check_method(method)], options, f"follow({method!r})")
@@ -129,6 +133,7 @@ def follow(
         solver=solver,
         plan=motion,
         slow_down=slow_down,
+        fine=fine,
         progress=progress,
         stop=stop,
     )

@@ -15,6 +15,7 @@ from qp_twist.checks import Array, clause
 from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import LARGEST_JOINT, Resolver
+from qp_twist.following.sampling import fine_rows, plan_at
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.kernel import COMPILED
@@ -36,13 +37,14 @@ def walk(
     solver: str = "daqp",
     plan: Array | None = None,
     slow_down: bool = False,
+    fine: bool = False,
     progress: Callable[[int], None] | None = None,
     stop: Callable[[Array, float, float], bool] | None = None,
 ) -> Trajectory:
     """The implementation of :func:`~qp_twist.follow`, after its arguments are checked.
 
     The rows are at parameters ``s`` (K,) of the path, without joint moves between them; ``None``: a
-    row for each waypoint. ``start`` (nq,) takes the place of the task's, and ``plan`` (K, nq) is
+    row for each waypoint; with ``fine``, others as well (:func:`fine_rows`). ``start`` (nq,) takes the place of the task's, and ``plan`` (K, nq) is
     the reference of the secondary "plan". With ``slow_down`` acceleration limits are left to
     :func:`~qp_twist.time_trajectory`: a robot that enters a curve too fast cannot stay on the path
     within its acceleration limits. With more time it can, and the time it needs is known only for
@@ -50,8 +52,12 @@ def walk(
     a step.
     """
     path = path_task.at(s, flipped=METHODS[method].flipped)
-    compiled = _compiled(path_task, path, method, settings, solver, plan, slow_down)
     first = start_of(path_task, method, path, start)
+    if fine:
+        rows = fine_rows(path_task, path.s, first)
+        plan = None if plan is None else plan_at(path_task, plan, path.s, rows)
+        path = path_task.at(rows, flipped=METHODS[method].flipped)
+    compiled = _compiled(path_task, path, method, settings, solver, plan, slow_down)
     run = _Run(path_task, path, method, settings, solver, plan, slow_down, first, progress, stop)
     began = time.perf_counter()
     while run.unfinished:

@@ -9,7 +9,7 @@ import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import TwistProjector, with_fewer_rows
 from qp_twist.paths.orientation import poses
 
@@ -32,6 +32,7 @@ class Waypoints:
         on_path: Where a path holds: not inside a joint move, (K,).
         moves: Which of the intervals from each s to the next are part of a joint move, (K − 1,).
         feed_times: Times at the feed from the first waypoint on, s, (K,); ``None`` without a feed.
+        durations: Time at the feed to each s from the one before, s, (K,); 0 for the first.
     """
 
     s: Array
@@ -41,6 +42,7 @@ class Waypoints:
     on_path: Mask
     moves: Mask
     feed_times: Array | None
+    durations: Array | None
 
     @classmethod
     def of(cls, path_task: PathTask, s: Array, *, flipped: bool = False) -> Waypoints:
@@ -68,17 +70,23 @@ class Waypoints:
             tuple(projectors),
             ~(to[after] & (~there | to[after + 1])),
             to[after[1:]],
-            None
-            if path_task.durations is None
-            else np.interp(s, np.arange(len(path_task.durations)), np.cumsum(path_task.durations)),
+            *_at_feed(path_task.durations, s, after),
         )
-
-    @property
-    def durations(self) -> Array | None:
-        """Time at the feed to each s from the one before, s, (K,); 0 for the first."""
-        times = self.feed_times
-        return None if times is None else np.diff(times, prepend=times[:1])
 
     def target(self, index: int) -> mink.SE3:
         """One of the poses."""
         return poses(self.positions[index : index + 1], self.rotations[index : index + 1])[0]
+
+
+def _at_feed(
+    durations: Array | None, s: Array, after: Indices
+) -> tuple[Array, Array] | tuple[None, None]:
+    """Times at the feed at parameters s (K,), and from each to the next, s, (K,) each."""
+    if durations is None:
+        return None, None
+    times: Array = np.interp(s, np.arange(len(durations)), np.cumsum(durations))
+    steps = np.diff(times, prepend=times[:1])
+    # Between two waypoints a share of the time stated, without the rounding of sums.
+    within = np.flatnonzero(np.floor(s[:-1]) == after[1:] - 1) + 1
+    steps[within] = (s[within] - s[within - 1]) * durations[after[within]]
+    return times, steps

@@ -6,13 +6,12 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask, instance
 from qp_twist.following import Trajectory
+from qp_twist.following.sampling import ROOM
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import JointMotion, sampled_errors
 
 _ROUNDS = 12
-_ROOM = 0.5
-"""Share of the tolerances for linear pieces, which leaves a reserve for smooth ones."""
 _MORE = 0.25
 """A piece is refined only if its error exceeds that of its rows by this share."""
 _CLIPPED = 12
@@ -59,7 +58,7 @@ def refine_trajectory(
         at, between = np.maximum(errors[:, 0], errors[:, -1]), errors[:, 1:-1].max(axis=1)
         limits = tolerances.of(units)
         # What is outside at its rows is not mended by further ones.
-        strays = (at <= limits) & (between > np.maximum(_ROOM * limits, at + _MORE * limits))
+        strays = (at <= limits) & (between > np.maximum(ROOM * limits, at + _MORE * limits))
         asked = pieces[strays.any(axis=1)]
         trajectory, divided = with_rows_between(trajectory, asked, np.full(len(asked), 0.5))
         first = divided + np.arange(len(divided))

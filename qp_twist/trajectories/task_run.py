@@ -23,8 +23,9 @@ class TaskRun:
     """Result of a task.
 
     Attributes:
-        trajectory: The trajectory at the task's waypoints.
-        rows: The same with inserted rows, where the joints would have left the path.
+        trajectory: The trajectory as it was followed: at the task's waypoints, and between them
+            where joints that go straight would leave the path.
+        rows: The same with rows inserted where its joints left the path nevertheless.
         timed: The timed trajectory; ``None`` without a feed.
         check: Check of the file; ``None`` if the run was given up, or ended at its start.
         written: Whether the file was written.
@@ -99,6 +100,7 @@ def run_task(
         method,
         solver=solver,
         slow_down=True,
+        fine=True,
         progress=progress,
         stop=lost,
         planning=planning,

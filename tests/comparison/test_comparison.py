@@ -41,8 +41,7 @@ def test_metrics_of_a_trajectory_made_by_hand() -> None:
         [[45.0, 45.0, 90.0], [45.0, 45.0, 110.0], [95.0, 45.0, 110.0], [0.0, 100.0, 110.0]]
     )
     four = {
-        name: getattr(template, name)[:4]
-        for name in ("position_error", "axis_error", "sigma_min", "scale", "iterations", "binding")
+        name: getattr(template, name)[:4] for name in ("scale", "iterations", "binding", "statuses")
     }
     numbers = metrics(dataclasses.replace(template, q=q, seconds=0.3, **four))
     assert list(numbers) == KEYS
