@@ -75,8 +75,7 @@ from .qp import SolverInaccurate as SolverInaccurate
 from .robots import load_robot as load_robot
 from .studies import Study as Study
 from .studies import study as study
-from .trajectories import JointRows as JointRows
-from .trajectories import TimedTrajectory as TimedTrajectory
+from .trajectories import TimedPath as TimedPath
 from .trajectories import check_trajectory as check_trajectory
 from .trajectories import read_trajectory as read_trajectory
 from .trajectories import refine_trajectory as refine_trajectory

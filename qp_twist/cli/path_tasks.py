@@ -14,7 +14,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories import Check, JointRows, joints_of, read_trajectory
+from qp_twist.trajectories import Check, TimedPath, joints_of, read_trajectory
 
 
 def with_secondary(
@@ -81,7 +81,7 @@ def program_joints(
 
 def read_motion(
     trajectory: Path, path_task: PathTask, robot: str | None, as_modelled: bool
-) -> JointRows:
+) -> TimedPath:
     """A trajectory file or robot program of a task."""
     joints = program_joints(trajectory, path_task, robot, as_modelled)
     return read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)

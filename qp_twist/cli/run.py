@@ -13,7 +13,7 @@ from qp_twist.paths import (
     PathTask,
     check_method,
 )
-from qp_twist.trajectories import ENDINGS, TimedTrajectory, check_program, run_task
+from qp_twist.trajectories import ENDINGS, TimedPath, check_program, run_task
 
 _STRETCHES = 8
 """Largest number of slowed stretches that are listed."""
@@ -103,14 +103,14 @@ def run(
             "planning_interrupted": trajectory.interrupted_plan is not None,
         }
         if timed is not None and path_task.durations is not None:
-            facts["seconds"] = float(timed.times[-1])
+            facts["seconds"] = float(timed.motion.times[-1])
             facts["seconds_at_feed"] = path_task.feed_time
         cli.show_json({**facts, "check": check.to_dict()})
     if not check.passes:
         cli.fail(failure(out, check, done.written))
 
 
-def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
+def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:
     """Lines about times: what was added, how long, where slower than the feed."""
     if timed is None or rows.path_task.durations is None:
         return []
@@ -120,8 +120,9 @@ def _timing(timed: TimedTrajectory | None, rows: Trajectory) -> list[str]:
             f"{more} rows more where ramps end, and beside corners, which are rounded within the "
             "tolerances"
         )
-    total, at_feed = f"{timed.times[-1]:.4g} s", f"{rows.path_task.feed_time:.4g} s at the feed"
-    moves = timed.trajectory.path.moves
+    assert timed.trajectory is not None
+    moves, total = timed.trajectory.path.moves, f"{timed.motion.times[-1]:.4g} s"
+    at_feed = f"{rows.path_task.feed_time:.4g} s at the feed"
     if moves.any():
         total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
         at_feed = f"the path takes {at_feed}"

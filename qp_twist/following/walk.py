@@ -44,12 +44,13 @@ def walk(
     """The implementation of :func:`~qp_twist.follow`, after its arguments are checked.
 
     The rows are at parameters ``s`` (K,) of the path, without joint moves between them; ``None``: a
-    row for each waypoint; with ``fine``, others as well (:func:`fine_rows`). ``start`` (nq,) takes the place of the task's, and ``plan`` (K, nq) is
-    the reference of the secondary "plan". With ``slow_down`` acceleration limits are left to
-    :func:`~qp_twist.time_trajectory`: a robot that enters a curve too fast cannot stay on the path
-    within its acceleration limits. With more time it can, and the time it needs is known only for
-    the whole path. Then the run also ends at the last row that the limits let it reach, or that has
-    a step.
+    row for each waypoint; with ``fine``, others as well (:func:`fine_rows`). ``start`` (nq,) takes
+    the place of the task's, and ``plan`` (K, nq) is the reference of the secondary "plan".
+
+    With ``slow_down`` acceleration limits are left to :func:`~qp_twist.time_trajectory`: a robot
+    that enters a curve too fast cannot stay on the path within its acceleration limits. With more
+    time it can, and the time it needs is known only for the whole path. Then the run also ends at
+    the last row that the limits let it reach, or that has a step.
     """
     path = path_task.at(s, flipped=METHODS[method].flipped)
     first = start_of(path_task, method, path, start)

@@ -24,7 +24,7 @@ from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import Finding
-from qp_twist.trajectories import Check, JointRows, TimedTrajectory, check_trajectory
+from qp_twist.trajectories import Check, TimedPath, check_trajectory
 
 NAME = "report.html"
 """Name of the page in its folder."""
@@ -53,7 +53,7 @@ class MotionReport(NamedTuple):
 
 
 def report(
-    trajectory: JointRows | Trajectory | TimedTrajectory,
+    trajectory: TimedPath | Trajectory,
     path_task: PathTask,
     out: str | Path,
     *,

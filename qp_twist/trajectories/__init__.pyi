@@ -4,7 +4,6 @@ from .check import JointMotion as JointMotion
 from .check import PathErrors as PathErrors
 from .check import check_trajectory as check_trajectory
 from .check import path_errors as path_errors
-from .joint_rows import JointRows as JointRows
 from .program_trajectory import check_program as check_program
 from .program_trajectory import joints_of as joints_of
 from .refine_trajectory import refine_trajectory as refine_trajectory
@@ -12,9 +11,9 @@ from .speed_profile import SpeedProfile as SpeedProfile
 from .speed_profile import speed_profile as speed_profile
 from .task_run import TaskRun as TaskRun
 from .task_run import run_task as run_task
-from .time_trajectory import Slowed as Slowed
-from .time_trajectory import TimedTrajectory as TimedTrajectory
 from .time_trajectory import time_trajectory as time_trajectory
+from .timed_path import Slowed as Slowed
+from .timed_path import TimedPath as TimedPath
 from .trajectory_file import ENDINGS as ENDINGS
 from .trajectory_file import CheckedFile as CheckedFile
 from .trajectory_file import read_trajectory as read_trajectory

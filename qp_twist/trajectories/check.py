@@ -30,13 +30,12 @@ from qp_twist.referee import (
     poses_of,
     with_default_accelerations,
 )
-from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.metadata import disagreements
+from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
-    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 __all__ = ["Check", "Finding", "JointMotion", "PathErrors", "check_trajectory", "path_errors"]
 _NAMED = 3
@@ -179,7 +178,7 @@ def _finite(value: Any) -> Any:
 
 
 def check_trajectory(
-    trajectory: JointRows | Trajectory | TimedTrajectory,
+    trajectory: TimedPath | Trajectory,
     path_task: PathTask,
     *,
     position_tolerance: float | None = None,
@@ -216,9 +215,8 @@ def check_trajectory(
             "check_trajectory: the robot has ball or free joints; only hinges and slides can be "
             "checked."
         )
-    given = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
-    rows = given.of_joints(ranges.names)
-    motion, count, timed = rows.motion(), len(path_task.waypoints), rows.times is not None
+    rows = TimedPath.of(trajectory).of_joints(ranges.names)
+    motion, count, timed = rows.motion, len(path_task.waypoints), rows.times is not None
     passing = Passing(motion.times, timed, by_row=True)
     errors = None
     if len(rows.q) == count:

@@ -25,8 +25,8 @@ from qp_twist.files import (
     split_unit,
     text_lines,
 )
-from qp_twist.trajectories.joint_rows import JointRows, resting_axis
 from qp_twist.trajectories.metadata import read_metadata
+from qp_twist.trajectories.timed_path import TimedPath, resting_axis
 
 _METADATA = "# metadata "
 _ENDINGS = {unit + per for unit in ("rad", "deg", "mm") for per in ("", "/s")} | {"ms"}
@@ -47,7 +47,7 @@ _TWO_TURNS = 4.0 * math.pi
 """Positions above it without a unit are hardly in radians or metres."""
 
 
-def encode(rows: JointRows) -> str:
+def encode(rows: TimedPath) -> str:
     """Two comment lines, the names, the rows; times and velocities if there are any.
 
     Raises:
@@ -88,7 +88,7 @@ def encode(rows: JointRows) -> str:
     return file.getvalue()
 
 
-def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
+def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     """Rows of a CSV file, of this package or another tool.
 
     Supported are the delimiters, decimal marks and encodings of :mod:`qp_twist.files`; units in
@@ -253,7 +253,7 @@ def _parted(label: str, joint_names: tuple[str, ...] | None) -> tuple[str, str]:
 
 def _rows(
     columns: list[_Column], values: Array, metadata: dict[str, Any], notes: list[str]
-) -> JointRows:
+) -> TimedPath:
     kinds = [column.kind for column in columns]
     positions = [k for k, kind in enumerate(kinds) if kind == "position"]
     joints = tuple(columns[k].joint for k in positions)
@@ -274,4 +274,4 @@ def _rows(
         raise InvalidInput("two columns hold the time; leave one of them.")
     times = values[:, kinds.index("time")] if "time" in kinds else None
     q = values[:, positions]
-    return JointRows(joints, q, times, rates[0], metadata, rates[1], tuple(notes))
+    return TimedPath(joints, q, times, rates[0], metadata, rates[1], tuple(notes))

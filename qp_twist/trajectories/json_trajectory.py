@@ -10,13 +10,13 @@ import numpy as np
 
 from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
-from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_json
+from qp_twist.trajectories.timed_path import TimedPath
 
 _NANO = 1_000_000_000
 
 
-def encode(rows: JointRows) -> str:
+def encode(rows: TimedPath) -> str:
     """A JointTrajectory with one point per line, and the additional field ``metadata``.
 
     With positions and velocities ROS' joint trajectory controller uses cubics, as the timing does;
@@ -32,7 +32,7 @@ def encode(rows: JointRows) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def message(rows: JointRows) -> dict[str, Any]:
+def message(rows: TimedPath) -> dict[str, Any]:
     """The fields of a JointTrajectory; points without times have no ``time_from_start``."""
     points = []
     for k, q in enumerate(rows.q):
@@ -56,7 +56,7 @@ def message(rows: JointRows) -> dict[str, Any]:
     }
 
 
-def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
+def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     """The rows of a JointTrajectory, also inside a ``joint_trajectory`` or a goal's ``trajectory``.
 
     ``joint_names`` is not used: the file has its own.
@@ -77,7 +77,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
     return rows_of(found, metadata if isinstance(metadata, dict) else {})
 
 
-def rows_of(found: dict[str, Any], metadata: dict[str, Any]) -> JointRows:
+def rows_of(found: dict[str, Any], metadata: dict[str, Any]) -> TimedPath:
     """The rows of the fields of a JointTrajectory."""
     names, points = found["joint_names"], found["points"]
     if not isinstance(names, list) or not isinstance(points, list) or not points:
@@ -87,7 +87,7 @@ def rows_of(found: dict[str, Any], metadata: dict[str, Any]) -> JointRows:
     q = _array(points, "positions", len(names))
     if q is None:
         raise InvalidInput("points[0].positions: missing.")
-    return JointRows(
+    return TimedPath(
         tuple(str(name) for name in names),
         q,
         _times(points),

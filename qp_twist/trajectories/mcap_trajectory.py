@@ -13,8 +13,8 @@ from typing import Any
 
 from qp_twist.errors import InvalidInput
 from qp_twist.trajectories import json_trajectory
-from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_metadata
+from qp_twist.trajectories.timed_path import TimedPath
 
 TOPIC = "/joint_trajectory_controller/joint_trajectory"
 """Topic on which ROS' joint trajectory controller expects trajectories, by its usual name."""
@@ -47,7 +47,7 @@ uint32 nanosec
 _METADATA = "qp_twist"
 
 
-def encode(rows: JointRows, topic: str = TOPIC) -> bytes:
+def encode(rows: TimedPath, topic: str = TOPIC) -> bytes:
     """A bag with one message, recorded at time 0, and the metadata.
 
     Raises:
@@ -71,7 +71,7 @@ def encode(rows: JointRows, topic: str = TOPIC) -> bytes:
     return bag.getvalue()
 
 
-def decode(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
+def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     """The rows of the one JointTrajectory in a bag; ``joint_names`` is not used: it has its own."""
     del joint_names
     if not content:

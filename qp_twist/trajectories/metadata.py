@@ -12,14 +12,15 @@ from qp_twist import __version__
 from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, joint_move_ends
-from qp_twist.referee import MotionLimits
+from qp_twist.referee import JointMotion, MotionLimits
 
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
-    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
-def metadata_of(rows: Trajectory, timed: TimedTrajectory | None = None) -> dict[str, Any]:
+def metadata_of(
+    rows: Trajectory, motion: JointMotion | None = None, limits: MotionLimits | None = None
+) -> dict[str, Any]:
     """Metadata of a trajectory, with its times or without, ready for JSON and of no machine."""
     task = rows.path_task
     ranges = JointRanges.of(task.model)
@@ -38,18 +39,17 @@ def metadata_of(rows: Trajectory, timed: TimedTrajectory | None = None) -> dict[
             for first, projector in zip(firsts, task.projectors, strict=True)
         ],
         "units": dict(zip(ranges.names, ranges.units, strict=True)),
-        "interpolation": None if timed is None else timed.motion.interpolation,
+        "interpolation": None if motion is None else motion.interpolation,
         "position_error_max_m": float(rows.position_error.max()),
         "axis_error_max_rad": float(rows.axis_error.max()),
     }
     if task.joint_moves:  # rows, from 1, where each begins and ends
         ends = [end for end in joint_move_ends(task) if end[1] <= rows.s[-1]]
         found["joint_moves"] = (np.searchsorted(rows.s, ends) + 1).tolist()
-    if timed is not None and timed.limits.accelerations_of:
-        limits = timed.limits.acceleration
+    if limits is not None and limits.accelerations_of:
         found["acceleration_limits"] = {
             name: float(limit)
-            for name, limit in zip(ranges.names, limits, strict=True)
+            for name, limit in zip(ranges.names, limits.acceleration, strict=True)
             if np.isfinite(limit)
         }
     return found

@@ -32,7 +32,7 @@ from qp_twist.robots import (
     stated_robot,
 )
 from qp_twist.robots.wording import listed
-from qp_twist.trajectories.joint_rows import JointRows
+from qp_twist.trajectories.timed_path import TimedPath
 
 _ADVICE = (
     "Give its name (--robot), a table of your own (--robot FILE.toml), or, if the controller's "
@@ -132,7 +132,7 @@ def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> 
 
 
 def encode(
-    rows: JointRows, dialect: Dialect, joints: ControllerJoints, name: str
+    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, name: str
 ) -> dict[str, str]:
     """The texts of a program's files, by name.
 
@@ -158,7 +158,7 @@ def encode(
     return dialect.encode(name, moves, lines)
 
 
-def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
+def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     """The rows of a program.
 
     Raises:
@@ -202,7 +202,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> JointRows:
             f"{path.name} has no header of qp_twist: a line that was lost is not noticed as such"
         )
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
-    return JointRows(
+    return TimedPath(
         joints.joint_names,
         joints.positions(moves.angles / scale),
         times,

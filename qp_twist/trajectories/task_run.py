@@ -14,7 +14,8 @@ from qp_twist.referee import motion_limits, with_default_accelerations
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import Check
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
-from qp_twist.trajectories.time_trajectory import TimedTrajectory, time_trajectory
+from qp_twist.trajectories.time_trajectory import time_trajectory
+from qp_twist.trajectories.timed_path import TimedPath
 from qp_twist.trajectories.trajectory_file import write_checked
 
 
@@ -33,7 +34,7 @@ class TaskRun:
 
     trajectory: Trajectory
     rows: Trajectory | None
-    timed: TimedTrajectory | None
+    timed: TimedPath | None
     check: Check | None
     written: bool = False
 

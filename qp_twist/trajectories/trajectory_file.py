@@ -24,20 +24,19 @@ from qp_twist.trajectories import (
     program_trajectory,
 )
 from qp_twist.trajectories.check import Check, check_trajectory
-from qp_twist.trajectories.joint_rows import JointRows
 from qp_twist.trajectories.metadata import read_metadata
+from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
-    from qp_twist.trajectories.time_trajectory import TimedTrajectory
 
 
 class _Format(NamedTuple):
-    encode: Callable[[JointRows], str | bytes]
-    decode: Callable[[bytes, tuple[str, ...] | None], JointRows]
+    encode: Callable[[TimedPath], str | bytes]
+    decode: Callable[[bytes, tuple[str, ...] | None], TimedPath]
 
 
-def _to_npz(rows: JointRows) -> bytes:
+def _to_npz(rows: TimedPath) -> bytes:
     """Arrays ``joint_names``, ``q``, ``times``, ``velocities``; ``metadata`` is a JSON text.
 
     Missing data are left out. ``accelerations`` are there only if the rows have them: they say that
@@ -56,7 +55,7 @@ def _to_npz(rows: JointRows) -> bytes:
     return buffer.getvalue()
 
 
-def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
+def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     """The rows of an archive; the names ``positions`` and ``time`` are also supported."""
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as archive:
@@ -83,7 +82,7 @@ def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> JointRows:
         raise InvalidInput("there is no array 'joint_names' that says which column is which.")
     metadata = read_metadata(str(arrays.get("metadata", "")))
     times, rates = found("times", "time"), (found("velocities"), found("accelerations"))
-    return JointRows(names, q, times, rates[0], metadata, rates[1])
+    return TimedPath(names, q, times, rates[0], metadata, rates[1])
 
 
 _FORMATS = {
@@ -102,16 +101,16 @@ arms make some 10³ rad/s², and 1e5 rad are 16,000 turns."""
 
 
 def write_trajectory(
-    trajectory: Trajectory | TimedTrajectory | JointRows,
+    trajectory: Trajectory | TimedPath,
     path: str | Path,
     joints: ControllerJoints | None = None,
 ) -> Path:
     """Write a trajectory by the suffix of ``path``: a table, an archive, a bag, a robot program.
 
-    A :class:`~qp_twist.TimedTrajectory` is written with its times and, for cubics, its velocities;
-    a plain trajectory has rows only. The file is written under a temporary name and renamed, so a
-    failure leaves no partial file. A program longer than its controller takes is divided; its
-    further files are beside ``path``.
+    What :func:`~qp_twist.time_trajectory` returns is written with its times and, for cubics, its
+    velocities; a plain trajectory has rows only. The file is written under a temporary name and
+    renamed, so a failure leaves no partial file. A program longer than its controller takes is
+    divided; its further files are beside ``path``.
 
     Args:
         trajectory: The trajectory, or the rows of a file.
@@ -127,19 +126,19 @@ def write_trajectory(
     path = Path(path)
     dialect = dialect_of(path)
     if dialect is None:
-        rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
+        rows = TimedPath.of(trajectory)
         return write_atomically(path, _format(path).encode(rows))
     return _write_program(path, _program_texts(trajectory, path, dialect, joints))
 
 
 def _program_texts(
-    trajectory: Trajectory | TimedTrajectory | JointRows,
+    trajectory: Trajectory | TimedPath,
     path: Path,
     dialect: Dialect,
     joints: ControllerJoints | None,
 ) -> Mapping[str, str]:
     """The files of a program, by name; messages name ``path``."""
-    rows = trajectory if isinstance(trajectory, JointRows) else JointRows.of(trajectory)
+    rows = TimedPath.of(trajectory)
     if joints is None:
         plain = getattr(trajectory, "trajectory", trajectory)
         task: PathTask | None = getattr(plain, "path_task", None)  # rows of a file have none
@@ -169,7 +168,7 @@ class CheckedFile(NamedTuple):
 
 
 def write_checked(
-    trajectory: Trajectory | TimedTrajectory | JointRows,
+    trajectory: Trajectory | TimedPath,
     path: Path,
     path_task: PathTask,
     joints: ControllerJoints | None = None,
@@ -214,7 +213,7 @@ def read_trajectory(
     path: str | Path,
     joint_names: Sequence[str] | None = None,
     joints: ControllerJoints | None = None,
-) -> JointRows:
+) -> TimedPath:
     """Read a trajectory file of this package or of another tool.
 
     Args:
@@ -249,7 +248,7 @@ def read_trajectory(
         return rows if joint_names is None else rows.of_joints(joint_names)
 
 
-def _check_numbers(rows: JointRows) -> None:
+def _check_numbers(rows: TimedPath) -> None:
     """Refuse numbers that no joint has, and times that do not increase, with their row."""
     for name in ("q", "velocities", "accelerations"):
         values = getattr(rows, name)

@@ -17,7 +17,7 @@ from qp_twist.comparison.findings import MethodRun
 from qp_twist.comparison.metrics import metrics
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.studies.judge import Judge
-from qp_twist.trajectories import JointRows, run_task
+from qp_twist.trajectories import TimedPath, run_task
 from qp_twist.viewing.one_run import run_once
 from qp_twist.viewing.settings import PageSettings
 
@@ -74,7 +74,7 @@ def test_rows_pass_in_all_or_in_none(case: int) -> None:
     names = qt.JointRanges.of(task.model).names
     ranges = qt.JointRanges.of(task.model)
     checked = kept_at_waypoints(
-        qt.check_trajectory(JointRows(names, ranges.positions(run.q)), task), task
+        qt.check_trajectory(TimedPath(names, ranges.positions(run.q)), task), task
     )
     assert run.passes == checked
     assert (run.kept == len(task.waypoints)) == (not run.verdict.off.any())

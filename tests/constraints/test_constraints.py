@@ -20,7 +20,7 @@ from oracles.twists import ALONG_X, NOTHING, at
 import qp_twist as qt
 from qp_twist.following.batch import follow as follow_many
 from qp_twist.referee import JointMotion, constraints_left, path_errors
-from qp_twist.trajectories import JointRows, check_trajectory
+from qp_twist.trajectories import TimedPath, check_trajectory
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
@@ -98,7 +98,7 @@ def test_a_check_refutes_what_leaves_it_between_waypoints_only(depth: float, pas
     half = HalfSpace(task.model, "tool", "site", Y, -0.05)
     task = dataclasses.replace(task, constraints=(half,))
     rows = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, -depth], [2.0, 0.0]])
-    check = check_trajectory(JointRows(("slide_1", "slide_2"), rows), task)
+    check = check_trajectory(TimedPath(("slide_1", "slide_2"), rows), task)
     found = {finding.name: finding for finding in check.findings}
     assert check.passes == passes
     assert found["outside half-space"].passes

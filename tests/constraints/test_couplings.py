@@ -23,7 +23,7 @@ from qp_twist.following.batch import follow as follow_many
 from qp_twist.planning import random_start
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import closed_form_arm
-from qp_twist.trajectories import JointRows, check_trajectory
+from qp_twist.trajectories import TimedPath, check_trajectory
 
 Array = np.ndarray
 ROOT = Path(__file__).parents[2]
@@ -244,7 +244,7 @@ def test_a_run_with_a_gripper_keeps_it_and_a_check_finds_where_another_does_not(
     assert passes["outside coupling"].passes and passes["outside coupling between"].passes
     q = run.q.copy()
     q[4, 6] += 2e-3
-    rows = JointRows(qt.JointRanges.of(task.model).names, q)
+    rows = TimedPath(qt.JointRanges.of(task.model).names, q)
     failed = {f.name: f for f in check_trajectory(rows, task).findings}
     assert not failed["outside coupling"].passes
     assert failed["outside coupling"].where == "finger_2 to finger_1, waypoint 5"
@@ -263,7 +263,7 @@ def test_what_leaves_a_coupling_between_waypoints_only_is_found() -> None:
     turn = np.array([0.2, 0.6])
     q = np.column_stack([turn, turn + 0.5 * turn**2])
     path = joint_path(chain(*joints, equality=bent), q, None, projector=NOTHING).path_task
-    check = check_trajectory(JointRows(("joint_1", "joint_2"), q), path)
+    check = check_trajectory(TimedPath(("joint_1", "joint_2"), q), path)
     found = {f.name: f for f in check.findings}
     assert found["outside coupling"].passes and not found["outside coupling between"].passes
     deepest = 0.5 * 0.4**2 / 4.0 - COUPLED_WITHIN  # of a parabola below its chord

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qp_twist.robots import KNOWN_ROBOTS, ControllerJoints, KnownRobot
-from qp_twist.trajectories import JointRows
+from qp_twist.trajectories import TimedPath
 
 BY_PROGRAM: dict[str, list[KnownRobot]] = {}
 for _robot in KNOWN_ROBOTS:
@@ -17,7 +17,7 @@ DECIMALS = {"urscript": (10, 9), "rapid": (4, 5), "krl": (4, 5), "ls": (4, 3)}
 
 def random_rows(
     seed: int, program: str, *, velocities: bool = False, step: float = 0.01
-) -> tuple[JointRows, ControllerJoints]:
+) -> tuple[TimedPath, ControllerJoints]:
     """A trajectory inside the ranges of a random robot of a language, and how joints are counted.
 
     Signs and the zero positions of shoulder and elbow of the model are random, too.
@@ -39,4 +39,4 @@ def random_rows(
     times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.004, 0.4, count - 1))])
     rates = rng.normal(scale=0.2, size=(count, 6)) if velocities else None
     metadata = {"task": f"task_{seed}", "units": dict.fromkeys(names, "rad"), "method": "none"}
-    return JointRows(tuple(names), signs * (theta - offsets), times, rates, metadata), joints
+    return TimedPath(tuple(names), signs * (theta - offsets), times, rates, metadata), joints

@@ -38,7 +38,7 @@ def made(motion: object, task: qt.PathTask, folder: Path) -> Made:
 
 
 @pytest.fixture(scope="module")
-def timed() -> qt.TimedTrajectory:
+def timed() -> qt.TimedPath:
     """Ten waypoints of the deburring task."""
     task = qt.load_task("deburring")
     assert task.durations is not None
@@ -49,20 +49,20 @@ def timed() -> qt.TimedTrajectory:
 
 
 @pytest.fixture(scope="module")
-def passing(timed: qt.TimedTrajectory, tmp_path_factory: pytest.TempPathFactory) -> Made:
+def passing(timed: qt.TimedPath, tmp_path_factory: pytest.TempPathFactory) -> Made:
     task = timed.trajectory.path_task
     return made(timed, task, tmp_path_factory.mktemp("passing"))
 
 
 @pytest.fixture(scope="module")
-def failing(timed: qt.TimedTrajectory, tmp_path_factory: pytest.TempPathFactory) -> Made:
+def failing(timed: qt.TimedPath, tmp_path_factory: pytest.TempPathFactory) -> Made:
     """The same with joint 4 a hundredth of a rad off at the fifth waypoint, at 40 times the speed,
     which keeps nothing but the joints' ranges, and that only just.
     """
     task = timed.trajectory.path_task
     q = timed.q.copy()
     q[4, 3] += 0.01
-    rows = qt.JointRows(timed.trajectory.joint_names, q, timed.times / 40.0)
+    rows = qt.TimedPath(timed.trajectory.joint_names, q, timed.times / 40.0)
     return made(rows, task, tmp_path_factory.mktemp("failing"))
 
 
@@ -76,12 +76,12 @@ def numbers(page: str) -> dict[str, list[float]]:
 
 @pytest.mark.parametrize("which", ["passing", "failing"])
 def test_the_numbers_are_those_of_the_check(
-    which: str, request: pytest.FixtureRequest, timed: qt.TimedTrajectory
+    which: str, request: pytest.FixtureRequest, timed: qt.TimedPath
 ) -> None:
     report: Made = request.getfixturevalue(which)
     motion: object = timed
     if which == "failing":
-        motion = qt.JointRows(
+        motion = qt.TimedPath(
             timed.trajectory.joint_names, report.report.check.motion.q,
             report.report.check.motion.times,
         )  # fmt: skip
@@ -135,7 +135,7 @@ def test_the_page_says_first_what_does_not_pass(passing: Made, failing: Made) ->
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_what_slows_the_path_is_named(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
+def test_what_slows_the_path_is_named(timed: qt.TimedPath, tmp_path: Path) -> None:
     """With a tenth of joint 4's speed, that joint and no other is what costs time."""
     task = timed.trajectory.path_task
     limits = task.velocity_limits.copy()
@@ -159,10 +159,10 @@ def test_the_least_distance_from_obstacles_is_shown(tmp_path: Path) -> None:
     )
     q, times = np.array([[0.5], [0.3], [0.5]]), np.array([0.0, 1.0, 2.0])
     task = joint_path(model, q, times).path_task
-    page = made(qt.JointRows(("x",), q, times), task, tmp_path).page
+    page = made(qt.TimedPath(("x",), q, times), task, tmp_path).page
     assert numbers(page)["clearance"] == [pytest.approx(100.0, abs=1e-3)]
     # From −0.2 m/s to 0.2 m/s in a second a cubic with equal ends goes 0.05 m further.
-    rows = qt.JointRows(("x",), q[[1, 1]], times[:2], np.array([[-0.2], [0.2]]))
+    rows = qt.TimedPath(("x",), q[[1, 1]], times[:2], np.array([[-0.2], [0.2]]))
     page = made(rows, joint_path(model, q[[1, 1]], times[:2]).path_task, tmp_path).page
     assert numbers(page)["clearance"] == [pytest.approx(50.0, abs=1e-2)]
 
@@ -224,7 +224,7 @@ def test_the_page_is_printed_on_two_pages(
 
 
 @pytest.mark.usefixtures("without_picture")
-def test_without_a_picture_for_print_it_says_so(timed: qt.TimedTrajectory, tmp_path: Path) -> None:
+def test_without_a_picture_for_print_it_says_so(timed: qt.TimedPath, tmp_path: Path) -> None:
     report = made(timed, timed.trajectory.path_task, tmp_path)
     assert report.report.remark == "No picture of the scene."
     assert "<img" not in report.page
@@ -232,7 +232,7 @@ def test_without_a_picture_for_print_it_says_so(timed: qt.TimedTrajectory, tmp_p
 
 @pytest.mark.usefixtures("without_picture")
 def test_the_command_writes_one_file_and_says_what_fails(
-    timed: qt.TimedTrajectory, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    timed: qt.TimedPath, tmp_path: Path, capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)

@@ -19,7 +19,7 @@ from oracles.controllers import STEP, Array, Motion, Unknown
 
 import qp_twist as qt
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories import JointRows, read_trajectory, write_trajectory
+from qp_twist.trajectories import TimedPath, read_trajectory, write_trajectory
 
 NAMES = tuple(f"j{k}" for k in range(1, 7))
 SUFFIX = {"urscript": ".script", "rapid": ".mod", "krl": ".src", "ls": ".ls"}
@@ -244,7 +244,7 @@ def joints(program: str) -> ControllerJoints:
 
 def exported(program: str, folder: Path, header: bool) -> tuple[str, dict[str, str]]:
     q = waypoints()
-    rows = JointRows(NAMES, q, 0.0137 * np.arange(len(q)), np.gradient(q, 0.0137, axis=0))
+    rows = TimedPath(NAMES, q, 0.0137 * np.arange(len(q)), np.gradient(q, 0.0137, axis=0))
     path = write_trajectory(rows, folder / f"motion{SUFFIX[program]}", joints(program))
     lines = path.read_text().split("\n")
     if not header:
@@ -333,7 +333,7 @@ def moved(points: Array) -> Array:
     return points[~stays]
 
 
-def assert_same(rows: JointRows, motion: Motion, program: str, what: str) -> None:
+def assert_same(rows: TimedPath, motion: Motion, program: str, what: str) -> None:
     """The motion that is read is the one that is executed."""
     if rows.velocities is None:
         scale = 1.0 if program == "urscript" else np.degrees(1.0)
@@ -346,7 +346,7 @@ def assert_same(rows: JointRows, motion: Motion, program: str, what: str) -> Non
     times = STEP * np.arange(len(streamed))
     assert abs(times[-1] + STEP - rows.times[-1]) <= STEP + 1e-9, what
     assert start == pytest.approx(rows.q[0], abs=1e-9), what
-    assert np.array(streamed) == pytest.approx(rows.motion().at(times).q, abs=1e-8), what
+    assert np.array(streamed) == pytest.approx(rows.motion.at(times).q, abs=1e-8), what
     assert last == pytest.approx(rows.q[-1], abs=1e-9), what
 
 

@@ -18,7 +18,7 @@ from qp_twist.programs import DIALECTS, fanuc_ls
 from qp_twist.robots import ControllerJoints, named_robot
 from qp_twist.shipped import shipped_folder
 from qp_twist.trajectories import (
-    JointRows,
+    TimedPath,
     check_trajectory,
     joints_of,
     read_trajectory,
@@ -75,7 +75,7 @@ def test_a_program_gives_back_the_rows_to_the_printed_digit(
 
 
 @pytest.fixture(scope="module")
-def deburring(tmp_path_factory: pytest.TempPathFactory) -> tuple[qt.PathTask, JointRows]:
+def deburring(tmp_path_factory: pytest.TempPathFactory) -> tuple[qt.PathTask, TimedPath]:
     """The shipped task with a fourth of its waypoints: a check of 401 takes half a second."""
     file = tmp_path_factory.mktemp("tasks") / "deburring.toml"
     text = (shipped_folder("tasks") / file.name).read_text("utf-8")
@@ -84,12 +84,12 @@ def deburring(tmp_path_factory: pytest.TempPathFactory) -> tuple[qt.PathTask, Jo
     task = qt.load_task(file)
     assert len(task.waypoints) == 101
     trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
-    return task, JointRows.of(qt.time_trajectory(trajectory))
+    return task, TimedPath.of(qt.time_trajectory(trajectory))
 
 
 @pytest.fixture
 def written(
-    deburring: tuple[qt.PathTask, JointRows], tmp_path: Path
+    deburring: tuple[qt.PathTask, TimedPath], tmp_path: Path
 ) -> Callable[[str], tuple[Path, ControllerJoints]]:
     """The task's trajectory as a program; in other languages than LS with the model's joints."""
     task, rows = deburring
@@ -103,7 +103,7 @@ def written(
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_the_check_of_a_program(
-    program: str, deburring: tuple[qt.PathTask, JointRows],
+    program: str, deburring: tuple[qt.PathTask, TimedPath],
     written: Callable[[str], tuple[Path, ControllerJoints]],
 ) -> None:  # fmt: skip
     path, joints = written(program)
@@ -129,7 +129,7 @@ def outcome(path: Path, text: str, joints: ControllerJoints, task: qt.PathTask) 
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_changed_programs_are_refused_or_fail(
-    program: str, deburring: tuple[qt.PathTask, JointRows],
+    program: str, deburring: tuple[qt.PathTask, TimedPath],
     written: Callable[[str], tuple[Path, ControllerJoints]],
 ) -> None:  # fmt: skip
     task = deburring[0]
@@ -184,7 +184,7 @@ def test_changed_programs_are_refused_or_fail(
 
 def test_programs_written_as_modelled_say_so(
     written: Callable[[str], tuple[Path, ControllerJoints]],
-    deburring: tuple[qt.PathTask, JointRows],
+    deburring: tuple[qt.PathTask, TimedPath],
 ) -> None:
     task, rows = deburring
     joints = joints_of(task, rows.joint_names)
@@ -207,7 +207,7 @@ def test_programs_written_as_modelled_say_so(
 
 def test_programs_for_another_robot_are_refused(
     written: Callable[[str], tuple[Path, ControllerJoints]],
-    deburring: tuple[qt.PathTask, JointRows],
+    deburring: tuple[qt.PathTask, TimedPath],
 ) -> None:
     task, rows = deburring
     path, _ = written("ls")
@@ -233,7 +233,7 @@ def test_programs_for_another_robot_are_refused(
     with pytest.raises(qt.InvalidInput, match="5 lines of axes, and there are 6 axes"):
         read_trajectory(path, None, joints_of(task, rows.joint_names))
     own = joints_of(planar, ("a", "b", "c"), as_modelled=True)
-    short = JointRows(("a", "b", "c"), np.zeros((2, 3)), np.array([0.0, 1.0]))
+    short = TimedPath(("a", "b", "c"), np.zeros((2, 3)), np.array([0.0, 1.0]))
     with pytest.raises(qt.InvalidInput, match="moves 6 axes, and there are 3 joints"):
         write_trajectory(short, path.with_suffix(".src"), own)
 
@@ -377,7 +377,7 @@ def test_a_long_tp_program_is_divided(tmp_path: Path) -> None:
     count = fanuc_ls.LONGEST + 500
     rng = np.random.default_rng(0)
     q = np.cumsum(rng.normal(scale=1e-4, size=(count, 6)), axis=0)
-    rows = JointRows(tuple(J), q, 0.01 * np.arange(count), metadata={"task": "long"})
+    rows = TimedPath(tuple(J), q, 0.01 * np.arange(count), metadata={"task": "long"})
     joints = ControllerJoints.of_robot(named_robot("Fanuc M-20iA"), J)
     path = write_trajectory(rows, tmp_path / "long.ls", joints)
     files = sorted(file.name for file in tmp_path.iterdir())

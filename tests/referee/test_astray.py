@@ -26,7 +26,7 @@ TASK = joint_path(slider(2), LINE, evenly(21, 0.1), acceleration=1e6).path_task
 
 
 def checked(q: Array, step: float = 0.1) -> qt.trajectories.Check:
-    return qt.check_trajectory(qt.JointRows(NAMES, q, step * np.arange(len(q))), TASK)
+    return qt.check_trajectory(qt.TimedPath(NAMES, q, step * np.arange(len(q))), TASK)
 
 
 def value(check: qt.trajectories.Check, name: str) -> float:

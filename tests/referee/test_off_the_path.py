@@ -68,7 +68,7 @@ def test_a_collision_beside_the_path_is_named_with_pair_place_and_depth(timed: b
     way = THROUGH[1:] * [-1.0, 1.0]  # up beside the box, then through it
     rows = joined(way[:0], way)
     times = np.arange(len(rows)) * 0.5 if timed else None
-    check = qt.check_trajectory(qt.JointRows(NAMES, rows, times), TASK)
+    check = qt.check_trajectory(qt.TimedPath(NAMES, rows, times), TASK)
     assert failed(check) == ["outside clearance after the path"]
     [finding] = [f for f in check.findings if not f.passes]
     # In the middle of the box, the row between 12 and 13: a tenth of a metre deep.
@@ -77,7 +77,7 @@ def test_a_collision_beside_the_path_is_named_with_pair_place_and_depth(timed: b
     assert (pair, side) == ("box to ball", "after the last waypoint")
     assert place in (["5.75 s"] if timed else ["row 12", "row 13"])
     assert "after the path" in check.verdict
-    mirrored = qt.JointRows(NAMES, rows[::-1] * [-1.0, 1.0], times)
+    mirrored = qt.TimedPath(NAMES, rows[::-1] * [-1.0, 1.0], times)
     check = qt.check_trajectory(mirrored, TASK)
     assert failed(check) == ["outside clearance before the path"]
     [finding] = [f for f in check.findings if not f.passes]
@@ -85,7 +85,7 @@ def test_a_collision_beside_the_path_is_named_with_pair_place_and_depth(timed: b
 
 
 def test_a_way_around_passes_and_that_is_said_in_a_line() -> None:
-    check = qt.check_trajectory(qt.JointRows(NAMES, joined(AROUND[:0], AROUND[1:] * [-1, 1])), TASK)
+    check = qt.check_trajectory(qt.TimedPath(NAMES, joined(AROUND[:0], AROUND[1:] * [-1, 1])), TASK)
     assert check.passes, check.verdict
     [finding] = [f for f in check.findings if f.name.endswith("after the path")]
     assert finding.value == 0.0 and finding.bound is not None
@@ -106,7 +106,7 @@ def test_whatever_comes_too_near_beside_the_path_does_not_pass(
     if cubic:  # at rest on the path, so that it stays there
         velocities = np.random.default_rng(seed).normal(size=rows.shape)
         velocities[len(before) : len(before) + len(LINE)] = 0.0
-    given_rows = qt.JointRows(NAMES, rows, times, velocities)
+    given_rows = qt.TimedPath(NAMES, rows, times, velocities)
     check = qt.check_trajectory(given_rows, TASK)
     motion = check.motion
     q = motion.at(np.linspace(times[0], times[-1], 20_000)).q
@@ -124,7 +124,7 @@ def test_whatever_comes_too_near_beside_the_path_does_not_pass(
 def test_every_constraint_is_kept_beside_the_path() -> None:
     half = HalfSpace(TASK.model, "tool", "site", np.array([0.0, 1.0, 0.0]), -0.1)
     task = dataclasses.replace(TASK, constraints=(*TASK.constraints, half))
-    rows = qt.JointRows(NAMES, joined(LINE[:0], np.array([[0.5, -0.3], [0.9, -0.3]])))
+    rows = qt.TimedPath(NAMES, joined(LINE[:0], np.array([[0.5, -0.3], [0.9, -0.3]])))
     check = qt.check_trajectory(rows, task)
     assert failed(check) == ["outside half-space after the path"]
     [finding] = [f for f in check.findings if not f.passes]

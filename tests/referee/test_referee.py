@@ -27,7 +27,7 @@ from qp_twist.referee import (
     Tolerances,
     path_errors,
 )
-from qp_twist.trajectories import JointRows, check_trajectory
+from qp_twist.trajectories import TimedPath, check_trajectory
 
 Array = np.ndarray
 SEEDS = st.integers(0, 2**32 - 1)
@@ -242,9 +242,9 @@ def test_a_check_sees_every_number_of_turns(turns: int) -> None:
     """The frame leaves the path by 4 m, and is on it at shares of one in ``turns``."""
     q = np.array([[0.0], [1e-3], [2e-3]])
     task = joint_path(links(2.0), q, None).path_task
-    assert check_trajectory(JointRows(("one",), q), task).passes
+    assert check_trajectory(TimedPath(("one",), q), task).passes
     q[1:] += 2.0 * np.pi * turns
-    check = check_trajectory(JointRows(("one",), q), task)
+    check = check_trajectory(TimedPath(("one",), q), task)
     assert not check.passes
     [between] = [f for f in check.findings if f.name == "position error between"]
     assert between.value == pytest.approx(4000.0, rel=0.02)
@@ -450,7 +450,7 @@ def test_a_band_of_ones_own_class_is_asked_as_those_of_the_package_are() -> None
     names = ("slide_1", "slide_2")
     for height, passes in ((0.0299, True), (0.0313, False)):
         rows = np.array([[0.0, 0.0], [0.5, height], [1.0, 0.0], [1.5, 0.02], [2.0, 0.0]])
-        check = check_trajectory(JointRows(names, rows), task)
+        check = check_trajectory(TimedPath(names, rows), task)
         [between] = [f for f in check.findings if f.name == "outside a band between"]
         assert between.passes == passes == check.passes
         assert between.value == pytest.approx(max(height - 0.03, 0.0), abs=1e-4)

@@ -12,7 +12,7 @@ from oracles.program_rows import random_rows
 from rosbags.highlevel import AnyReader
 
 import qp_twist as qt
-from qp_twist.trajectories import JointRows, read_trajectory, write_trajectory
+from qp_twist.trajectories import TimedPath, read_trajectory, write_trajectory
 
 
 @given(seed=st.integers(0, 2**32 - 1), velocities=st.booleans())
@@ -45,7 +45,7 @@ def test_another_library_reads_the_message(
 
 def test_what_is_no_bag_of_one_trajectory(tmp_path: Path) -> None:
     rows, _ = random_rows(1, "krl")
-    untimed = JointRows(rows.joint_names, rows.q)
+    untimed = TimedPath(rows.joint_names, rows.q)
     with pytest.raises(qt.InvalidInput, match="has no times"):
         write_trajectory(untimed, tmp_path / "a.mcap")
     path = write_trajectory(rows, tmp_path / "b.mcap")

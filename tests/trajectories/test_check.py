@@ -19,7 +19,7 @@ from qp_twist.cli import main
 from qp_twist.trajectories import (
     Check,
     Finding,
-    JointRows,
+    TimedPath,
     check_trajectory,
     read_trajectory,
     time_trajectory,
@@ -73,7 +73,7 @@ def test_what_is_wrong_is_named_with_its_size_and_place(
 ) -> None:
     trajectory = corner()
     q, times = change(trajectory.q.copy(), np.arange(21) * 0.1)  # type: ignore[operator]
-    check = check_trajectory(JointRows(NAMES, q, times), trajectory.path_task)
+    check = check_trajectory(TimedPath(NAMES, q, times), trajectory.path_task)
     assert not check.passes
     finding = found(check, name)
     assert not finding.passes
@@ -89,17 +89,17 @@ def test_who_stands_and_then_rushes_is_in_time_at_the_waypoints_but_does_not_pas
     times = np.arange(21) * 0.1
     q = np.repeat(trajectory.q, 2, axis=0)[:-1]
     waiting = np.sort(np.concatenate([times, times[1:] - 0.01]))
-    check = check_trajectory(JointRows(NAMES, q, waiting), trajectory.path_task)
+    check = check_trajectory(TimedPath(NAMES, q, waiting), trajectory.path_task)
     assert found(check, "feed").passes
     assert not found(check, "feed between").passes
     assert found(check, "feed between").value == pytest.approx(1000.0, rel=0.02)
-    steady = check_trajectory(JointRows(NAMES, trajectory.q, times), trajectory.path_task)
+    steady = check_trajectory(TimedPath(NAMES, trajectory.q, times), trajectory.path_task)
     assert found(steady, "feed between").value == pytest.approx(100.0, rel=0.02)
 
 
 def test_a_file_that_says_it_was_made_for_something_else_is_told_of() -> None:
     trajectory = corner()
-    rows = JointRows.of(trajectory)
+    rows = TimedPath.of(trajectory)
     assert not [n for n in check_trajectory(rows, trajectory.path_task).notes if "metadata" in n]
     units = dict.fromkeys(NAMES, "deg")
     lying = rows.metadata | {"task": "another", "robot": 7, "units": units, "frame": "odd"}
@@ -113,7 +113,7 @@ def test_the_way_between_the_waypoints_counts() -> None:
     trajectory = corner()
     velocities = np.zeros((21, 2))
     velocities[:, 1] = [0.5, -0.5] * 10 + [0.5]
-    rows = JointRows(NAMES, trajectory.q, np.arange(21) * 0.1, velocities)
+    rows = TimedPath(NAMES, trajectory.q, np.arange(21) * 0.1, velocities)
     check = check_trajectory(rows, trajectory.path_task)
     assert found(check, "position error").passes
     # A cubic that leaves at v and comes back at −v is v T/4 off in the middle.
@@ -126,9 +126,9 @@ def test_no_row_between_two_waypoints_is_passed_over() -> None:
     trajectory = corner(velocity=np.inf)
     t = np.linspace(0.0, 2.0, 2001)
     q = np.column_stack([np.minimum(t, 1.0), np.maximum(t - 1.0, 0.0)])
-    assert check_trajectory(JointRows(NAMES, q, t), trajectory.path_task).passes
+    assert check_trajectory(TimedPath(NAMES, q, t), trajectory.path_task).passes
     q[340, 1] = 0.02  # away and back within 2 ms of the 100 between two waypoints
-    check = check_trajectory(JointRows(NAMES, q, t), trajectory.path_task)
+    check = check_trajectory(TimedPath(NAMES, q, t), trajectory.path_task)
     assert found(check, "position error").passes
     between = found(check, "position error between")
     assert not between.passes
@@ -140,7 +140,7 @@ def test_a_joint_that_leaves_its_range_between_two_rows_is_outside() -> None:
     q = np.array([[8.9], [8.9]])
     # Out at 2 m/s, back at 1: with u = t/T the way is T (2u − 3u² + u³), at most 2√3/9 T.
     T = 0.100025 / (2.0 * np.sqrt(3.0) / 9.0)
-    rows = JointRows(("slide_1",), q, np.array([0.0, T]), np.array([[2.0], [-1.0]]))
+    rows = TimedPath(("slide_1",), q, np.array([0.0, T]), np.array([[2.0], [-1.0]]))
     task = joint_path(slider(), q, None).path_task
     finding = found(check_trajectory(rows, task, position_tolerance=1.0), "smallest joint margin")
     assert not finding.passes
@@ -153,13 +153,13 @@ def test_any_number_of_rows_is_matched_to_the_waypoints_in_their_order(rows: int
     t = np.linspace(0.0, 2.0, rows)
     t = np.unique(np.append(t, 1.0))  # the corner itself
     q = np.column_stack([np.minimum(t, 1.0), np.maximum(t - 1.0, 0.0)])
-    check = check_trajectory(JointRows(NAMES, q, t), trajectory.path_task)
+    check = check_trajectory(TimedPath(NAMES, q, t), trajectory.path_task)
     assert check.passes, check.verdict
     # Without the corner nobody passes it.
-    missing = check_trajectory(JointRows(NAMES, q[t != 1.0], t[t != 1.0]), trajectory.path_task)
+    missing = check_trajectory(TimedPath(NAMES, q[t != 1.0], t[t != 1.0]), trajectory.path_task)
     assert not missing.passes or rows == 1000
     # A path that ends early misses the rest.
-    early = check_trajectory(JointRows(NAMES, q[t < 1.5], t[t < 1.5]), trajectory.path_task)
+    early = check_trajectory(TimedPath(NAMES, q[t < 1.5], t[t < 1.5]), trajectory.path_task)
     finding = found(early, "position error")
     assert not finding.passes
     assert finding.value == pytest.approx(1e3 * (2.0 - t[t < 1.5].max()), rel=1e-3)
@@ -173,8 +173,8 @@ def test_a_path_passed_backwards_does_not_pass_and_run_in_and_run_out_do_no_harm
     run_in = np.linspace([-1.0, -1.0], q[0], 6)[:-1]
     run_out = np.linspace(q[-1], [2.0, 3.0], 6)[1:]
     whole = np.vstack([run_in, q, run_out])
-    assert check_trajectory(JointRows(NAMES, whole), task).passes
-    assert not check_trajectory(JointRows(NAMES, whole[::-1]), task).passes
+    assert check_trajectory(TimedPath(NAMES, whole), task).passes
+    assert not check_trajectory(TimedPath(NAMES, whole[::-1]), task).passes
 
 
 def test_a_path_that_is_passed_twice_is_matched_in_its_order() -> None:
@@ -183,15 +183,15 @@ def test_a_path_that_is_passed_twice_is_matched_in_its_order() -> None:
     task = joint_path(slider(2), there_and_back, None).path_task
     t = np.linspace(0.0, 1.0, 33)
     dense = np.column_stack([np.append(t, t[-2::-1]), np.zeros(65)])
-    assert check_trajectory(JointRows(NAMES, dense), task).passes
-    once = check_trajectory(JointRows(NAMES, dense[:33]), task)
+    assert check_trajectory(TimedPath(NAMES, dense), task).passes
+    once = check_trajectory(TimedPath(NAMES, dense[:33]), task)
     assert not once.passes
     assert found(once, "position error").value > 100.0
 
 
 def test_a_motion_that_stands_still_fails_in_numbers_that_json_has() -> None:
     trajectory = corner()
-    still = JointRows(NAMES, np.zeros((5, 2)), np.arange(5.0))
+    still = TimedPath(NAMES, np.zeros((5, 2)), np.arange(5.0))
     check = check_trajectory(still, trajectory.path_task)
     assert found(check, "position error").value == pytest.approx(1e3 * np.sqrt(2.0))
     assert not check.passes
@@ -199,7 +199,7 @@ def test_a_motion_that_stands_still_fails_in_numbers_that_json_has() -> None:
     assert "feed" not in {finding.name for finding in check.findings}
     assert "closer together" not in check.verdict
     assert json.loads(json.dumps(check.to_dict(), allow_nan=False))["passes"] is False
-    away = JointRows(NAMES, np.vstack([np.zeros((4, 2)), [[1e300, 0.0]]]), np.arange(5.0) * 1e-9)
+    away = TimedPath(NAMES, np.vstack([np.zeros((4, 2)), [[1e300, 0.0]]]), np.arange(5.0) * 1e-9)
     with np.errstate(over="ignore", invalid="ignore"):
         check = check_trajectory(away, trajectory.path_task)
     assert any(not np.isfinite(finding.value) for finding in check.findings)
@@ -230,7 +230,7 @@ def test_only_the_rows_of_the_task_count_and_hard_bands_do() -> None:
     assert np.degrees(found(banded, "outside a band").value) == pytest.approx(excess, rel=1e-3)
     tilted = trajectory.q.copy()
     tilted[3, 4] += np.radians(1.0)
-    check = check_trajectory(JointRows(trajectory.joint_names, tilted), task)
+    check = check_trajectory(TimedPath(trajectory.joint_names, tilted), task)
     configuration = mink.Configuration(task.model, tilted[3])
     axis = configuration.get_transform_frame_to_world("tool", "site").rotation().as_matrix()[:, 2]
     expected = np.arccos(axis @ task.waypoints[3].rotation().as_matrix()[:, 2])
@@ -240,15 +240,15 @@ def test_only_the_rows_of_the_task_count_and_hard_bands_do() -> None:
 
 def test_tolerances_and_joints_are_checked() -> None:
     trajectory = corner()
-    off = JointRows(NAMES, trajectory.q + np.array([0.0, 5e-4]))
+    off = TimedPath(NAMES, trajectory.q + np.array([0.0, 5e-4]))
     assert not check_trajectory(off, trajectory.path_task).passes
     assert check_trajectory(off, trajectory.path_task, position_tolerance=1e-3).passes
     with pytest.raises(qt.InvalidInput, match="no column for slide_2"):
-        check_trajectory(JointRows(("slide_1",), np.zeros((3, 1))), trajectory.path_task)
+        check_trajectory(TimedPath(("slide_1",), np.zeros((3, 1))), trajectory.path_task)
     with pytest.raises(qt.InvalidInput, match="times have to increase"):
-        check_trajectory(JointRows(NAMES, np.zeros((2, 2)), np.zeros(2)), trajectory.path_task)
+        check_trajectory(TimedPath(NAMES, np.zeros((2, 2)), np.zeros(2)), trajectory.path_task)
     with pytest.raises(qt.InvalidInput, match="at least two rows"):
-        check_trajectory(JointRows(NAMES, np.zeros((1, 2))), trajectory.path_task)
+        check_trajectory(TimedPath(NAMES, np.zeros((1, 2))), trajectory.path_task)
 
 
 # ---------------------------------------------------------------- how exactly
@@ -264,7 +264,7 @@ def line_task(count: int = 5, *, velocity: float = np.inf, acceleration: float =
 
 
 def verdict(task: qt.PathTask, q: Array, *args: Array, **options: float) -> Check:
-    return check_trajectory(JointRows(("slide_1",), q, *args), task, **options)
+    return check_trajectory(TimedPath(("slide_1",), q, *args), task, **options)
 
 
 @pytest.mark.parametrize(("over", "passes"), [(-1e-3, True), (5e-7, True), (1e-5, False)])
@@ -424,7 +424,7 @@ def test_rows_with_accelerations_are_judged_on_the_quintics_that_they_mean(
     q, times = np.column_stack([side, 0.0 * side]), np.arange(11) * 0.1
     path = joint_path(slider(2), q, evenly(11, 0.1), velocity=2.0, acceleration=40.0)
     v, a = np.tile([1.0, 0.0], (11, 1)), np.zeros((11, 2))
-    rows = JointRows(NAMES, q, times, v, metadata)
+    rows = TimedPath(NAMES, q, times, v, metadata)
     assert check_trajectory(rows, path.path_task).passes
     a[4, 1] = 50.0
     check = check_trajectory(dataclasses.replace(rows, accelerations=a), path.path_task)
@@ -542,7 +542,7 @@ def test_what_lies_between_the_points_looked_at_decides(share: float, passes: bo
 )
 def test_a_part_of_the_path_is_called_so(part: slice, said: str) -> None:
     trajectory = corner()
-    rows = JointRows(NAMES, trajectory.q[part], (np.arange(21) * 0.1)[part])
+    rows = TimedPath(NAMES, trajectory.q[part], (np.arange(21) * 0.1)[part])
     check = check_trajectory(rows, trajectory.path_task)
     assert check.passes == (part == slice(0, 21))
     notes = [note for note in check.notes if "waypoint" in note]
@@ -582,7 +582,7 @@ def test_a_joint_that_cannot_brake_inside_its_range_does_not_pass(
     times = np.linspace(0.0, 1.0, 11)
     for room, fits in ((0.26, True), (0.24, False)):
         q = (upper - room - 1.0 + times if end else lower + room + times)[:, None]
-        rows = JointRows(NAMES[:1], q, times, np.ones_like(q) if with_velocities else None)
+        rows = TimedPath(NAMES[:1], q, times, np.ones_like(q) if with_velocities else None)
         findings = check_trajectory(rows, task).findings
         name = ("range before the first row", "range after the last row")[end]
         left = [finding for finding in findings if finding.name == name]
@@ -634,7 +634,7 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
 
 def test_single_joints_without_limits_and_models_without_ranges_are_named() -> None:
     trajectory = corner(velocity=np.array([2.0, np.inf]), acceleration=40.0)
-    rows = JointRows(NAMES, trajectory.q, np.arange(21) * 0.1)
+    rows = TimedPath(NAMES, trajectory.q, np.arange(21) * 0.1)
     check = check_trajectory(rows, trajectory.path_task)
     assert check.unchecked[0] == "joint speeds of slide_2 not checked: no limits known"
     assert all("rest at its ends" in sentence for sentence in check.unchecked[1:])
@@ -647,7 +647,7 @@ def test_single_joints_without_limits_and_models_without_ranges_are_named() -> N
     limits = np.array([1.0, *[np.inf] * 5])
     task = joint_path(model, np.zeros((3, 6)), evenly(3, 1.0), limits, 1.0).path_task
     names = tuple(f"j{i}" for i in range(6))
-    assert check_trajectory(JointRows(names, np.zeros((3, 6)), np.arange(3.0)), task).unchecked == (
+    assert check_trajectory(TimedPath(names, np.zeros((3, 6)), np.arange(3.0)), task).unchecked == (
         "joint speeds of j1, j2, j3 and 2 more not checked: no limits known",
         "joint ranges not checked: the model states none",
     )
@@ -676,7 +676,7 @@ def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> Non
     trajectory = joint_path(arm, q, evenly(3, 0.1))
     names = tuple("abcdef")
     task = trajectory.path_task
-    check = check_trajectory(JointRows(names, q, np.arange(3) * 0.1), task, position_tolerance=1.0)
+    check = check_trajectory(TimedPath(names, q, np.arange(3) * 0.1), task, position_tolerance=1.0)
     speeds = found(check, "velocity limits")
     assert not speeds.passes
     assert speeds.value == pytest.approx(100.0 * 7.5 / np.pi)
@@ -684,7 +684,7 @@ def test_a_known_robot_is_checked_against_its_data_sheet_which_is_named() -> Non
     default = "accelerations checked against the default: full speed within 0.25 s"
     assert check.verdict.endswith(f"; {of_robot}; {default}")
     assert (task.velocity_limits == np.inf).all()  # what steps and plans hold does not change
-    slow = JointRows(names, q, np.arange(3) * 1.0)
+    slow = TimedPath(names, q, np.arange(3) * 1.0)
     check = check_trajectory(slow, task, position_tolerance=1.0, axis_tolerance_deg=90.0)
     assert found(check, "velocity limits").passes
     assert check.sources == (of_robot, default)

@@ -18,8 +18,7 @@ from oracles.joint_paths import evenly, joint_path, slider
 
 import qp_twist as qt
 from qp_twist.trajectories import (
-    JointRows,
-    TimedTrajectory,
+    TimedPath,
     csv_trajectory,
     read_trajectory,
     time_trajectory,
@@ -33,7 +32,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 @functools.cache
-def timed(seed: int = 0, acceleration: float = 5.0) -> TimedTrajectory:
+def timed(seed: int = 0, acceleration: float = 5.0) -> TimedPath:
     rng = np.random.default_rng(seed)
     q = np.cumsum(rng.normal(scale=0.1, size=(7, 3)), axis=0)
     return time_trajectory(joint_path(slider(3), q, evenly(7, 0.1), acceleration=acceleration))
@@ -55,7 +54,7 @@ def test_a_file_gives_back_the_rows(tmp_path: Path, ending: str, seed: int) -> N
     assert rows.metadata["units"] == dict.fromkeys(rows.joint_names, "m")
     # The same motion between the rows, too.
     t = np.linspace(0.0, trajectory.times[-1], 50)
-    assert rows.motion().at(t).q == pytest.approx(trajectory.at(t).q, abs=1e-7)
+    assert rows.motion.at(t).q == pytest.approx(trajectory.at(t).q, abs=1e-7)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -125,7 +124,7 @@ def test_any_names_of_joints_go_through_a_table(
     q = np.random.default_rng(seed).normal(size=(2, len(names)))
     units = dict(zip(names, ["rad", "m", "rad"], strict=False))
     metadata = {"units": units, "task": "a title\u2028of two lines", "method": "any"}
-    written = JointRows(
+    written = TimedPath(
         tuple(names), q, np.array([0.0, 0.1]) if timed else None, -q if timed and cubic else None,
         metadata,
     )  # fmt: skip
@@ -348,9 +347,9 @@ def test_an_archive_with_objects_in_it_is_refused(tmp_path: Path) -> None:
 
 def test_rows_that_do_not_fit_are_refused() -> None:
     with pytest.raises(qt.InvalidInput, match="stands twice"):
-        JointRows(("a", "a"), np.zeros((2, 2)))
+        TimedPath(("a", "a"), np.zeros((2, 2)))
     with pytest.raises(qt.InvalidInput, match="times"):
-        JointRows(("a",), np.zeros((2, 1)), np.zeros(3))
+        TimedPath(("a",), np.zeros((2, 1)), np.zeros(3))
     with pytest.raises(qt.InvalidInput, match="expected a Trajectory"):
         write_trajectory("nothing", "x.csv")  # type: ignore[arg-type]
 
@@ -382,15 +381,15 @@ def test_a_table_that_says_less_than_it_seems_to_is_refused(
 def test_accelerations_are_written_and_read_only_where_the_rows_have_them(
     ending: str, tmp_path: Path
 ) -> None:
-    cubic = JointRows.of(timed())
+    cubic = TimedPath.of(timed())
     back = read_trajectory(write_trajectory(cubic, tmp_path / f"cubic{ending}"))
     assert back.accelerations is None
-    assert back.motion().interpolation == "cubic"
+    assert back.motion.interpolation == "cubic"
     a = np.random.default_rng(0).normal(size=cubic.q.shape)
     quintic = dataclasses.replace(cubic, accelerations=a)
     back = read_trajectory(write_trajectory(quintic, tmp_path / f"quintic{ending}"))
     assert back.accelerations == pytest.approx(a, abs=1e-15)
-    assert back.motion().interpolation == "quintic"
+    assert back.motion.interpolation == "quintic"
 
 
 def test_accelerations_without_velocities_define_no_curve(tmp_path: Path) -> None:
@@ -418,7 +417,7 @@ def with_rail(path: Path, rail: Array, *, rate: bool = False) -> Path:
         return path
     full = np.column_stack([rows, rail])
     return write_trajectory(
-        JointRows(("joint_1", "joint_2", "rail"), full, 0.5 * np.arange(3.0),
+        TimedPath(("joint_1", "joint_2", "rail"), full, 0.5 * np.arange(3.0),
                   metadata={"units": {}, "task": "", "method": ""}), path)  # fmt: skip
 
 

@@ -164,7 +164,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(SCENES / "planar_3r.xml", folder / "r.xml")
     q = np.linspace([0.1, -0.5, 0.3, 1.0, -1.2, 0.4], [0.3, -0.4, 0.2, 1.1, -1.1, 0.2], 6)
     metadata = {"task": "deburring", "x": [1e3], "units": dict.fromkeys(NAMES, "rad")}
-    rows = qt.JointRows(NAMES, q, np.arange(6.0), np.full((6, 6), 0.01), metadata)
+    rows = qt.TimedPath(NAMES, q, np.arange(6.0), np.full((6, 6), 0.01), metadata)
     for ending in ("csv", "json", "npz", "mod", "src", "ls", "script"):
         write_trajectory(rows, folder / f"t.{ending}", OF_FANUC if ending == "ls" else JOINTS)
     with contextlib.suppress(qt.InvalidInput):  # the extra is not installed
@@ -201,7 +201,7 @@ def test_a_mutated_file_is_read_or_refused(
 
 
 def test_rows_without_units_are_no_table(tmp_path: Path) -> None:
-    rows = qt.JointRows(NAMES, np.zeros((3, 6)), np.arange(3.0))
+    rows = qt.TimedPath(NAMES, np.zeros((3, 6)), np.arange(3.0))
     with pytest.raises(qt.InvalidInput, match="units of the joints"):
         write_trajectory(rows, tmp_path / "t.csv")
     assert write_trajectory(rows, tmp_path / "t.json").exists()

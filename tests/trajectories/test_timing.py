@@ -22,7 +22,7 @@ from qp_twist.referee import (
 )
 from qp_twist.trajectories import (
     JointMotion,
-    JointRows,
+    TimedPath,
     path_errors,
     refine_trajectory,
     run_task,
@@ -244,7 +244,7 @@ def test_a_file_cannot_set_the_limits_that_it_is_checked_against(stated: object)
     names = JointRanges.of(task.model).names
     q = rows.q[: len(task.waypoints)]
     times = np.arange(len(q)) * 0.05
-    plain = JointRows(names, q, times, np.zeros_like(q))
+    plain = TimedPath(names, q, times, np.zeros_like(q))
     limits = dict.fromkeys(names, stated)
     lying = dataclasses.replace(plain, metadata={"acceleration_limits": limits})
     before, after = qt.check_trajectory(plain, task), qt.check_trajectory(lying, task)
