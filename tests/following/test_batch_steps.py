@@ -1,4 +1,4 @@
-"""Single steps and closed forms of many configurations: the same as one by one."""
+"""Single steps of many configurations: the same as one by one."""
 
 from __future__ import annotations
 
@@ -135,39 +135,6 @@ def test_a_row_that_fails_stops_no_other() -> None:
     assert others and np.isfinite(done.velocity[others]).all()
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.sampled_from(qt.batch.FORMS))
-def test_closed_forms_are_those_of_single_configurations(seed: int, method: str) -> None:
-    rng = np.random.default_rng(seed)
-    task = qt.TwistTask("tool", "site", DEBURRING.projector, max_linear_step=0.02)
-    q, targets = rows(rng, 5)
-    desired = 0.1 * rng.normal(size=q.shape) if method in ("gradient_projection", "twa") else None
-    found = qt.batch.closed_form(MODEL, task, q, targets, method, h=desired)
-    for k, here in enumerate(q):
-        configuration = mink.Configuration(MODEL, here)
-        if method == "rmr":
-            alone = qt.TwistTask(
-                "tool", "site", qt.TwistProjector(
-                    linear=qt.Projector.full(), angular=qt.Projector.full()),
-                max_linear_step=0.02,
-            )  # fmt: skip
-        else:
-            alone = task
-        alone.set_target(targets[k])
-        state = alone.state(configuration)
-        J, twist = state.jacobian, alone.clamped(state.error)
-        expected = {
-            "minimum_norm": lambda J=J, t=twist, s=state: qt.closed_form.minimum_norm(
-                J, s.projector, t),
-            "gradient_projection": lambda J=J, t=twist, s=state, k=k: (
-                qt.closed_form.gradient_projection(J, s.projector, t, desired[k])),
-            "rmr": lambda J=J, t=twist: qt.closed_form.resolved_motion_rate(J, t),
-            "twa": lambda J=J, t=twist, s=state, k=k: qt.closed_form.twa(
-                J, s.projector, t, desired[k]),
-        }[method]()  # fmt: skip
-        np.testing.assert_allclose(found[k], expected, atol=1e-7 * (1.0 + np.abs(expected).max()))
-
-
 def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
     rng = np.random.default_rng(0)
     composed = controller(rng)
@@ -186,21 +153,12 @@ def test_what_has_no_compiled_form_is_refused_with_a_sentence() -> None:
             qt.batch.step(composed, q, 0.1, huge * np.array([t.as_matrix() for t in targets]))
     with pytest.raises(qt.InvalidInput, match="expected a sequence of"):
         qt.batch.step(composed, q, 0.1, targets[0])  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match="expected a MjModel"):
-        qt.batch.closed_form(None, composed.twist_tasks[0], q, targets)  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match="GazeTask"):
-        gaze = qt.GazeTask("tool", "site")
-        qt.batch.closed_form(MODEL, gaze, q, targets)
     with pytest.raises(qt.InvalidInput, match="threads"):
         qt.batch.step(composed, q, 0.1, targets, threads=1.5)  # type: ignore[arg-type]
     with pytest.raises(qt.InvalidInput, match="dt"):
         qt.batch.step(composed, q, 0.0, targets)
     with pytest.raises(mink.TargetNotSet):
         qt.batch.step(qt.Controller(MODEL, [qt.TwistTask.point("tool", "site")]), q, 0.1)
-    with pytest.raises(qt.InvalidInput, match="has no secondary"):
-        qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, h=np.zeros((3, 6)))
-    with pytest.raises(qt.InvalidInput, match="method"):
-        qt.batch.closed_form(MODEL, composed.twist_tasks[0], q, targets, "sns")
 
 
 def test_what_is_not_plain_is_left_out_where_that_is_asked_for() -> None:

@@ -5,9 +5,7 @@ Arrays in, arrays out; a failure in one row does not stop the others.
 
 from .kinematics import Kinematics as Kinematics
 from .kinematics import kinematics as kinematics
-from .steps import FORMS as FORMS
 from .steps import Steps as Steps
-from .steps import closed_form as closed_form
 from .steps import step as step
 from .trajectories import Trajectories as Trajectories
 from .trajectories import follow as follow

@@ -7,24 +7,19 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import mink
-import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, number, one_of
+from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.control import Controller, Step
 from qp_twist.control.composition import composition_known
 from qp_twist.errors import InvalidInput, QpTwistError
-from qp_twist.following.batch.kinematics import kinematics
 from qp_twist.following.batch.rigid import pose_of, rigid_motions
 from qp_twist.following.batch.threads import shared
-from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error
 from qp_twist.kinematics import SerialChain, TwistTask
 
 Mask = npt.NDArray[np.bool_]
 Targets = Sequence[mink.SE3] | npt.ArrayLike
-FORMS = ("minimum_norm", "gradient_projection", "rmr", "twa")
-"""Closed forms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,89 +126,6 @@ def step(
         else:
             found[k], scale[k] = taken.velocity, taken.scale
     return Steps(found, scale, ~done, failures)
-
-
-def closed_form(
-    model: mujoco.MjModel,
-    task: TwistTask,
-    q: npt.ArrayLike,
-    targets: Targets,
-    method: str = "minimum_norm",
-    *,
-    h: npt.ArrayLike | None = None,
-    operational: TwistProjector | None = None,
-    threads: int | None = None,
-) -> Array:
-    """A closed form with its kinematics at many configurations: displacements (K, nv), rad or m.
-
-    As the functions of :mod:`qp_twist.closed_form` with J and Δt: the error in the task's projector
-    (for RMR the operational one), times the task's gain and clamped to its largest steps.
-
-    Args:
-        model: The robot.
-        task: Frame, projector, gain and largest steps; its target is not used.
-        q: Configurations, rad or m, (K, nq).
-        targets: For each row the target: :class:`mink.SE3`, or matrices (K, 4, 4).
-        method: ``"minimum_norm"``, ``"gradient_projection"``, ``"rmr"`` or ``"twa"``.
-        h: Desired displacements, rad or m, (K, nv); none by default. Not for minimum norm and
-            RMR.
-        operational: T_O of RMR and TWA; full by default.
-        threads: Number of threads; all cores by default.
-
-    Raises:
-        InvalidInput: If an argument is wrong.
-        mink.InvalidFrame: If the model has no such frame.
-    """
-    instance("batch.closed_form(model, …)", model, mujoco.MjModel)
-    instance("batch.closed_form(task=…)", task, TwistTask)
-    if type(task) is not TwistTask or task.bands or task.relative_to is not None:
-        raise InvalidInput(
-            f"batch.closed_form: {task.name} has no compiled form: TwistTasks have one that are no "
-            "GazeTasks and have neither bands nor a carrier."
-        )
-    one_of("batch.closed_form(method=…)", method, FORMS)
-    given = np.ascontiguousarray(finite_array("q", q, (None, model.nq)))
-    desired = np.zeros((len(given), model.nv))
-    if h is not None:
-        if method not in ("gradient_projection", "twa"):
-            raise InvalidInput(f"batch.closed_form: {method} has no secondary; leave h out.")
-        desired = finite_array("h", h, (len(given), model.nv))
-    held = task.projector
-    if method in ("rmr", "twa"):
-        full = TwistProjector(linear=Projector.full(), angular=Projector.full())
-        held = full if operational is None else operational
-        instance("batch.closed_form(operational=…)", held, TwistProjector)
-    aims = _aims((task,), np.zeros((1, 18)), [targets], len(given))[:, 0]
-    found = kinematics(model, task.frame_name, task.frame_type, given, threads=threads)
-    moved = np.zeros((len(given), model.nv))
-
-    def some(part: slice) -> None:
-        J, rotations = found.jacobians[part], found.rotations[part]
-        aim = aims[part, :9].reshape(-1, 3, 3)
-        T, error = resolved_twist_error(
-            rotations, found.positions[part], aim, aims[part, 9:12],
-            held if method == "rmr" else task.projector,
-        )  # fmt: skip
-        for block, longest in (
-            (slice(3), task.max_linear_step),
-            (slice(3, 6), task.max_angular_step),
-        ):
-            length = np.linalg.norm(error[:, block], axis=1, keepdims=True)
-            error[:, block] *= task.gain * np.minimum(longest / np.maximum(length, 1e-300), 1.0)
-        twist, h, U = error[:, :, None], desired[part, :, None], T.basis
-        if method == "twa":
-            motion = J @ h
-            twist = twist + motion - U @ (U.swapaxes(-1, -2) @ motion)
-            U = held.in_world(rotations, aim).basis
-        A = U.swapaxes(-1, -2) @ J
-        inverse = np.linalg.pinv(A)
-        step = inverse @ (U.swapaxes(-1, -2) @ twist)
-        if method == "gradient_projection":
-            step += h - inverse @ (A @ h)
-        moved[part] = step[:, :, 0]
-
-    shared(len(given), some, threads)
-    return moved
 
 
 def _aims(
