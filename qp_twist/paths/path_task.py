@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -58,9 +58,8 @@ class PathTask:
         source: The task file, if there is one.
         scene: The MJCF file.
         model: The robot and what is around it. With ``relative_to`` pass the scene as it stands,
-            and the arrays by joint in its order; the task then has the scene as seen from that body
-            (:func:`~qp_twist.paths.rerooted`), whose joints are the same and may have
-            another order: ``JointRanges.of(task.model).names``.
+            and the arrays by joint in its order; the task has the scene as seen from that body
+            (:func:`~qp_twist.paths.rerooted`), whose joints may have another order.
         frame_name: Name of the controlled frame.
         frame_type: Its type.
         projector: T of the task; where it changes along the path, T of the first waypoint.
@@ -139,84 +138,18 @@ class PathTask:
     controller: str | None = None
 
     def __post_init__(self) -> None:
-        self._check_types()
-        if self.relative_to is not None and self.scene_model is None:
-            self._see_from(self.relative_to)
-        refuse_other_equalities("scene", self.scene_model or self.model)
-        object.__setattr__(self, "constraints", self._with_those_of_the_model())
-        check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
-        check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
-
-    def _check_types(self) -> None:
-        """Refuse arguments of other types, where what they lead to would be no clear message."""
         if isinstance(self.scene, str):
             object.__setattr__(self, "scene", Path(self.scene))
-        for name, kind in (
-            ("name", str),
-            ("scene", Path),
-            ("model", mujoco.MjModel),
-            ("frame_name", str),
-            ("projector", TwistProjector),
-            ("operational", TwistProjector),
-        ):
-            instance(f"PathTask({name}=…)", getattr(self, name), kind)
-        ways = self.waypoints
-        if not isinstance(ways, (list, tuple)) or not all(isinstance(w, mink.SE3) for w in ways):
-            raise InvalidInput(
-                f"PathTask(waypoints=…): expected poses, mink.SE3, got {ways!r:.80}."
-            )
-        if not ways:
-            raise InvalidInput("PathTask(waypoints=…): there are none; a path has at least one.")
-        finite_array("PathTask(start=…)", self.start, (self.model.nq,))
-
-    def _see_from(self, body: str) -> None:
-        """Take the model as seen from a body, and bring all arrays by joint into its order."""
-        scene = self.model
-        check_carrier(scene, self.frame_name, self.frame_type, body)
-        seen = rerooted(scene, body)
-        values: dict[str, object] = {
-            name: seen.ordered(getattr(self, name))
-            for name in ("start", "velocity_limits", "acceleration_limits")
-        }
-        values["starts"] = {name: seen.ordered(start) for name, start in self.starts.items()}
-        values |= {"model": seen.model, "scene_model": scene}
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    def _with_those_of_the_model(self) -> tuple[Constraint, ...]:
-        """The constraints that were passed, and couplings and clearance of the current model.
-
-        Where geoms of the model may collide, and no clearance is passed, they must not touch.
-        """
-        given, others = self.constraints, self.constraints
-        couplings: list[JointCouplings] = []
-        clearances: list[Clearance] = []
-        if isinstance(given, (list, tuple)):
-            couplings = [c for c in given if isinstance(c, JointCouplings)]
-            clearances = [c for c in given if isinstance(c, Clearance)]
-            others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
-        checked = check_constraints(self.name, others, self.model)
-        clearances = [c if c.model is self.model else self._remade(c) for c in clearances]
-        if not clearances and JointRanges.of(self.model).only_hinges_and_slides:
-            own = Clearance(self.model, 0.0)
-            clearances = [own] if len(own.pairs) else []
-        check_constraints(self.name, clearances, self.model)
-        return *checked, *couplings_of(self.model, couplings), *clearances
-
-    def _remade(self, clearance: Clearance) -> Clearance:
-        """A clearance of this task's model, as of another one."""
-        return Clearance(
-            self.model, clearance.distance, self._ignored(clearance),
-            recovery_speed=clearance.recovery_speed,
-        )  # fmt: skip
-
-    def _ignored(self, clearance: Clearance) -> list[tuple[str, ...]]:
-        """The pairs of names that may touch, by the names of the model."""
+        _check_types(self)
+        if self.relative_to is not None and self.scene_model is None:
+            for name, value in _seen_from(self, self.relative_to).items():
+                object.__setattr__(self, name, value)
+        refuse_other_equalities("scene", self.scene_model or self.model)
         world = "world" if self.relative_to is None else OLD_WORLD
-        return [
-            tuple(re.sub(r"^world(?=$| geom \d+$)", world, name) for name in pair)
-            for pair in clearance.ignored
-        ]
+        kept = _with_those_of_the_model(self.name, self.constraints, self.model, world)
+        object.__setattr__(self, "constraints", kept)
+        check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
+        check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
 
     @property
     def stated_constraints(self) -> tuple[Constraint, ...]:
@@ -253,10 +186,7 @@ class PathTask:
     @cached_property
     def shown(self) -> Shown:
         """The scene as it stands, with the start and the path in it."""
-        if self.relative_to is None or self.scene_model is None:
-            order = np.arange(self.model.nq)
-            return Shown(self.model, self.start, self.positions, None, order, self.joint_moves)
-        return Shown.of(self.scene_model, self.relative_to, self.model, self.start, self.positions)
+        return Shown.of(self)
 
     @property
     def arm(self) -> tuple[mujoco.MjModel, str, str]:
@@ -384,7 +314,7 @@ class PathTask:
         that roll, the start was searched for the existing waypoints, and these are kept.
         """
         waypoints = self.waypoints
-        if self.from_start != "nothing" and not self._sees_orientation():
+        if self.from_start != "nothing" and not _sees_orientation(self):
             configuration = mink.Configuration(self.model, start)
             held, _ = frame_pose(configuration, self.frame_name, self.frame_type)
             rotations = np.broadcast_to(held, (len(waypoints), 3, 3))
@@ -393,23 +323,6 @@ class PathTask:
                 rotations = transported(held, axes)
             waypoints = poses(self.positions, rotations)
         return replace(self, start=start, best_start=False, waypoints=waypoints)
-
-    def _sees_orientation(self) -> bool:
-        """Whether a band or projector depends on the orientation that comes from the start."""
-        if self.bands:
-            return True
-        for projector in self.projectors:
-            angular = projector.angular
-            roll = angular.kind is ProjectorKind.PLANE and projector.frame == "body"
-            if roll and self.from_start == "roll" and angular.axis is not None:
-                roll = bool(abs(angular.axis[2]) > 1.0 - SAME_DIRECTION)
-            elif self.from_start == "orientation":
-                roll = False
-            if not roll and angular.kind is not ProjectorKind.NONE:
-                return True
-            if projector.linear.axis is not None and projector.frame == "target":
-                return True
-        return False
 
     def settings(self, method: str) -> MethodSettings:
         """Settings of a method: its defaults, overridden by those of the file.
@@ -451,6 +364,88 @@ def _poses(waypoints: tuple[mink.SE3, ...]) -> tuple[Array, Array]:
     positions = np.array([w.translation() for w in waypoints])
     rotations.flags.writeable = positions.flags.writeable = False
     return rotations, positions
+
+
+def _check_types(task: PathTask) -> None:
+    """Refuse arguments of other types, where what they lead to would be no clear message."""
+    for name, kind in (
+        ("name", str),
+        ("scene", Path),
+        ("model", mujoco.MjModel),
+        ("frame_name", str),
+        ("projector", TwistProjector),
+        ("operational", TwistProjector),
+    ):
+        instance(f"PathTask({name}=…)", getattr(task, name), kind)
+    ways = task.waypoints
+    if not isinstance(ways, (list, tuple)) or not all(isinstance(w, mink.SE3) for w in ways):
+        raise InvalidInput(f"PathTask(waypoints=…): expected poses, mink.SE3, got {ways!r:.80}.")
+    if not ways:
+        raise InvalidInput("PathTask(waypoints=…): there are none; a path has at least one.")
+    finite_array("PathTask(start=…)", task.start, (task.model.nq,))
+
+
+def _seen_from(task: PathTask, body: str) -> dict[str, object]:
+    """The model as seen from a body, and all arrays by joint in its order."""
+    check_carrier(task.model, task.frame_name, task.frame_type, body)
+    seen = rerooted(task.model, body)
+    by_joint = ("start", "velocity_limits", "acceleration_limits")
+    return {
+        "model": seen.model,
+        "scene_model": task.model,
+        "starts": {name: seen.ordered(start) for name, start in task.starts.items()},
+        **{name: seen.ordered(getattr(task, name)) for name in by_joint},
+    }
+
+
+def _with_those_of_the_model(
+    name: str, given: Sequence[Constraint], model: mujoco.MjModel, world: str
+) -> tuple[Constraint, ...]:
+    """Constraints that were passed, with couplings and clearance of the current model.
+
+    Where geoms of the model may collide, and no clearance is passed, they must not touch. A
+    clearance of another model is made anew; ``world`` is the name that the world has in this one.
+    """
+    couplings: list[JointCouplings] = []
+    clearances: list[Clearance] = []
+    others = given
+    if isinstance(given, (list, tuple)):
+        couplings = [c for c in given if isinstance(c, JointCouplings)]
+        others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
+        for c in (c for c in given if isinstance(c, Clearance)):
+            pairs = [
+                tuple(re.sub(r"^world(?=$| geom \d+$)", world, part) for part in pair)
+                for pair in c.ignored
+            ]
+            speed = c.recovery_speed
+            same = c.model is model
+            clearances.append(
+                c if same else Clearance(model, c.distance, pairs, recovery_speed=speed)
+            )
+    checked = check_constraints(name, others, model)
+    if not clearances and JointRanges.of(model).only_hinges_and_slides:
+        own = Clearance(model, 0.0)
+        clearances = [own] if len(own.pairs) else []
+    check_constraints(name, clearances, model)
+    return *checked, *couplings_of(model, couplings), *clearances
+
+
+def _sees_orientation(task: PathTask) -> bool:
+    """Whether a band or projector depends on the orientation that comes from the start."""
+    if task.bands:
+        return True
+    for projector in task.projectors:
+        angular = projector.angular
+        roll = angular.kind is ProjectorKind.PLANE and projector.frame == "body"
+        if roll and task.from_start == "roll" and angular.axis is not None:
+            roll = bool(abs(angular.axis[2]) > 1.0 - SAME_DIRECTION)
+        elif task.from_start == "orientation":
+            roll = False
+        if not roll and angular.kind is not ProjectorKind.NONE:
+            return True
+        if projector.linear.axis is not None and projector.frame == "target":
+            return True
+    return False
 
 
 def check_carrier(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import mink
 import mujoco
@@ -10,6 +11,9 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
+
+if TYPE_CHECKING:
+    from qp_twist.paths.path_task import PathTask
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,31 +37,18 @@ class Shown:
     joint_moves: tuple[int, ...] = ()
 
     @classmethod
-    def of(
-        cls,
-        scene: mujoco.MjModel,
-        carrier: str,
-        model: mujoco.MjModel,
-        start: Array,
-        path: Array,
-        joint_moves: tuple[int, ...] = (),
-    ) -> Shown:
-        """The scene of a path that lies on a body.
-
-        Args:
-            scene: The scene as it stands.
-            carrier: Name of the body.
-            model: The scene as seen from the body, in which the path is planned.
-            start: A configuration of that model, (nq,).
-            path: Positions in the body's frame, m, (N, 3).
-            joint_moves: Indices of the waypoints that a joint move leads to.
-        """
-        own = {name: k for k, name in enumerate(JointRanges.of(model).names)}
+    def of(cls, task: PathTask) -> Shown:
+        """What a picture of a task shows."""
+        if task.relative_to is None or task.scene_model is None:
+            order = np.arange(task.model.nq)
+            return cls(task.model, task.start, task.positions, None, order, task.joint_moves)
+        scene, carrier = task.scene_model, task.relative_to
+        own = {name: k for k, name in enumerate(JointRanges.of(task.model).names)}
         order = np.array([own[name] for name in JointRanges.of(scene).names], dtype=np.intp)
-        still = cls(scene, start[order], path, carrier, order)
-        pose = still.carrier_pose(start)
-        turned = path @ pose.rotation().as_matrix().T + pose.translation()
-        return cls(scene, still.start, turned, carrier, order, joint_moves)
+        still = cls(scene, task.start[order], task.positions, carrier, order, task.joint_moves)
+        pose = still.carrier_pose(task.start)
+        turned = task.positions @ pose.rotation().as_matrix().T + pose.translation()
+        return replace(still, positions=turned)
 
     def configurations(self, q: Array) -> Array:
         """Configurations (…, nq) of the task as those of the scene's model, (…, nq)."""
