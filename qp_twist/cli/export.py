@@ -77,7 +77,8 @@ def export(
     if dialect is not None:
         joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
         with of_file(out if by_name else f"--to {to}"):
-            check_language(dialect, joints, option=not by_name)
+            use = f"use --to {joints.program or 'mcap (a bag)'}"
+            check_language(dialect, joints, None if by_name else use)
         with of_file(out):
             dialect.check_name(out.stem)
     found: Check | None = None

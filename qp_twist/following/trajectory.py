@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mink
@@ -14,7 +13,6 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import Clearance, NearestPair
 from qp_twist.control import Status
-from qp_twist.files import write_atomically
 from qp_twist.kinematics import FramePair, JointRanges, frame_jacobian, largest_excess
 from qp_twist.notebook import html_table
 from qp_twist.paths import METHODS, PathTask, Waypoints
@@ -314,23 +312,3 @@ class Trajectory:
             self.axis_error,
             (self.path_task.tolerances.position, self.path_task.tolerances.axis),
         )
-
-    def save(self, path: str | Path) -> Path:
-        """Write the joint trajectory as CSV: a commented header, joint names with units, rows.
-
-        The file is written under a temporary name and renamed, so a failure leaves no partial file.
-        """
-        ranges = JointRanges.of(self.path_task.model)
-        columns = ["waypoint", "time [s]"] + [
-            f"{name} [{unit}]" for name, unit in zip(ranges.names, ranges.units, strict=True)
-        ]
-        times = np.cumsum(np.zeros(len(self.q)) if self.durations is None else self.durations)
-        lines = [
-            f"# qp_twist joint trajectory; task {self.path_task.name}, method {self.method}",
-            "# joint positions in rad (hinge) or m (slide); time at the task's feed, 0 if untimed",
-            ",".join(columns),
-        ]
-        for index, (time, row) in enumerate(zip(times, ranges.positions(self.q), strict=True)):
-            values = ",".join(f"{value:.17g}" for value in row)
-            lines.append(f"{index + 1},{time:.9g},{values}")
-        return write_atomically(Path(path), "\n".join(lines) + "\n")

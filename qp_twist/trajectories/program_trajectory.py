@@ -167,7 +167,10 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     """
     content = read_bytes(path, "program")
     with of_file(path):
-        _check_read(dialect, joints, content)
+        other = "the program is for another robot"
+        if _HEADER_AS_MODELLED.search(content):
+            other = WRITTEN_AS_MODELLED
+        check_language(dialect, joints, other)
 
     def beside(name: str) -> bytes | None:
         for file in sorted(path.parent.iterdir()):
@@ -214,49 +217,28 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     )
 
 
-def check_language(dialect: Dialect, joints: ControllerJoints, *, option: bool = False) -> None:
+def check_language(dialect: Dialect, joints: ControllerJoints, instead: str | None = None) -> None:
     """Refuse a language in which the robot is not programmed.
 
     Args:
-        dialect: The language to write.
+        dialect: The language to write or read.
         joints: How the robot's controller counts the joints.
-        option: Name the language to use as ``--to`` does, instead of a file's suffix.
+        instead: What to do; ``None``: choose a file with the suffix of the robot's language.
 
     Raises:
         InvalidInput: With the language to use.
     """
     if joints.robot and joints.program != dialect.name:
-        if option:
-            instead = f"use --to {joints.program or 'mcap (a bag)'}"
-        else:
+        if instead is None:
             suffix = DIALECTS[joints.program].suffix if joints.program else ".mcap (a bag)"
             instead = f"choose a file that ends in {suffix}"
-        raise InvalidInput(f"{_not_in(dialect, joints)}; {instead}{_or_as_modelled(dialect)}.")
+        if dialect.name != "ls" and instead != WRITTEN_AS_MODELLED:  # no model counts Fanuc's J3
+            instead += ", or say that joints count as in the model (--as-modelled)"
+        raise InvalidInput(
+            f"the {joints.robot} is programmed in {joints.program or 'none of them'}, not in "
+            f"{dialect.name}; {instead.rstrip('.')}."
+        )
     _check_axes(dialect, joints)
-
-
-def _check_read(dialect: Dialect, joints: ControllerJoints, content: bytes) -> None:
-    """Refuse to read a program in a language in which the robot is not programmed."""
-    if joints.robot and joints.program != dialect.name:
-        found = _not_in(dialect, joints)
-        if _HEADER_AS_MODELLED.search(content):
-            raise InvalidInput(f"{found}; {WRITTEN_AS_MODELLED}")
-        raise InvalidInput(f"{found}; the program is for another robot{_or_as_modelled(dialect)}.")
-    _check_axes(dialect, joints)
-
-
-def _not_in(dialect: Dialect, joints: ControllerJoints) -> str:
-    return (
-        f"the {joints.robot} is programmed in {joints.program or 'none of them'}, not in "
-        f"{dialect.name}"
-    )
-
-
-def _or_as_modelled(dialect: Dialect) -> str:
-    """The other way out; none for Fanuc, whose J3 no model counts."""
-    if dialect.name == "ls":
-        return ""
-    return ", or say that joints count as in the model (--as-modelled)"
 
 
 def _check_axes(dialect: Dialect, joints: ControllerJoints) -> None:

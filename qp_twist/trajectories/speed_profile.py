@@ -79,21 +79,17 @@ def speed_profile(
         most = np.ones(len(q))
     D = moved / h[:, None]
     p, p_begin, p_end = _directions(D, h, rests)
-    pieces = [
-        _Piece.of(D[k], p_begin[k], p_end[k], float(h[k]), max_velocity, max_acceleration)
-        for k in range(len(h))
-    ]
-    pace = np.where(rests, 0.0, most)
-    for k, piece in enumerate(pieces):
-        pace[k : k + 2] = np.minimum(pace[k : k + 2], piece.steady_pace())
+    pieces = _Pieces.of(D, p_begin, p_end, h, max_velocity, max_acceleration)
+    steady, pace = pieces.steady_paces(), np.where(rests, 0.0, most)
+    pace[:-1], pace[1:] = np.minimum(pace[:-1], steady), np.minimum(pace[1:], steady)
     for _ in range(_ROUNDS):
         before = pace.copy()
-        for k in reversed(range(len(pieces))):
+        for k in reversed(range(len(h))):
             if pace[k] > pace[k + 1]:
-                pace[k] = pieces[k].largest_begin(float(pace[k]), float(pace[k + 1]))
-        for k, piece in enumerate(pieces):
+                pace[k] = pieces.largest_begin(k, float(pace[k]), float(pace[k + 1]))
+        for k in range(len(h)):
             if pace[k + 1] > pace[k]:
-                pace[k + 1] = piece.largest_end(float(pace[k]), float(pace[k + 1]))
+                pace[k + 1] = pieces.largest_end(k, float(pace[k]), float(pace[k + 1]))
         if (pace == before).all():
             break
     together = pace[:-1] + pace[1:]
@@ -160,8 +156,8 @@ def _directions(
     return p, begin, end
 
 
-class _Piece(NamedTuple):
-    """|α a² + (α + β) a b + β b²| ≤ c and |γ a + δ b| ≤ v, joint by joint, rows with limits."""
+class _Pieces(NamedTuple):
+    """|α a² + (α + β) a b + β b²| ≤ c and |γ a + δ b| ≤ v, of each piece the rows with limits."""
 
     alpha: Array
     beta: Array
@@ -172,37 +168,41 @@ class _Piece(NamedTuple):
 
     @classmethod
     def of(
-        cls, D: Array, p0: Array, p1: Array, h: float, max_velocity: Array, max_acceleration: Array
-    ) -> _Piece:
+        cls, D: Array, p0: Array, p1: Array, h: Array, max_velocity: Array, max_acceleration: Array
+    ) -> _Pieces:
         a, v = np.isfinite(max_acceleration), np.isfinite(max_velocity)
         return cls(
-            np.concatenate([3.0 * D - 4.0 * p0, 2.0 * p0 - 3.0 * D])[np.tile(a, 2)],
-            np.concatenate([3.0 * D - 2.0 * p1, 4.0 * p1 - 3.0 * D])[np.tile(a, 2)],
-            2.0 * h * np.tile(max_acceleration[a], 2),
-            np.concatenate([1.5 * D - p0, p0, 0.0 * D])[np.tile(v, 3)],
-            np.concatenate([1.5 * D - p1, 0.0 * D, p1])[np.tile(v, 3)],
+            np.hstack([3.0 * D - 4.0 * p0, 2.0 * p0 - 3.0 * D])[:, np.tile(a, 2)],
+            np.hstack([3.0 * D - 2.0 * p1, 4.0 * p1 - 3.0 * D])[:, np.tile(a, 2)],
+            2.0 * h[:, None] * np.tile(max_acceleration[a], 2),
+            np.hstack([1.5 * D - p0, p0, 0.0 * D])[:, np.tile(v, 3)],
+            np.hstack([1.5 * D - p1, 0.0 * D, p1])[:, np.tile(v, 3)],
             np.tile(max_velocity[v], 3),
         )
 
-    def steady_pace(self) -> float:
-        """Largest constant pace, up to 1, on the piece."""
+    def steady_paces(self) -> Array:
+        """Largest constant pace, up to 1, on each piece, (N − 1,)."""
+        steepest = np.max(
+            np.abs([self.gamma + self.delta, self.gamma, self.delta]), axis=0, initial=0.0
+        )
         with np.errstate(divide="ignore"):
             squares = self.c / np.abs(2.0 * (self.alpha + self.beta))
-            paces = self.v / np.max(
-                np.abs([self.gamma + self.delta, self.gamma, self.delta]), axis=0, initial=0.0
-            )
-        return float(min(1.0, np.sqrt(squares.min(initial=1.0)), paces.min(initial=1.0)))
+            paces = self.v / steepest
+        slowest = np.sqrt(squares.min(axis=1, initial=1.0)), paces.min(axis=1, initial=1.0)
+        return np.asarray(np.minimum(*slowest))
 
-    def largest_begin(self, a: float, b: float) -> float:
-        """Largest pace from b to a at which the piece may begin if it ends at b."""
-        return self._largest(a, b, self.alpha, self.beta, self.gamma, self.delta)
+    def largest_begin(self, k: int, a: float, b: float) -> float:
+        """Largest pace from b to a at which piece k may begin if it ends at b."""
+        alpha, beta, c, gamma, delta = (part[k] for part in self[:5])
+        return self._largest(a, b, alpha, beta, c, gamma, delta)
 
-    def largest_end(self, a: float, b: float) -> float:
-        """Largest pace from a to b at which the piece may end if it begins at a."""
-        return self._largest(b, a, self.beta, self.alpha, self.delta, self.gamma)
+    def largest_end(self, k: int, a: float, b: float) -> float:
+        """Largest pace from a to b at which piece k may end if it begins at a."""
+        alpha, beta, c, gamma, delta = (part[k] for part in self[:5])
+        return self._largest(b, a, beta, alpha, c, delta, gamma)
 
     def _largest(
-        self, x: float, y: float, alpha: Array, beta: Array, gamma: Array, delta: Array
+        self, x: float, y: float, alpha: Array, beta: Array, c: Array, gamma: Array, delta: Array
     ) -> float:
         """Largest pace from y to x of the faster end, y being that of the slower one.
 
@@ -213,7 +213,7 @@ class _Piece(NamedTuple):
         def feasible(paces: Array) -> npt.NDArray[np.bool_]:
             squares = paces[:, None] * (alpha * paces[:, None] + middle) + constant
             lines = gamma * paces[:, None] + delta * y
-            hard = np.abs(squares) <= self.c * (1.0 + _ROUNDING)
+            hard = np.abs(squares) <= c * (1.0 + _ROUNDING)
             fast = np.abs(lines) <= self.v * (1.0 + _ROUNDING)
             return np.asarray(np.concatenate([hard, fast], axis=1).all(axis=1))
 
@@ -223,10 +223,10 @@ class _Piece(NamedTuple):
             found = [np.array([y])]
             for sign in (1.0, -1.0):
                 found.append((sign * self.v - delta * y) / gamma)
-                root = np.sqrt(middle**2 - 4.0 * alpha * (constant - sign * self.c))
+                root = np.sqrt(middle**2 - 4.0 * alpha * (constant - sign * c))
                 # Both roots in the forms that lose no digits where α is small.
                 half = -0.5 * (middle + np.where(middle < 0.0, -root, root))
-                found += [half / alpha, (constant - sign * self.c) / half]
+                found += [half / alpha, (constant - sign * c) / half]
         paces = np.concatenate(found)
         paces = np.unique(paces[(paces >= y) & (paces < x)])[::-1]
         fits = feasible(paces)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 from pathlib import Path
@@ -215,21 +214,6 @@ def test_self_motion_manifolds_against_the_textbook() -> None:
             q = np.array([shoulder, elbow, phi - shoulder - elbow])
             apart = np.remainder(found - q + np.pi, 2 * np.pi) - np.pi
             assert np.linalg.norm(apart, axis=1).min() < np.radians(6.0)
-
-
-def test_a_trajectory_file_has_names_units_and_every_digit(tmp_path: Path) -> None:
-    trajectory = qt.follow(qt.load_task("deburring"), "minimum_norm", iterations=2)
-    path = trajectory.save(tmp_path / "out" / "run.csv")
-    lines = path.read_text("utf-8").splitlines()
-    comments = [line for line in lines if line.startswith("#")]
-    assert "deburring" in comments[0]
-    assert "minimum_norm" in comments[0]
-    rows = list(csv.reader(line for line in lines if not line.startswith("#")))
-    assert rows[0] == ["waypoint", "time [s]"] + [f"joint_{i} [rad]" for i in range(1, 7)]
-    table = np.array(rows[1:], dtype=float)
-    assert table[:, 0].tolist() == list(range(1, 402))
-    assert np.array_equal(table[:, 2:], trajectory.q)
-    assert table[-1, 1] == pytest.approx(1.0388 / 0.050, rel=1e-3)
 
 
 def test_a_diverging_method_is_reported_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
