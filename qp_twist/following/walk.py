@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 from typing import TYPE_CHECKING
 
 import mink
@@ -141,6 +141,7 @@ class _Run:
         self.failure = ""
         self.blocked_by: tuple[str, ...] | None = None
         self.compiled = 0
+        self._measured = lru_cache(partial(twist_task, path_task))
 
     @property
     def unfinished(self) -> bool:
@@ -167,15 +168,16 @@ class _Run:
 
     def extend(self, q: Array, iterations: npt.NDArray[np.int64], errors: Array) -> None:
         """Record rows of the compiled walk: those before the first that needs more time."""
-        count = len(q)
+        kept = len(q)
         if self.pace is not None:
             missed = (errors > self.path_task.iteration.tolerances).any(axis=1)
-            count = int(np.argmax(missed)) if missed.any() else count
-            if count:
+            kept = int(np.argmax(missed)) if missed.any() else kept
+            if kept:
                 self.pace.factor = 1.0
-        for k in range(count):
+        for k in range(kept):
             self.compiled += 1
-            self._record(q[k].copy(), float(self.feed[len(self.q)]), iterations=int(iterations[k]))
+            duration, count = float(self.feed[len(self.q)]), int(iterations[k])
+            self._record(q[k].copy(), duration, errors[k], iterations=count)
             if self.stopped:
                 break
         self.configuration.update(self.q[-1])
@@ -204,8 +206,10 @@ class _Run:
         elif self._blocked():
             self.blocked_by, self.stopped = tuple(self._names), True
         else:
-            step = self._scale, self._count, tuple(self._names), self._status
-            self._record(self.configuration.q.copy(), duration, *step)
+            self._record(
+                self.configuration.q.copy(), duration, None, self._scale, self._count,
+                tuple(self._names), self._status,
+            )  # fmt: skip
 
     def _approach(self, resolver: Resolver, duration: float) -> float:
         """Move to the resolver's target; return the duration, s."""
@@ -257,7 +261,7 @@ class _Run:
 
     def _errors(self, index: int) -> tuple[float, float]:
         """Lengths of the task error at a row, in the path's projector there, m and rad."""
-        task = twist_task(self.path_task, self.path.projectors[index])
+        task = self._measured(self.path.projectors[index])
         task.set_target(self.path.target(index))
         error = task.state(self.configuration).error
         return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
@@ -266,12 +270,13 @@ class _Run:
         self,
         q: Array,
         duration: float,
+        errors: Array | None,
         scale: float = 1.0,
         iterations: int = 0,
         binding: tuple[str, ...] = (),
         status: Status = Status.SOLVED,
     ) -> None:
-        """Record a finished row, and call ``progress`` and ``stop``."""
+        """Record a finished row, and call ``progress`` and ``stop`` with its errors, m and rad."""
         index = len(self.q)
         self.q.append(q)
         self.durations.append(duration)
@@ -282,8 +287,8 @@ class _Run:
         if self.progress is not None and self.path.s[index].is_integer():
             self.progress(int(self.path.s[index]))
         if self.stop is not None:
-            self.configuration.update(q)
-            self.stopped = self.stop(q, *self._errors(index))
+            apart, turned = self._errors(index) if errors is None else errors.tolist()
+            self.stopped = self.stop(q, apart, turned)
 
     def trajectory(self, seconds: float) -> Trajectory:
         """The recorded trajectory."""

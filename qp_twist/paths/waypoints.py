@@ -51,22 +51,23 @@ class Waypoints:
         after = np.ceil(s).astype(np.intp)
         before = np.maximum(after - 1, 0)
         share = s - before
-        turns = Rotation.from_matrix(rotations[after] @ rotations[before].transpose(0, 2, 1))
-        turned = Rotation.from_rotvec(share[:, None] * turns.as_rotvec()).as_matrix()
-        there = share == 1.0  # the waypoints themselves, without rounding
-        there |= after == 0
-        straight = positions[before] + share[:, None] * (positions[after] - positions[before])
-        held = path_task.in_force
-        projectors = (
-            held[k] if met else with_fewer_rows(held[j], held[k])
-            for j, k, met in zip(before, after, there, strict=True)
-        )
+        there = (share == 1.0) | (after == 0)  # the waypoints themselves, without rounding
+        R, p, held = rotations[after], positions[after], path_task.in_force
+        projectors = [held[k] for k in after.tolist()]
+        between = np.flatnonzero(~there)
+        if len(between):
+            j, k, part = before[between], after[between], share[between, None]
+            turns = Rotation.from_matrix(rotations[k] @ rotations[j].transpose(0, 2, 1))
+            R[between] = Rotation.from_rotvec(part * turns.as_rotvec()).as_matrix() @ rotations[j]
+            p[between] = positions[j] + part * (positions[k] - positions[j])
+            for row, last in zip(between.tolist(), j.tolist(), strict=True):
+                projectors[row] = with_fewer_rows(held[last], projectors[row])
         to = np.zeros(len(positions) + 1, dtype=bool)  # joint moves, by the waypoint they lead to
         to[list(path_task.joint_moves)] = True
         return cls(
             s,
-            np.where(there[:, None, None], rotations[after], turned @ rotations[before]),
-            np.where(there[:, None], positions[after], straight),
+            R,
+            p,
             tuple(projectors),
             ~(to[after] & (~there | to[after + 1])),
             to[after[1:]],

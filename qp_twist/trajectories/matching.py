@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.geometry import ProjectorKind, resolved_twist_error
+from qp_twist.geometry import ProjectorKind
 from qp_twist.paths import PathTask
 from qp_twist.referee import JointMotion, poses_of, task_errors
 
@@ -15,6 +15,8 @@ _DENSITY = 8
 """Smallest number of samples of the motion for each waypoint."""
 _NEAR = 100.0
 """Linear error, in tolerances, above which the angular one is not computed."""
+_PAIRS = 100_000
+"""Number of pairs of a waypoint and a pose that are compared together."""
 _REFINED = 17
 _ROUNDS = 3
 _ON = 1e-3
@@ -79,8 +81,7 @@ def _matched(
 ) -> tuple[Indices, Mask]:
     """Index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
     R, p = poses_of(path_task, motion.at(times).q)
-    count = len(path_task.waypoints)
-    at = _in_order(_cost(path_task, k, R, p, tolerances) for k in range(count))
+    at = _in_order(_costs(path_task, R, p, tolerances))
     errors = task_errors(R[at], p[at], *path_task.poses, path_task.in_force)
     return at, _squared(errors, tolerances) < _ON**2
 
@@ -105,23 +106,26 @@ def _in_order(costs: Iterable[Array]) -> Indices:
     return at
 
 
-def _cost(
-    path_task: PathTask, k: int, R: Array, p: Array, tolerances: tuple[float, float]
-) -> Array:
-    """Squared task error of poses (K) at waypoint k, in tolerances.
+def _costs(
+    path_task: PathTask, R: Array, p: Array, tolerances: tuple[float, float]
+) -> Iterator[Array]:
+    """Squared task errors of poses (K) at each waypoint in turn, in tolerances.
 
     For poses with a large position error the angular error is not computed but set to its maximum:
     a long path has some 1e8 of them.
     """
-    R_d, p_d = (part[k] for part in path_task.poses)
-    rows = path_task.in_force[k]
-    if rows.linear.kind is not ProjectorKind.FULL:
-        return _squared(resolved_twist_error(R, p, R_d, p_d, rows)[1], tolerances)
-    cost: Array = np.einsum("ki,ki->k", p - p_d, p - p_d) / tolerances[0] ** 2
-    near = np.flatnonzero(cost < _NEAR**2)
-    cost += (np.pi / tolerances[1]) ** 2
-    cost[near] = _squared(resolved_twist_error(R[near], p[near], R_d, p_d, rows)[1], tolerances)
-    return cost
+    (R_d, p_d), in_force = path_task.poses, path_task.in_force
+    for first in range(0, len(p_d), step := max(1, _PAIRS // len(p))):
+        rows = in_force[first : first + step]
+        cost = ((p - p_d[first : first + step, None]) ** 2).sum(axis=2) / tolerances[0] ** 2
+        whole = np.array([t.linear.kind is ProjectorKind.FULL for t in rows])
+        waypoint, pose = np.nonzero((cost < _NEAR**2) | ~whole[:, None])
+        at = first + waypoint
+        near = [rows[k] for k in waypoint.tolist()]
+        errors = task_errors(R[pose], p[pose], R_d[at], p_d[at], near)
+        cost += (np.pi / tolerances[1]) ** 2
+        cost[waypoint, pose] = _squared(errors, tolerances)
+        yield from cost
 
 
 def _squared(errors: Array, tolerances: tuple[float, float]) -> Array:

@@ -94,7 +94,7 @@ def run_task(
     """
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
-        return give_up and not path_task.tolerances.met(position_error, axis_error)
+        return not path_task.tolerances.met(position_error, axis_error)
 
     trajectory = follow(
         path_task,
@@ -103,7 +103,7 @@ def run_task(
         slow_down=True,
         fine=True,
         progress=progress,
-        stop=lost,
+        stop=lost if give_up else None,
         planning=planning,
     )
     if give_up and trajectory.interrupted_plan is not None:  # a search of many runs ends, too
