@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -35,58 +36,47 @@ def plan_stretches(
     Raises:
         KeyboardInterrupt: On Ctrl-C before the last stretch has a motion.
     """
-    moves = JointMoves(path_task)
-    runs = stretches(path_task)
+    moves, runs = JointMoves(path_task), stretches(path_task)
     plans: list[Plan] = []
     found: list[Move] = []
     for run in runs:
-        if plans and plans[-1].interrupted:
+        task = stretch_task(path_task, run, path_task.start)
+        if not plans:
+            plans.append(planned(task, start))
+            if plans[0].q is None:
+                return _none(path_task, plans[0], run, "")
+            continue
+        if plans[-1].interrupted:
             raise KeyboardInterrupt
-        here = stretch_task(path_task, run, path_task.start)
-        end = plans[-1].motion()[-1] if plans else None
-        why, rows, plan = "", None, None
-        candidates = _plans(here, start if not plans else None, planned, end)
-        if end is not None and goal.travel:  # the way to a stretch counts, too
-            candidates = iter(
-                sorted(
-                    candidates, key=lambda p: _with_way(goal, end, p) if p.q is not None else 0.0
-                )
-            )
-        for other in candidates:
-            plan = plan or other
-            if other.q is None or end is None:
-                break
-            q = moves.nearest_turn(other.q, end)
+        end, why = plans[-1].motion()[-1], ""
+        candidates = _plans(task, planned, end)
+        best = next(candidates)
+        if best.q is None:
+            return _none(path_task, best, run, "")
+        candidates = itertools.chain([best], candidates)
+        if goal.travel:  # the way to a stretch counts, too
+            candidates = iter(sorted(candidates, key=lambda p: _with_way(goal, end, p)))
+        for plan in candidates:
+            q = moves.nearest_turn(plan.motion(), end)
             try:
                 rows = moves.found(end, q[0], EFFORT)
             except NoJointMove as error:
                 why = why or error.why
                 continue
-            plan = dataclasses.replace(other, q=q)
-            break
-        assert plan is not None
-        if plan.q is None or (end is not None and rows is None):
-            return _none(path_task, plan, run, why)
-        plans.append(plan)
-        if rows is not None:
+            plans.append(dataclasses.replace(plan, q=q))
             found.append(Move(run.start, rows, moves.seconds(rows)))
+            break
+        else:
+            return _none(path_task, best, run, why)
     return _joined(path_task, goal, runs, plans, found)
 
 
-def _plans(
-    task: PathTask, start: Array | None, planned: Planner, end: Array | None
-) -> Iterator[Plan]:
+def _plans(task: PathTask, planned: Planner, end: Array) -> Iterator[Plan]:
     """The best plan of a stretch; then plans from other starts, those nearest to ``end`` first."""
-    best = planned(task, start)
-    yield best
-    if end is None or best.q is None:
-        return
+    yield planned(task, None)
     others = [found.q for found in best_of_each_branch(central_configurations(task), 4 * _OTHERS)]
     others.sort(key=lambda q: float(np.abs(q - end).max()))
-    for q in others[:_OTHERS]:
-        plan = planned(task, q)
-        if plan.q is not None:
-            yield plan
+    yield from (plan for q in others[:_OTHERS] if (plan := planned(task, q)).q is not None)
 
 
 def _with_way(goal: Objective, end: Array, plan: Plan) -> float:
@@ -137,5 +127,4 @@ def _joined(
         s=s,
         value=value,
         bound=bound,
-        interrupted=plans[-1].interrupted,
     )
