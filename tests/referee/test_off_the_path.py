@@ -176,7 +176,7 @@ def test_no_command_passes_a_motion_that_collides_after_its_path(
         assert "box to ball" in said.err and "after the last waypoint" in said.err
         assert "passes" not in said.out
     page = (cell / "page" / "report.html").read_text("utf-8")
-    assert "Too near an obstacle: by" in page and "after the last waypoint" in page
+    assert "outside clearance after the path" in page and "after the last waypoint" in page
     assert "proven, everywhere" not in page
     chart = page[page.index('<article id="clearance-1"') :]
     chart = chart[: chart.index("</article>")]
