@@ -81,7 +81,8 @@ def speed_profile(
     p, p_begin, p_end = _directions(D, h, rests)
     pieces = _Pieces.of(D, p_begin, p_end, h, max_velocity, max_acceleration)
     steady, pace = pieces.steady_paces(), np.where(rests, 0.0, most)
-    pace[:-1], pace[1:] = np.minimum(pace[:-1], steady), np.minimum(pace[1:], steady)
+    pace[:-1] = np.minimum(pace[:-1], steady)
+    pace[1:] = np.minimum(pace[1:], steady)
     for _ in range(_ROUNDS):
         before = pace.copy()
         for k in reversed(range(len(h))):
