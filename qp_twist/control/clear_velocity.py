@@ -1,13 +1,20 @@
-"""A velocity of one step that keeps clearances, where the step that was computed does not."""
+"""A step that keeps its clearances, where the step that was computed does not."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+import mink
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints import Clearance, GatheredLimits
+from qp_twist.constraints import Clearance, GatheredLimits, gather_limits
+from qp_twist.control.step import Step
+
+_CORRECTIONS = 10
+"""Largest number of times that a step is computed again to keep a clearance."""
+_KEPT = 1e-7
+"""By how much a step may lead below a clearance, m."""
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)
 """Shares of a solution, the rest of which keeps clear, that are tried where it is not safe."""
@@ -15,12 +22,44 @@ _CORNERS = 256
 """Corners of the limits that are tried; all of them up to eight joints."""
 
 
-def clear_velocity(
+def step_clear(
+    solve: Callable[[], Step],
+    clearances: Sequence[Clearance],
+    limits: Sequence[mink.Limit],
+    configuration: mink.Configuration,
+    dt: float,
+) -> Step:
+    """What ``solve`` returns, or a step that keeps its clearances, too.
+
+    Their rows are linear in the step, distances are not: where it leads too near, rows of the
+    distances there are added, and the step is computed again.
+    """
+    step = solve()
+    for correction in range(_CORRECTIONS + 1):
+        lacking = [c for c in clearances if c.in_step.lacks(step.velocity, dt) > _KEPT]
+        if not lacking:
+            break
+        corrected = False
+        for clearance in lacking if correction < _CORRECTIONS else ():
+            corrected |= clearance.in_step.correct(step.velocity, dt)
+        if not corrected:
+            others = [limit for limit in limits if not isinstance(limit, Clearance)]
+            gathered = gather_limits(others, configuration, dt)
+            clear = _clear_velocity(clearances, gathered, step.velocity, dt)
+            if clear is not None:
+                for clearance in clearances:
+                    clearance.in_step.hold(clear, dt)
+        step = solve()
+        if not corrected:
+            break
+    return step
+
+
+def _clear_velocity(
     clearances: Sequence[Clearance],
     limits: GatheredLimits,
     velocity: Array,
     dt: float,
-    kept: float,
 ) -> Array | None:
     """A velocity near another one that keeps all clearances.
 
@@ -34,14 +73,13 @@ def clear_velocity(
         limits: All other limits.
         velocity: The other velocity, rad/s or m/s, (nv,).
         dt: Length of the step, s.
-        kept: How much may lack, m.
 
     Returns:
         The velocity, (nv,); ``None`` if none is found.
     """
 
     def is_clear(velocity: Array) -> bool:
-        return all(clearance.in_step.lacks(velocity, dt) <= kept for clearance in clearances)
+        return all(clearance.in_step.lacks(velocity, dt) <= _KEPT for clearance in clearances)
 
     def between(rest: Array) -> Array | None:
         for share in _SHARES:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
+from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
@@ -12,25 +14,18 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array
-from qp_twist.constraints import (
-    Clearance,
-    DisplacementWindow,
-    LimitRows,
-    MotionLimit,
-    Named,
-    PositionLimit,
-    is_mink_box,
-)
-from qp_twist.control.composition import BOXES, damps_by_error, rows_known
-from qp_twist.control.lazy_step import LazyStep, StepLabels
+from qp_twist.constraints import LimitRows, MotionLimit, Named
+from qp_twist.control.composition import damps_by_error, rows_known
+from qp_twist.control.kernel_result import StepLabels, attribute_of
+from qp_twist.control.limit_tables import LimitTables
 from qp_twist.control.mink_costs import mink_costs
 from qp_twist.control.posing import EVERYTHING, Displacement, free_rows, in_words
-from qp_twist.control.step import Status
+from qp_twist.control.secondary_arrays import SecondaryArrays
+from qp_twist.control.step import Status, Step
 from qp_twist.control.step_tables import (
     TOLERANCES,
     kernel_settings,
     numbers_of_kinds,
-    state_of_mink,
     table_of,
     with_slacks,
 )
@@ -65,14 +60,7 @@ from qp_twist.kernel.verified_program import (
     RELAXED,
     SCALED,
 )
-from qp_twist.kinematics import (
-    BandRows,
-    JointCentering,
-    JointRanges,
-    PostureReference,
-    TwistTask,
-    checked_displacement,
-)
+from qp_twist.kinematics import BandRows, JointRanges, TwistTask
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import dofs_above
@@ -84,12 +72,14 @@ if TYPE_CHECKING:
 
 _NO_ROWS: tuple[Named, ...] = ()
 _INFEASIBLE = {"raise": RAISE, "scale": SCALE, "relax": RELAX}
+_SOLVED = Status.SOLVED  # looked up once: in each step it would take 0.1 µs
 _STATUSES = {
-    SCALED: Status.SCALED, RELAXED: Status.RELAXED, PRIORITIZED: Status.PRIORITIZED,
-    BRAKED: Status.SCALED, BRAKED_BELOW: Status.PRIORITIZED, FADED: Status.DEGRADED,
+    SCALED: Status.SCALED, RELAXED: Status.RELAXED,
+    PRIORITIZED: Status.PRIORITIZED, BRAKED: Status.SCALED, BRAKED_BELOW: Status.PRIORITIZED,
+    FADED: Status.DEGRADED,
 }  # fmt: skip
-_AS_POSED = BRAKED, BRAKED_BELOW, FADED
-"""Outcomes of a program that was solved as posed, for less than the tasks ask."""
+_AS_POSED = DONE, BRAKED, BRAKED_BELOW, FADED
+"""Outcomes of a program that was solved as posed, if for less than the tasks ask."""
 
 
 class CompiledStep:
@@ -114,14 +104,6 @@ class CompiledStep:
         self._projectors = [task.projector for task in tasks]
         self._named = [(task.frame_name, task.frame_type) for task in tasks]
         ranges = self._ranges = JointRanges.of(model)
-        self._centering = [s for s in composed.secondary if type(s) is JointCentering]
-        self._postures = [
-            s
-            for s in composed.secondary
-            if type(s) is PostureReference and ranges.only_hinges_and_slides
-        ]
-        known = *self._centering, *self._postures
-        self._others = [s for s in composed.secondary if s not in known]
         self._ranks = tuple(task.projector.rank for task in tasks)
         self._row_ends: list[int] = np.cumsum(self._ranks).tolist()
         self._levels = composed.levels
@@ -135,7 +117,6 @@ class CompiledStep:
             (mink.FRAME_TO_JAC_FUNC[t.frame_type], frame_id(model, t.frame_name, t.frame_type))
             for t in tasks
         ]
-        self._live_step: Callable[..., int] | None = None
         self._lay_out(composed, 0)
 
     def _lay_out(self, composed: Controller, capacity: int) -> None:
@@ -173,25 +154,11 @@ class CompiledStep:
         # Of the tasks and targets that are in the arrays now.
         self._known_tasks = [-1] * len(self._tasks)
         self._known_poses: list[Any] = [None] * len(self._tasks)
-        self._steady, self._displacement = np.zeros(nv), EVERYTHING
-        self._take_secondary()
-        tables = list(zip(g.limits[:, :nv], limits, strict=False))
-        self._ranged = [(t, limit) for t, limit in tables if isinstance(limit, PositionLimit)]
-        self._revisions = [limit.revision for _, limit in self._ranged]
-        self._windows = [(t, limit) for t, limit in tables if isinstance(limit, DisplacementWindow)]
-        self._motions = [(t[:, 6], limit) for t, limit in tables if isinstance(limit, MotionLimit)]
-        self._mink_boxes = [(t, limit) for t, limit in tables if is_mink_box(limit)]
-        self._mink_states = [state_of_mink(limit) for _, limit in self._mink_boxes]
-        self._evaluated_limits = [
-            (t, limit) for t, limit in tables if type(limit) not in BOXES and not is_mink_box(limit)
-        ]
-        self._calls_python = bool(self._evaluated_limits or self._soft_tasks or self._python_tasks)
-        self._with_boxes = [
-            place
-            for place, (_, limit) in enumerate(self._evaluated_limits)
-            if not isinstance(limit, Clearance)
-        ]
-        self._only_clearances = not (self._soft_tasks or self._with_boxes)
+        self._objectives = SecondaryArrays(
+            composed.secondary, self._ranges, g.stiffness[:nv], g.displacement[:nv]
+        )
+        self._tables = LimitTables(limits, g.limits[:, :nv])
+        self._calls_python = bool(self._tables.evaluated or self._soft_tasks or self._python_tasks)
         self._banded = False
         self._data: mujoco.MjData | None = None
         self._jacs: list[tuple[Callable[..., None], Array, int, int]] = []
@@ -243,7 +210,7 @@ class CompiledStep:
         configuration: mink.Configuration,
         dt: float,
         h: Displacement,
-    ) -> LazyStep | None:
+    ) -> Step | None:
         """Compute the step; ``None`` if the reference has to compute it.
 
         The latter includes a controller whose composition has changed since it was prepared.
@@ -263,49 +230,67 @@ class CompiledStep:
             if updated is None:
                 return None
             rows = updated
-        self._update(composed, configuration, h)
-        use_secondary = h.acts
-        if self._live_step is None:
-            self._live_step = bound(
-                live_step, self._floats, self._integers, dt, use_secondary, self.twist_space
-            )
-        status = self._live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
-        if status in (AT_THE_EDGE, INFEASIBLE):
-            is_infeasible, status = status == INFEASIBLE, REFUSED
-            if composed.on_infeasible != "raise":
-                status = live_edge_step(
-                    self._floats, self._integers, dt, use_secondary, self.twist_space,
-                    is_infeasible,
-                )  # fmt: skip
-        if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
-            return None
-        step = LazyStep.made(self._velocity, self._result, self._size, self._labels, rows)
-        if status != DONE:
-            self._describe(step, status)
-            if self._program.lacks[0] > 0.0:
-                self._describe_losses(step, composed, configuration)
-        return step
-
-    def _update(
-        self, composed: Controller, configuration: mink.Configuration, h: Displacement
-    ) -> None:
-        """Write all inputs but the inequality rows."""
         if configuration.data is not self._data:
             self._bind(configuration)
-        if h.acts:
-            self._update_secondary(configuration, h)
-        self._update_state(composed)
+        use_secondary = h.acts
+        if use_secondary:
+            self._objectives.update(configuration, h)
+        if self._tables.update():  # braking and damping depend on which limits there are
+            self._take_settings(composed)
+        if self._jacs:
+            self._write_jacobians()
+        status = self._live_step(self._floats, self._integers, dt, use_secondary, self.twist_space)
+        if status in (AT_THE_EDGE, INFEASIBLE):
+            status = self._edge_step(status, composed, dt, use_secondary)
+        if status == REFUSED or (self._banded and self._relaxes_a_band(status)):
+            return None
+        known: dict[str, Any] = {
+            "velocity": self._velocity.copy(), "scale": 1.0, "status": _SOLVED,
+            "solver": COMPILED,
+        }  # fmt: skip
+        lost = tuple if status == DONE else self._describe(status, known, composed, configuration)
+        if rows:
+            outside = (getattr(source, "recovering", ()) for source in rows)
+            known["recovering"] = tuple(chain.from_iterable(outside))
+        # A ``KernelResult``, made when somebody asks.
+        numbers, as_posed = self._result.tobytes(), status in _AS_POSED
+        return Step.of(
+            attribute_of, (numbers, self._size, self._labels, rows, as_posed, lost), known
+        )
+
+    def _edge_step(self, status: int, composed: Controller, dt: float, use_secondary: bool) -> int:
+        """Compute what does not fit, or is near a singularity; return its outcome."""
+        if composed.on_infeasible == "raise":
+            return REFUSED
+        outcome: int = live_edge_step(
+            self._floats, self._integers, dt, use_secondary, self.twist_space, status == INFEASIBLE
+        )
+        return outcome
+
+    def _describe(
+        self,
+        status: int,
+        known: dict[str, Any],
+        composed: Controller,
+        configuration: mink.Configuration,
+    ) -> Callable[[], tuple[LostDirection, ...]]:
+        """Write what a step does not meet; return what computes the directions that it lacks."""
+        known["status"], known["scale"] = _STATUSES[status], self._program.sensitivity.item(0)
+        if len(self._levels) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
+            known["gaps"] = tuple(self._program.levels.gaps.tolist())
+        if self._program.lacks[0] > 0.0:
+            return self._losses(composed, configuration)
+        return tuple
+
+    @cached_property
+    def _live_step(self) -> Callable[..., int]:
+        return bound(live_step, self._floats, self._integers, 1.0, True, self.twist_space)
+
+    def _write_jacobians(self) -> None:
+        """Write the Jacobians of frames with ball or free joints."""
         for jac, rows_of_task, index, number in self._jacs:
             jac(self._model, self._data, rows_of_task[:3], rows_of_task[3:], index)
             self._inputs.jacobians[number, :, : self._model.nv] = rows_of_task
-
-    def _describe(self, step: LazyStep, status: int) -> None:
-        """Record what a step does not meet."""
-        gaps: tuple[float, ...] = ()
-        if len(self._levels) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
-            gaps = tuple(self._program.levels.gaps.tolist())
-        scale = self._program.sensitivity.item(0)
-        step.set_outcome(_STATUSES[status], scale, gaps, status in _AS_POSED)
 
     def _relaxes_a_band(self, status: int) -> bool:
         """Whether a band is relaxed with its level, which the kernel treats as a limit."""
@@ -321,13 +306,13 @@ class CompiledStep:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
         live_edge_step(self._floats, self._integers, 1.0, False, self.twist_space, False)
 
-    def _describe_losses(
-        self, step: LazyStep, composed: Controller, configuration: mink.Configuration
-    ) -> None:
-        """Record how the directions are computed in which the step delivers less than is asked."""
+    def _losses(
+        self, composed: Controller, configuration: mink.Configuration
+    ) -> Callable[[], tuple[LostDirection, ...]]:
+        """What computes the directions in which the step delivers less than is asked."""
         first, nv = int(self._ends[0]), self._model.nv
         A, b = self._program.A[:first, :nv].copy(), self._program.b[:first].copy()
-        tasks, threshold, velocity = self._tasks, composed.singularity, step.velocity.copy()
+        tasks, threshold, velocity = self._tasks, composed.singularity, self._velocity.copy()
         g, known = self._inputs, self._python_tasks
         turns = g.poses[:, :9].copy(), g.targets[:, :9].copy()
         states = [task.state(configuration) if n in known else None for n, task in enumerate(tasks)]
@@ -341,7 +326,7 @@ class CompiledStep:
             ]
             return in_words(lost_directions(A, b, velocity, threshold), tasks, bases)
 
-        step.set_lost(lost)
+        return lost
 
     def _is_of(self, composed: Controller) -> bool:
         return (
@@ -363,7 +348,8 @@ class CompiledStep:
             The sources of the inequality rows; ``None`` if the numbers of rows or slacks of the
             tasks have changed.
         """
-        evaluated, costs = self._evaluated(configuration, dt)
+        evaluated = self._tables.rows(configuration, dt)
+        costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
         rows: list[LimitRows | BandRows] = [s for s in evaluated if s is not None]
         slacks = 0
         for task in self._tasks if self._banded else ():
@@ -380,9 +366,7 @@ class CompiledStep:
             return None
         if k != self._size.k:
             self._make_room(composed, k)
-        for place in self._with_boxes:
-            table, found = self._evaluated_limits[place][0], evaluated[place]
-            table[:, 0], table[:, 1] = (-np.inf, np.inf) if found is None else found.box[1:]
+        self._tables.write_bounds(evaluated)
         hardest = 0.0
         if costs is not None:
             nv = composed.model.nv
@@ -392,20 +376,6 @@ class CompiledStep:
         if self._python_tasks and not self._update_python_rows(composed, configuration, dt):
             return None
         return rows
-
-    def _evaluated(
-        self, configuration: mink.Configuration, dt: float
-    ) -> tuple[list[LimitRows | None], tuple[Array, Array] | None]:
-        """The limits of other classes, in their order, and the costs of other tasks."""
-        if self._only_clearances:
-            limits = self._evaluated_limits
-            return [LimitRows.of(limit, configuration, dt) for _, limit in limits], None
-        with np.errstate(over="ignore", invalid="ignore"):  # non-finite values are refused later
-            evaluated = [
-                LimitRows.of(limit, configuration, dt) for _, limit in self._evaluated_limits
-            ]
-            costs = mink_costs(self._soft_tasks, configuration, dt) if self._soft_tasks else None
-        return evaluated, costs
 
     def _write_rows(
         self, rows: list[LimitRows | BandRows], composed: Controller, hardest: float
@@ -459,8 +429,7 @@ class CompiledStep:
         The caller fills in poses, Jacobians and targets. ``None`` if Python has to evaluate
         something at each configuration: bands, limits of other classes, other tasks or secondaries.
         """
-        in_python = self._others or self._evaluated_limits or self._soft_tasks or self._python_tasks
-        if in_python or any(task.bands for task in self._tasks):
+        if self._objectives.others or self._calls_python or any(task.bands for task in self._tasks):
             return None
         for number, task in enumerate(self._tasks):
             pose = task.target_wxyz_xyz
@@ -468,8 +437,9 @@ class CompiledStep:
                 row = self._inputs.targets[number]
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], task.feedforward
-        self._update_secondary(None, EVERYTHING)
-        self._update_state(composed)
+        self._objectives.update(None, EVERYTHING)
+        if self._tables.update():
+            self._take_settings(composed)
         return (self._floats, self._integers), self._inputs.targets
 
     def _tasks_known(self) -> bool:
@@ -495,41 +465,6 @@ class CompiledStep:
                     self._write_target(number, task)
                 poses[number] = pose
         return True
-
-    def _update_secondary(self, configuration: mink.Configuration | None, h: Displacement) -> None:
-        """Write the two parts of h = displacement + stiffness · (θ̄ − θ) if they have changed."""
-        changed = h is not self._displacement
-        self._displacement = h
-        for centering, gain, weight in self._asked_centering:
-            changed = changed or centering.gain != gain or centering.weight != weight
-        for posture, gain, q_ref in self._asked_postures:
-            changed = changed or posture.gain != gain or posture.q_ref is not q_ref
-        if changed:
-            self._take_secondary()
-        if self._others:
-            assert configuration is not None
-            displacement = self._inputs.displacement[: self._model.nv]
-            displacement[:] = self._steady
-            for other in self._others if h.share > 0.0 else ():
-                displacement += h.share * checked_displacement(other, configuration)
-
-    def _take_secondary(self) -> None:
-        """Write the parts of h that do not depend on the configuration."""
-        self._asked_centering = [(s, s.gain, s.weight) for s in self._centering]
-        self._asked_postures = [(s, s.gain, s.q_ref) for s in self._postures]
-        nv, (share, added, _) = self._model.nv, self._displacement
-        stiffness = np.zeros(nv)
-        self._steady[:] = 0.0
-        for centering in self._centering:
-            stiffness += centering.gain * centering.stiffness
-        for s in self._postures:
-            stiffness += s.gain
-            self._steady += s.gain * (self._ranges.positions(s.q_ref) - self._ranges.middle)
-        self._inputs.stiffness[:nv] = share * stiffness
-        self._steady *= share
-        if added is not None:
-            self._steady += added
-        self._inputs.displacement[:nv] = self._steady
 
     def _bind(self, configuration: mink.Configuration) -> None:
         """Write the addresses of another configuration's data."""
@@ -569,26 +504,6 @@ class CompiledStep:
         )  # fmt: skip
         self._inputs.settings[:] = settings  # type: ignore[index]
         self._inputs.free_costs[:] = composed.free_twist_costs
-
-    def _update_state(self, composed: Controller) -> None:
-        """Write changed ranges, windows and the previous velocity of limits."""
-        changed = False
-        for number, (table, limit) in enumerate(self._ranged):
-            if limit.revision != self._revisions[number]:
-                self._revisions[number] = limit.revision
-                table[:] = table_of([limit], len(table))[0][0]
-                changed = True  # braking and damping depend on which limits there are
-        if changed:
-            self._take_settings(composed)
-        for number, (table, box) in enumerate(self._mink_boxes):
-            state = state_of_mink(box)
-            if state != self._mink_states[number]:
-                self._mink_states[number] = state
-                table[:] = table_of([box], len(table))[0][0]
-        for table, window in self._windows:
-            table[:, 0], table[:, 1] = window.reference, window.half_width
-        for before, motion in self._motions:
-            before[:] = motion.velocity
 
 
 _step_sizes = attrgetter("gain", "max_linear_step", "max_angular_step")

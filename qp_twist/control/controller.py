@@ -6,7 +6,8 @@ import contextlib
 import math
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from functools import partial
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import mink
 import mujoco
@@ -26,17 +27,14 @@ from qp_twist.checks import (
     refusing_unknown_names,
 )
 from qp_twist.constraints import (
-    BoxLimit,
-    Clearance,
     Constraint,
     MotionLimit,
     PositionLimit,
     check_constraint,
     check_model,
     couplings_of,
-    gather_limits,
 )
-from qp_twist.control.clear_velocity import clear_velocity
+from qp_twist.control.clear_velocity import step_clear
 from qp_twist.control.composition import composition_known
 from qp_twist.control.posing import (
     EVERYTHING,
@@ -47,6 +45,7 @@ from qp_twist.control.posing import (
     pose,
 )
 from qp_twist.control.solving import solved_step
+from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
@@ -76,31 +75,8 @@ LARGEST_FREE_COST = 1e6
 """Largest root of w: beyond it other costs are lost to rounding."""
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
-_CORRECTIONS = 10
-"""Largest number of times that a step is computed again to keep a clearance."""
-_KEPT = 1e-7
-"""By how much a step may lead below a clearance, m."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for (configuration, model, data) that no argument equals."""
-
-
-class _Sorted(NamedTuple):
-    """The limits of a controller, and those of three kinds."""
-
-    limits: list[mink.Limit]
-    clearances: list[Clearance]
-    motions: list[MotionLimit]
-    following: list[BoxLimit]
-    """Those that have to know the joints' velocity."""
-
-    @classmethod
-    def of(cls, limits: Sequence[mink.Limit]) -> _Sorted:
-        return cls(
-            list(limits),
-            [limit for limit in limits if isinstance(limit, Clearance)],
-            [limit for limit in limits if isinstance(limit, MotionLimit)],
-            [v for v in limits if isinstance(v, BoxLimit) and type(v).note is not BoxLimit.note],
-        )
 
 
 def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
@@ -265,7 +241,7 @@ class Controller(Revised):
         )
         self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
         self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
-        self._check_tasks()
+        _check_tasks(model, self.levels, self.soft_tasks)
         self.secondary = secondary
         self.secondary_space = secondary_space
         own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
@@ -275,8 +251,7 @@ class Controller(Revised):
             solver = COMPILED if known else "daqp"
         self.solver = solver
         self.on_infeasible = on_infeasible
-        self._seen = _Sorted.of([])
-        self._hardest: tuple[list[int], Array | None, Array | None] = [], None, None
+        self._seen = SortedLimits([])
         # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
         self.metric = (
@@ -337,18 +312,22 @@ class Controller(Revised):
             h = Displacement.of(use_secondary, displacement, self.model.nv)
         limits = self._sorted_limits()
         clearances = limits.clearances
-        if clearances:
-            moving = self._moving()
-            for clearance in clearances:
-                clearance.in_step.begin(configuration, *moving)
-        try:
+        if not clearances:
             step = self._solved(configuration, dt, h)
-            if clearances:
-                step = self._kept_clear(step, configuration, dt, h)
+            limits.note(step.velocity)
+            return step
+        motion = limits.motion()
+        for clearance in clearances:
+            clearance.in_step.begin(configuration, *motion)
+        try:
+            step = step_clear(
+                partial(self._solved, configuration, dt, h), clearances, self.limits, configuration,
+                dt,
+            )  # fmt: skip
         finally:
             for clearance in clearances:
                 clearance.in_step.has_begun = False
-        _note(limits.following, step.velocity)
+        limits.note(step.velocity)
         return step
 
     def build_ik(
@@ -368,44 +347,6 @@ class Controller(Revised):
         self._check_configuration(configuration)
         h = Displacement.of(use_secondary, displacement, self.model.nv)
         return NamedProblem(pose(self, configuration, dt, h))
-
-    def _kept_clear(
-        self, step: Step, configuration: mink.Configuration, dt: float, h: Displacement
-    ) -> Step:
-        """The step, or one that keeps its clearances, too.
-
-        Their rows are linear in the step, distances are not: where it leads too near, rows of the
-        distances there are added, and the step is computed again.
-        """
-        clearances = self._sorted_limits().clearances
-        for correction in range(_CORRECTIONS + 1):
-            lacking = [c for c in clearances if c.in_step.lacks(step.velocity, dt) > _KEPT]
-            if not lacking:
-                break
-            corrected = False
-            for clearance in lacking if correction < _CORRECTIONS else ():
-                corrected |= clearance.in_step.correct(step.velocity, dt)
-            if not corrected:
-                self._hold_clear(clearances, step.velocity, configuration, dt)
-            step = self._solved(configuration, dt, h)
-            if not corrected:
-                break
-        return step
-
-    def _hold_clear(
-        self,
-        clearances: Sequence[Clearance],
-        velocity: Array,
-        configuration: mink.Configuration,
-        dt: float,
-    ) -> None:
-        """Let the step be a velocity that keeps the clearances, if one is found in the limits."""
-        others = [limit for limit in self.limits if not isinstance(limit, Clearance)]
-        limits = gather_limits(others, configuration, dt)
-        clear = clear_velocity(clearances, limits, velocity, dt, _KEPT)
-        if clear is not None:
-            for clearance in clearances:
-                clearance.in_step.hold(clear, dt)
 
     def _solved(self, configuration: mink.Configuration, dt: float, h: Displacement) -> Step:
         """The step by the kernel, or else by the reference."""
@@ -444,7 +385,7 @@ class Controller(Revised):
         velocity = finite_array("velocity", velocity, (self.model.nv,))
         if largest(velocity) > FASTEST:
             raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
-        _note(self._sorted_limits().following, velocity)
+        self._sorted_limits().note(velocity)
 
     def _compiled_step(self) -> CompiledStep | None:
         """The compiled step; ``None`` with another solver or an unsupported composition."""
@@ -470,58 +411,18 @@ class Controller(Revised):
     @property
     def hardest(self) -> Array | None:
         """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ``None`` without."""
-        return self._accelerations_and_speeds()[0]
+        return self._sorted_limits().least()[0]
 
     @property
     def fastest(self) -> Array | None:
         """The least velocity limit of each joint, rad/s or m/s, (nv,); ``None`` without."""
-        return self._accelerations_and_speeds()[1]
+        return self._sorted_limits().least()[1]
 
-    def _accelerations_and_speeds(self) -> tuple[Array | None, Array | None]:
-        """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
-
-        The arrays stay the same objects until a limit changes.
-        """
-        motions = self._sorted_limits().motions
-        known, hardest, fastest = self._hardest
-        revisions = [limit.revision for limit in motions]
-        if revisions != known:
-            hardest = _least([limit.max_acceleration for limit in motions])
-            fastest = _least([limit.max_velocity for limit in motions])
-            self._hardest = revisions, hardest, fastest
-        return hardest, fastest
-
-    def _sorted_limits(self) -> _Sorted:
+    def _sorted_limits(self) -> SortedLimits:
         """The limits, which may have changed since the last step, by kind."""
         if self.limits != self._seen.limits:
-            self._seen = _Sorted.of(_limits(self, "limits", self.limits))
-            self._hardest = [], None, None
+            self._seen = SortedLimits(_limits(self, "limits", self.limits))
         return self._seen
-
-    def _moving(self) -> tuple[Array | None, Array | None, Array | None]:
-        """Velocity, accelerations and speeds of the joints, (nv,), for what has to stop in time."""
-        hardest, fastest = self._accelerations_and_speeds()
-        if hardest is None:
-            return None, None, fastest
-        velocities = [v.velocity for v in self.limits if isinstance(v, MotionLimit)]
-        return max(velocities, key=largest), hardest, fastest
-
-    def _check_tasks(self) -> None:
-        if self.model.nv == 0:
-            raise InvalidInput("Controller: the model has no joints to move.")
-        if not self.tasks and not self.soft_tasks:
-            raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
-        items = [item for level in self.levels for item in level]
-        for item in items:
-            if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
-                raise InvalidInput(
-                    f"Controller(levels=…): expected tasks and limits, got {item!r}."
-                )
-        _all_of(self.model, "tasks", mink.tasks.BaseTask, self.soft_tasks)
-        _check_constraints(self.model, items)
-        probe = mink.Configuration(self.model)
-        for task in self.twist_tasks:
-            frame_pose(probe, task.frame_name, task.frame_type)
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
         check_configuration(configuration)
@@ -556,21 +457,23 @@ class Controller(Revised):
         )
 
 
-def _note(limits: Sequence[BoxLimit], velocity: Array) -> None:
-    """Store the joint velocity in the limits that have to know it."""
-    for limit in limits:
-        if type(limit) is MotionLimit:
-            limit.velocity = velocity.copy()  # its own method checks it once more
-        else:
-            limit.note(velocity)
-
-
-def _least(limits: Sequence[Array]) -> Array | None:
-    """The least of the limits of each joint, (nv,); ``None`` where there is none."""
-    if not any(np.isfinite(limit).any() for limit in limits):
-        return None
-    least: Array = np.min(limits, axis=0)
-    return least
+def _check_tasks(
+    model: mujoco.MjModel, levels: Sequence[Sequence[LevelItem]], soft_tasks: Sequence[Any]
+) -> None:
+    if model.nv == 0:
+        raise InvalidInput("Controller: the model has no joints to move.")
+    items = [item for level in levels for item in level]
+    if not soft_tasks and all(isinstance(item, mink.Limit) for item in items):
+        raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
+    for item in items:
+        if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
+            raise InvalidInput(f"Controller(levels=…): expected tasks and limits, got {item!r}.")
+    _all_of(model, "tasks", mink.tasks.BaseTask, soft_tasks)
+    _check_constraints(model, items)
+    probe = mink.Configuration(model)
+    for item in items:
+        if isinstance(item, TwistTask):
+            frame_pose(probe, item.frame_name, item.frame_type)
 
 
 def _levels(

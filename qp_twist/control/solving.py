@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -92,22 +92,17 @@ def step_of(
         status = Status.SCALED
     elif posed.braking is not None and status is Status.SOLVED:
         status = Status.PRIORITIZED
-    return Step.of(
-        {
-            "binding": partial(_binding, posed, *multipliers),
-            "residuals": partial(_residuals, posed, velocity.copy(), scale),
-            "sigma_min": posed.sigma_min,
-        },
-        velocity=velocity,
-        scale=scale * posed.braked,
-        status=status,
-        solver=solver,
-        problem=posed.problem,
-        lost=lost,
-        recovering=posed.limits.recovering,
-        gaps=gaps,
-        proven=proven,
-    )
+    later: dict[str, Callable[[], Any]] = {
+        "binding": partial(_binding, posed, *multipliers),
+        "residuals": partial(_residuals, posed, velocity.copy(), scale),
+        "sigma_min": posed.sigma_min,
+    }
+    known = {
+        "velocity": velocity, "scale": scale * posed.braked, "status": status, "solver": solver,
+        "problem": posed.problem, "lost": lost, "recovering": posed.limits.recovering,
+        "gaps": gaps, "proven": proven,
+    }  # fmt: skip
+    return Step.of(lambda later, name: later[name](), later, known)
 
 
 def _residuals(posed: Posed, velocity: Array, scale: float) -> tuple[Array, ...]:

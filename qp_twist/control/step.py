@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from qp_twist.checks import Array
@@ -15,6 +15,8 @@ NOT_THE_LIMITS = (
     "no limit is in the way: the task rows contradict each other, or the robot is singular in a "
     "direction that they need"
 )
+_LATER = "residuals", "binding", "problem", "sigma_min", "lost"
+"""Attributes that may be computed when somebody asks for them."""
 
 
 class Status(enum.Enum):
@@ -69,29 +71,30 @@ class Step:
     solver: str
     problem: QuadraticProgram
     sigma_min: float
-    lost: tuple[LostDirection, ...] = ()
+    lost: tuple[LostDirection, ...] = field(default_factory=tuple)
     recovering: tuple[str, ...] = ()
     gaps: tuple[float, ...] = ()
     proven: bool = True
 
     @classmethod
-    def of(cls, later: dict[str, Callable[[], Any]], **values: Any) -> Step:
-        """A step with attributes that are computed ``later``, on first access."""
+    def of(cls, later: Callable[[Any, str], Any], about: Any, known: dict[str, Any]) -> Step:
+        """A step of known attributes; others are ``later(about, name)``, when somebody asks."""
+        known["_later"] = later, about
         step = object.__new__(cls)
-        step.__dict__.update(values, _later=later)
+        object.__setattr__(step, "__dict__", known)
         return step
 
     def __getattr__(self, name: str) -> Any:
         """Compute an attribute on first access."""
-        later = self.__dict__.get("_later", {})
-        if name not in later:
+        if name not in _LATER or "_later" not in self.__dict__:
             raise AttributeError(name)
-        value = self.__dict__[name] = later[name]()
+        later, about = self.__dict__["_later"]
+        value = self.__dict__[name] = later(about, name)
         return value
 
     def __getstate__(self) -> dict[str, Any]:
         """State with all attributes computed."""
-        found = {name: getattr(self, name) for name in self.__dict__.get("_later", {})}
+        found = {name: getattr(self, name) for name in _LATER}
         return {k: v for k, v in (self.__dict__ | found).items() if k != "_later"}
 
     @property

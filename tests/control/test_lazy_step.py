@@ -14,7 +14,6 @@ from oracles.same_steps import plain_controller, same
 from oracles.twists import POINT
 
 import qp_twist as qt
-from qp_twist.control.lazy_step import LazyStep
 
 # ---------------------------------------------------------------- what may change under way
 
@@ -38,8 +37,8 @@ def test_what_is_changed_between_two_steps_counts() -> None:
     task.projector = POINT
     assert [len(r) for r in controller.step(configuration, 0.1).residuals] == [3]
     task.frame_name, task.frame_type = "link_3", "body"
-    other = controller.step(configuration, 0.1)
-    assert not isinstance(other, LazyStep)
+    controller.step(configuration, 0.1)
+    assert controller.reference_steps > 0
 
 
 def test_a_copy_of_a_controller_has_arrays_of_its_own() -> None:
@@ -48,7 +47,7 @@ def test_a_copy_of_a_controller_has_arrays_of_its_own() -> None:
     copied = copy.deepcopy(controller)
     copied.twist_tasks[0].gain = 0.5
     halved = copied.step(configuration, 0.1)
-    assert isinstance(halved, LazyStep)
+    assert copied.reference_steps == 0
     np.testing.assert_allclose(halved.velocity, 0.5 * before.velocity, atol=1e-6)
     again = controller.step(configuration, 0.1)
     np.testing.assert_allclose(again.velocity, before.velocity, atol=1e-6)
@@ -92,7 +91,7 @@ def test_a_configuration_of_another_robot_is_refused() -> None:
 def test_a_step_keeps_what_it_says_when_the_next_is_taken() -> None:
     controller, task, configuration = plain_controller("compiled")
     step = controller.step(configuration, 0.1)
-    assert isinstance(step, LazyStep)
+    assert controller.reference_steps == 0
     velocity = step.velocity.copy()
     task.set_target(qt.load_task("deburring").waypoints[9])
     controller.step(configuration, 0.1)
