@@ -547,8 +547,16 @@ class _Reader:
             if (unit := _FEED_UNITS.get(argument)) is not None
         }
         units = {*words.values()}
-        if len(units) == 1 and not any(of.word in ("UNITS", "UNIT") for of in statements):
+        if len(units) == 1:
             self.out.assume_unit(units.pop(), f"its feeds are in {', '.join(sorted(words))}")
+        points = [of.arguments[:3] for of in statements if of.word == "GOTO"]
+        numbers = [
+            [float(word) for word in point]
+            for point in points
+            if len(point) == 3 and all(map(_NUMBER.fullmatch, point)) and "D" not in "".join(point)
+        ]
+        if not units and numbers:
+            self.out.assume_unit_by_extent(float(np.ptp(numbers, axis=0).max()))
 
     def _units(self, of: _Statement) -> None:
         if len(of.arguments) == 1 and of.arguments[0] in _UNITS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,12 +52,11 @@ _REFUSED: dict[float, str] = {
     92: "a shift of coordinates", 92.1: "a shift of coordinates", 65: "a call of a macro",
     66: "a call of a macro", 68: "turned coordinates", 68.1: "turned coordinates",
     68.2: "turned coordinates", 68.3: "turned coordinates", 68.4: "turned coordinates",
-    93: "feeds in inverse time", 254: "turned coordinates",
+    254: "turned coordinates",
     **dict.fromkeys((73, 74, 76, 81, 82, 83, 84, 85, 86, 87, 88, 89), "a drilling cycle"),
 }  # fmt: skip
 _INSTEAD: dict[float, str] = {
     **dict.fromkeys((41, 42, 41.1, 42.1, 41.2, 42.2), "write the path of the tool's centre (G40)"),
-    93: "write feeds per minute (G94)",
 }
 _WORDS = ProgramWords("a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)")
 _UNITS: dict[float, LengthUnit] = {
@@ -67,7 +67,7 @@ _MODAL: dict[float, tuple[str, int]] = {
     **{code: ("plane", code) for code in (17, 18, 19)},
     90: ("relative", False), 91: ("relative", True),
     90.1: ("absolute_centres", True), 91.1: ("absolute_centres", False),
-    94: ("per_turn", False), 95: ("per_turn", True),
+    93: ("feed", 93), 94: ("feed", 94), 95: ("feed", 95),
 }  # fmt: skip
 """Codes that hold until another of their group: name and value of the mode."""
 _AWAY = frozenset({28, 30, 53})
@@ -77,6 +77,9 @@ _PLANES: dict[float, tuple[str, str, str]] = {
 }  # fmt: skip
 """The two axes of each plane, and the one about which G3 is right-handed."""
 _CENTRE = {"X": "I", "Y": "J", "Z": "K"}
+_COORDINATE = re.compile(r"([XYZ])\s*=?\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))")
+_KINEMATICS = {428.0: True, 429.0: False}
+"""LinuxCNC's switches of a five-axis machine: with control of the tool's tip, and without."""
 _CALLS = (97, 98, 198)
 _ENDS = (2, 30, 99, 17)
 _LETTERS = frozenset("XYZABCIJKRFSTDHPQL")
@@ -116,7 +119,7 @@ class _Modes:
     plane: int = 17  # to 19
     relative: bool = False  # coordinates
     absolute_centres: bool = False  # of arcs
-    per_turn: bool = False  # feeds, of the spindle
+    feed: int = 94  # per minute; 95 per turn of the spindle, 93 motions per minute
     tip: bool = False  # whether X, Y, Z are those of the tip, whatever the tool axis
 
 
@@ -139,6 +142,7 @@ class _Reader:
         self._pointed = ""
         self._whole: tuple[int, str] | None = None
         self._tip_refused = False
+        self._motions_per_minute: float | None = None
 
     def read(self, lines: Sequence[str]) -> None:
         """Read all lines up to the end of the program.
@@ -153,6 +157,7 @@ class _Reader:
             except InvalidInput as error:
                 error.line = number
                 raise
+        self.out.assume_unit_by_extent(_extent(lines))
         ended = False
         try:
             for number, line in enumerate(lines, start=1):
@@ -205,12 +210,7 @@ class _Reader:
             self._code(code, block)
         if "L" in words:
             raise InvalidInput("L calls or repeats a subprogram, which is not read")
-        feeds = self.out.feeds
-        feeds.turns_per_minute = words.get("S", feeds.turns_per_minute)
-        if "F" in words and not dwells:
-            if not words["F"] > 0.0:
-                raise InvalidInput(f"F: expected a feed above 0, got {words['F']:g}")
-            feeds.set(words["F"] * self.out.scale(), per_turn=self.modes.per_turn)
+        self._feed(block)
         for word in [*(k for k in "ST" if k in words), *(f"M{code:g}" for code in block.switches)]:
             self.out.pass_over(word)
         if away:
@@ -231,6 +231,7 @@ class _Reader:
             elif text and "." not in text and float(text) and self._whole is None:
                 self._whole = (self.out.line, f"{name}{text}")
         for code in block.switches:
+            self.modes.tip = _KINEMATICS.get(code, self.modes.tip)
             if code in _CALLS:
                 raise InvalidInput(
                     f"M{code:g} calls a subprogram, which is not read; have the CAM system write "
@@ -246,8 +247,8 @@ class _Reader:
         ahead = code in (5, 5.1) and {"P", "Q"} & words and not set("XYZIJK") & words
         if code in _MODAL:
             name, value = _MODAL[code]
-            if name == "per_turn" and self.modes.per_turn != value:
-                self.out.feeds.set(math.nan, per_turn=bool(value))  # another F does not hold
+            if name == "feed" and self.modes.feed != value:
+                self.out.feeds.set(math.nan, per_turn=value == 95)  # another F does not hold
             setattr(self.modes, name, value)
         elif code in _UNITS:
             self.out.set_unit(_UNITS[code], moved=bool(self.out.rows or self.at))
@@ -346,7 +347,31 @@ class _Reader:
             turned = (np.diff(np.vstack([rows[-1].direction, axes]), axis=0) != 0.0).any(axis=1)
             differs = turned | (np.linalg.norm(moved, axis=1) >= SAME_POINT)
             points, axes = points[differs], [axes[k] for k in np.flatnonzero(differs)]
+            if self.modes.feed == 93:
+                self._feed_by_time(float(np.linalg.norm(moved, axis=1).sum()))
         self.out.add([*points], axes, rapid=rapid)
+
+    def _feed(self, block: Block) -> None:
+        """Read F, and S, by which a feed per turn is one per minute."""
+        feeds, self._motions_per_minute = self.out.feeds, None
+        feeds.turns_per_minute = block.words.get("S", feeds.turns_per_minute)
+        feed = block.words.get("F")
+        if feed is None or 4 in block.codes:  # the time of a dwell
+            return
+        if not feed > 0.0:
+            raise InvalidInput(f"F: expected a feed above 0, got {feed:g}")
+        if self.modes.feed == 93:
+            self._motions_per_minute = feed
+        else:
+            feeds.set(feed * self.out.scale(), per_turn=self.modes.feed == 95)
+
+    def _feed_by_time(self, length: float) -> None:
+        """G93: F is how many such motions would take a minute, and belongs to its block alone."""
+        if self._motions_per_minute is None:
+            raise InvalidInput("G93: each block that cuts needs its own F")
+        feed = self._motions_per_minute * length
+        # A turn in place has a time, and no feed.
+        self.out.feeds.set(feed if feed > 0.0 else math.nan, per_turn=False)
 
     def _arc(
         self, block: Block, start: dict[str, float], begin: dict[str, float], scale: float
@@ -389,6 +414,16 @@ class _Reader:
         offsets = np.array([scale * words.get(letter, 0.0) for letter in "IJK"])
         centre: Array = offsets if self.modes.absolute_centres else start + offsets
         return centre
+
+
+def _extent(lines: Sequence[str]) -> float:
+    """The largest difference of X, Y or Z words, in the unit of the file."""
+    ends: dict[str, list[float]] = {}
+    for line in lines:
+        for name, number in _COORDINATE.findall(line.partition(";")[0].partition("(")[0].upper()):
+            low, high = ends.setdefault(name, [math.inf, -math.inf])
+            ends[name] = [min(low, float(number)), max(high, float(number))]
+    return max((high - low for low, high in ends.values()), default=0.0)
 
 
 def _point(at: dict[str, float]) -> Array:

@@ -23,6 +23,8 @@ from qp_twist.paths.turning import angles_between, turns_between
 
 LARGEST_COORDINATE = 100.0
 """Coordinates beyond it, m, indicate a wrong unit."""
+LONGEST_REACH = 4.7
+"""Of the arms on the market, m: FANUC's M-2000iA/1700L reaches 4.68 m."""
 LARGEST_FEED = 100.0
 """Feeds above it, m/s, indicate a wrong unit."""
 
@@ -253,6 +255,12 @@ class ProgramBuilder:
     def assume_unit(self, unit: LengthUnit, why: str) -> None:
         """What speaks for a unit of length, if neither the file nor the options state one."""
         self._likely = unit, why
+
+    def assume_unit_by_extent(self, extent: float) -> None:
+        """Assume mm where a path of this extent, in its own unit, would leave any arm's reach."""
+        inches = extent * LENGTHS["inch"]
+        if self._likely is None and inches > 2.0 * LONGEST_REACH >= extent * LENGTHS["mm"]:
+            self.assume_unit("mm", f"nothing states it; as inches it would be {inches:.3g} m long")
 
     @property
     def length_unit(self) -> LengthUnit:

@@ -348,7 +348,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G92 X0", "G92 is a shift of coordinates"), ("G52 X1", "G52 is a shift of coordinates"),
         ("G50 X1", "G50 is a shift of coordinates"), ("G16", "G16 is polar coordinates"),
         ("G10 L2 P1 X0", "G10 is a change of offsets"), ("G65 P9000", "G65 is a call of a macro"),
-        ("G81 Z-5 R2", "G81 is a drilling cycle"), ("G93 F2", "G93 is feeds in inverse time"),
+        ("G81 Z-5 R2", "G81 is a drilling cycle"),
         ("G55 X2", "G55 is another frame than before"), ("G123", "G123 is not known"),
         ("G5 X1 Y1 I1 J1 P0 Q0", "G5 is not known"),
         ("M98 P1000", "M98 calls a subprogram"), ("#101=5", "'#101=5' is not read"),
