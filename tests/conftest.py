@@ -13,7 +13,7 @@ from qp_twist.drawing import NoPicture
 # The same examples on every machine: a red run can be repeated, a green one means the same. On
 # another kernel of OpenBLAS (.ci/kernels.py) fewer of them.
 settings.register_profile(
-    "qp_twist", max_examples=20 if "OPENBLAS_CORETYPE" in os.environ else 60, deadline=None,
+    "qp_twist", max_examples=20 if "OPENBLAS_CORETYPE" in os.environ else 40, deadline=None,
     derandomize=True, print_blob=True,
 )  # fmt: skip
 settings.load_profile("qp_twist")

@@ -29,7 +29,7 @@ def full_rank(rng: np.random.Generator, rows: int, joints: int) -> Array:
 
 
 @given(SEEDS, st.integers(1, 9), st.integers(1, 9))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_it_solves_the_optimality_conditions(seed: int, rows: int, joints: int) -> None:
     rng = np.random.default_rng(seed)
     rows = min(rows, joints)
@@ -95,7 +95,7 @@ def distance(q: Array, lower: Array, upper: Array) -> float:
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_the_gradient_is_that_of_their_distance(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lower = rng.uniform(-3.0, 0.0, size=5)

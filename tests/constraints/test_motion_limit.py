@@ -35,7 +35,7 @@ def braking(speed: float, acceleration: float, dt: float) -> Array:
 
 
 @given(DECADES, DECADES, DECADES)
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_braking_from_the_stopping_speed_stops_in_time_and_from_any_faster_one_does_not(
     room: float, acceleration: float, dt: float
 ) -> None:

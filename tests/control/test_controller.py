@@ -62,7 +62,7 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed
 
 
 @given(SEEDS, st.integers(1, 8))
-@settings(max_examples=50)
+@settings(max_examples=25)
 def test_the_scale_is_the_largest_by_bounded_least_squares(seed: int, joints: int) -> None:
     # J ~ N(0, 1), bounds around zero, a goal that is reachable at 1/σ of itself.
     rng = np.random.default_rng(seed)

@@ -82,7 +82,7 @@ def _least_norm(rows: np.ndarray, rate: np.ndarray) -> np.ndarray:
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int) -> None:
     s = Situation(seed, 6, "full", "full", "world")
     assume(s.regular_arm())
@@ -92,7 +92,7 @@ def test_with_the_whole_twist_on_six_joints_it_is_resolved_motion_rate(seed: int
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_without_a_secondary_it_is_the_minimum_norm(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -104,7 +104,7 @@ def test_without_a_secondary_it_is_the_minimum_norm(
 
 
 @given(SEEDS, st.integers(3, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_with_a_joint_space_secondary_it_is_gradient_projection(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -118,7 +118,7 @@ def test_with_a_joint_space_secondary_it_is_gradient_projection(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decomposition(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -132,7 +132,7 @@ def test_with_a_twist_space_secondary_on_six_joints_it_is_the_twist_decompositio
 
 
 @given(SEEDS, st.integers(7, 9), KINDS, KINDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
     seed: int, joints: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -152,7 +152,7 @@ def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
 
 
 @given(SEEDS, KINDS, KINDS, FRAMES)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient_projection(
     seed: int, linear: str, angular: str, frame: str
 ) -> None:
@@ -285,7 +285,7 @@ BLOCKS = {
 
 
 @given(SEEDS, st.integers(6, 9), KINDS, KINDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_of_a_twist_the_closed_forms_take_the_part_that_the_task_prescribes(
     seed: int, joints: int, linear: str, angular: str
 ) -> None:

@@ -10,7 +10,7 @@ from oracles.two_statements import answer, ask, differences
 
 
 @pytest.mark.parametrize("smooth", [True, False])
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_reference_and_kernel_take_the_same_step(smooth: bool, seed: int) -> None:
     """A step brakes, fades, scales and gives way in the same words and numbers."""

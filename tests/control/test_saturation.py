@@ -101,7 +101,7 @@ def check_what_is_promised(
 
 @FORMS
 @given(seed=SEEDS, joints=st.integers(1, 9), rows=st.integers(1, 9))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_without_an_active_bound_it_is_the_minimum_norm(
     optimal: bool, seed: int, joints: int, rows: int
 ) -> None:

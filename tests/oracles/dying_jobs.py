@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import os
 import signal
-import time
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +27,3 @@ class Dying:
 
     def failed(self, index: int, message: str) -> list[dict[str, Any]]:
         return [{"sample": index, "square": None, "message": message}]
-
-
-class Slow(Dying):
-    """A job that takes a minute for all samples but the first."""
-
-    def __call__(self, index: int) -> list[dict[str, Any]]:
-        time.sleep(60.0 if index else 0.0)
-        return []

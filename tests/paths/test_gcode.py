@@ -22,7 +22,7 @@ from qp_twist.paths.rotary_axes import tool_axis
 from qp_twist.paths.turning import angles_between
 
 QUICK = settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 HEAD = "%\nO1000 (PART)\nN10 G21 G17 G90 G40 G49 G80\nN20 T1 M6\n"
 
@@ -420,7 +420,7 @@ PIECES = ("G0", "G1", "G2", "G3", "G17", "G18", "G90", "G91", "G43.4", "G49", "G
           "é", '"')  # fmt: skip
 
 
-@settings(QUICK, max_examples=150)
+@settings(QUICK, max_examples=80)
 @given(st.lists(st.sampled_from(PIECES), max_size=40))
 def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[str]) -> None:
     text = "G21 G90 G43.4\nG0 X0 Y0 Z0 A10 C0\nG1 X5 F100\n" + "".join(pieces)

@@ -19,7 +19,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.paths import MOST, ColumnChoice, Orientation, UnclearColumns, read_toolpath
 
 QUICK = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 PER_METRE = {"m": 1.0, "mm": 1000.0, "inch": 1 / 0.0254}
 
@@ -663,7 +663,7 @@ APT_PIECES = (
 )  # fmt: skip
 
 
-@settings(QUICK, max_examples=300)
+@settings(QUICK, max_examples=150)
 @given(st.lists(st.sampled_from(APT_PIECES), max_size=40))
 def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[str]) -> None:
     text = "UNITS/MM\nGOTO/10,0,0\n" + "".join(pieces)

@@ -14,11 +14,7 @@ from oracles.rounded_arms import axis_path, vertical_arm
 
 import qp_twist as qt
 
-Array = np.ndarray
 WHOLE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="body"
-)
 PLACE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
 
 

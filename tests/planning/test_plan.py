@@ -45,7 +45,7 @@ LOWEST_Z = (DOCS / "generated" / "snippets" / "lowest_z.txt").read_text("utf-8")
 
 
 @given(SEEDS, st.integers(1, 8), st.booleans(), st.sampled_from(["site", "body", "geom"]))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_the_chain_has_mujocos_poses_and_jacobians(
     seed: int, joints: int, slides: bool, frame_type: str
 ) -> None:
@@ -80,7 +80,7 @@ def test_a_chain_with_a_ball_joint_is_refused_by_name() -> None:
 
 
 @given(SEEDS)
-@settings(max_examples=50)
+@settings(max_examples=25)
 def test_the_shortest_way_is_dijkstras(seed: int) -> None:
     rng = np.random.default_rng(seed)
     sizes = rng.integers(1, 6, rng.integers(2, 6))

@@ -107,7 +107,7 @@ def test_ill_conditioned_levels_are_the_optimum_or_say_that_they_may_not_be(kind
 
 
 @given(SEEDS, st.floats(-4.0, 4.0))
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_what_the_tolerance_does_not_resolve_changes_neither_scale_nor_result(
     seed: int, digits: float
 ) -> None:
@@ -151,7 +151,7 @@ def test_a_scaled_first_level_leaves_the_others_to_the_cascade(seed: int) -> Non
 
 
 @given(SEEDS)
-@settings(max_examples=40)
+@settings(max_examples=25)
 def test_without_bounds_it_is_the_recursive_null_space_formula(seed: int) -> None:
     r"""q_k = q_{k−1} + (A_k P)† (b_k − A_k q_{k−1}),  P ← P − (A_k P)†(A_k P).
 

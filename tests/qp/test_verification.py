@@ -256,7 +256,7 @@ def test_every_backend_on_a_hard_problem(name: str) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=120)
+@settings(max_examples=50)
 def test_our_own_solver_never_calls_a_wrong_result_solved(seed: int) -> None:
     case = random_case(seed)
     raw = solve_raw(case.problem, "compiled")

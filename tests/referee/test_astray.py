@@ -35,7 +35,7 @@ def value(check: qt.trajectories.Check, name: str) -> float:
 
 
 @given(st.integers(1, 17), st.floats(0.01, 3.0), st.floats(-1.0, 1.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_motion_that_leaves_the_path_has_the_largest_error_of_all_of_it(
     last: int, away: float, along: float
 ) -> None:

@@ -96,7 +96,7 @@ POINTS = st.lists(st.tuples(st.floats(-0.9, 0.9), st.floats(0.0, 1.2)), min_size
 
 
 @given(POINTS, POINTS, st.booleans(), st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_whatever_comes_too_near_beside_the_path_does_not_pass(
     before: list[tuple[float, float]], after: list[tuple[float, float]], cubic: bool, seed: int
 ) -> None:

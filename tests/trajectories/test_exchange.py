@@ -117,7 +117,7 @@ NAMES = st.lists(st.sampled_from(BITS), min_size=1, max_size=4).map("".join)
     st.lists(NAMES.filter(lambda name: name.strip() == name), min_size=1, max_size=3, unique=True),
     st.booleans(), st.booleans(), SEEDS,
 )  # fmt: skip
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_names_of_joints_go_through_a_table(
     names: list[str], timed: bool, cubic: bool, seed: int
 ) -> None:
