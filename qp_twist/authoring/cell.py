@@ -107,9 +107,9 @@ def write_cell(
             name = _free(kind, taken)
             names.setdefault(kind, name)
             solids.append(read_solid(name, file, request.mesh_unit))
-    written: dict[str, bytes] = _own_files(spec, robot)
+    meshes = _Meshes(spec, _own_files(spec, robot))
     _name_geoms(spec)
-    of_links = _divide_links(spec, robot.model, taken, written)
+    of_links = _divide_links(spec, robot.model, taken, meshes)
     _draw_once(spec)
     tip, carrier = frame, request.relative_to
     lowest = [0.0]
@@ -145,9 +145,9 @@ def write_cell(
         if parent is spec.worldbody:
             heights = pose.rotation().as_matrix()[2] @ solid.drawn.vertices.T
             lowest.append(float(heights.min() + pose.translation()[2]))
-        _add(spec, body, solid, _COLOURS[kind], written)
+        meshes.add_solid(body, solid, _COLOURS[kind])
     add_room(spec, min(lowest), collides=True)
-    _write(folder, spec, written, robot)
+    _write(folder, spec, meshes.written, robot)
     scene = load_robot(folder / "scene.xml")
     _check_same(robot, scene)
     notes = [*of_links, *(note for solid in solids for note in solid.notes)]
@@ -223,9 +223,7 @@ def _name_geoms(spec: Any) -> None:
             geom.name = _free(geom.parent.name or "geom", taken)
 
 
-def _divide_links(
-    spec: Any, model: mujoco.MjModel, taken: set[str], written: dict[str, bytes]
-) -> list[str]:
+def _divide_links(spec: Any, model: mujoco.MjModel, taken: set[str], meshes: _Meshes) -> list[str]:
     """Divide concave meshes of the robot's links whose hulls overlap; sentences about them.
 
     Of links with one link between them, or that touch in every configuration: see
@@ -256,7 +254,7 @@ def _divide_links(
             on = spec.body(name)
             old = on.geoms[number]
             old.contype = old.conaffinity = 0
-            _add_pieces(spec, on, _free(f"{name}_part", taken), pieces, list(old.rgba), written)
+            meshes.add_pieces(on, _free(f"{name}_part", taken), pieces, list(old.rgba))
     return notes
 
 
@@ -284,49 +282,39 @@ def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Arr
     return name, of.pos.copy(), of.quat.copy()
 
 
-def _add(
-    spec: Any, body: Any, solid: Solid, colour: Sequence[float], written: dict[str, bytes]
-) -> None:
-    """Add the geoms of a solid: one that is drawn and collides, or one drawn and its pieces."""
-    _add_geom(
-        spec, body, solid.name, solid.drawn, colour, written, group=DRAWN, collides=not solid.pieces
-    )
-    _add_pieces(spec, body, solid.name, solid.pieces, colour, written)
+class _Meshes:
+    """The meshes that are written beside a scene: each with its file and a geom of its name."""
 
+    def __init__(self, spec: Any, written: dict[str, bytes]) -> None:
+        self._spec, self.written = spec, written
 
-def _add_pieces(
-    spec: Any,
-    body: Any,
-    of: str,
-    pieces: Sequence[trimesh.Trimesh],
-    colour: Sequence[float],
-    written: dict[str, bytes],
-) -> None:
-    """Add convex pieces, in the axes of the body, that collide and are not drawn."""
-    for count, piece in enumerate(pieces, start=1):
-        name = f"{of}_piece_{count}"
-        _add_geom(spec, body, name, piece, colour, written, group=NOT_DRAWN, collides=True)
+    def add_solid(self, body: Any, solid: Solid, colour: Sequence[float]) -> None:
+        """Add a geom that is drawn and collides, or one drawn and its pieces."""
+        collides = not solid.pieces
+        self.add(body, solid.name, solid.drawn, colour, group=DRAWN, collides=collides)
+        self.add_pieces(body, solid.name, solid.pieces, colour)
 
+    def add_pieces(
+        self, body: Any, of: str, pieces: Sequence[trimesh.Trimesh], colour: Sequence[float]
+    ) -> None:
+        """Add convex pieces, in the axes of the body, that collide and are not drawn."""
+        for count, piece in enumerate(pieces, start=1):
+            name = f"{of}_piece_{count}"
+            self.add(body, name, piece, colour, group=NOT_DRAWN, collides=True)
 
-def _add_geom(
-    spec: Any,
-    body: Any,
-    name: str,
-    mesh: trimesh.Trimesh,
-    colour: Sequence[float],
-    written: dict[str, bytes],
-    *,
-    group: int,
-    collides: bool,
-) -> None:
-    """Add a mesh, its file and its geom, which have one name."""
-    file = _free(name, set(written), ".obj")
-    written[file] = str(mesh.export(file_type="obj", digits=9, header=None)).encode()
-    spec.add_mesh(name=name, file=file, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
-    body.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour, group=group,
-        mass=0.0, contype=int(collides), conaffinity=int(collides),
-    )  # fmt: skip
+    def add(
+        self, body: Any, name: str, mesh: trimesh.Trimesh, colour: Sequence[float], *, group: int,
+        collides: bool,
+    ) -> None:  # fmt: skip
+        """Add a mesh."""
+        file = _free(name, set(self.written), ".obj")
+        self.written[file] = str(mesh.export(file_type="obj", digits=9, header=None)).encode()
+        hull = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        self._spec.add_mesh(name=name, file=file, inertia=hull)
+        body.add_geom(
+            name=name, type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, rgba=colour, group=group,
+            mass=0.0, contype=int(collides), conaffinity=int(collides),
+        )  # fmt: skip
 
 
 # ---------------------------------------------------------------- files

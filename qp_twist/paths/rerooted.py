@@ -13,6 +13,7 @@ from qp_twist.checks import Array, Indices, did_you_mean
 from qp_twist.constraints.colliding_pairs import body_name, colliding_pairs, geom_name
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
+from qp_twist.robots.wording import free_name
 
 OLD_WORLD = "scene_world"
 """Name of the body that carries what the scene fixes to its world."""
@@ -254,17 +255,9 @@ def _pose(model: mujoco.MjModel, body: int) -> mink.SE3:
 
 def _distinct(names: list[str]) -> list[str]:
     """The names, those that stand there twice with a number."""
-    taken: set[str] = set(names)
-    seen: set[str] = set()
-    found = []
+    found: list[str] = []
     for name in names:
-        free, count = name, 1
-        while free in seen:
-            count += 1
-            numbered = f"{name}_{count}"
-            free = free if numbered in taken | seen else numbered
-        seen.add(free)
-        found.append(free)
+        found.append(free_name(name, {*names, *found}) if name in found else name)
     return found
 
 

@@ -14,12 +14,6 @@ _ARRAYS = {
     "site": ("pos", "quat"),
 }
 _PREFIX = {"joint": "jnt"}
-_KINDS = {
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "site": mujoco.mjtObj.mjOBJ_SITE,
-}
 
 
 def not_computable(model: mujoco.MjModel) -> str:
@@ -45,6 +39,6 @@ def not_computable(model: mujoco.MjModel) -> str:
 
 
 def _describe(model: mujoco.MjModel, kind: str, array: str, values: np.ndarray, index: int) -> str:
-    name = mujoco.mj_id2name(model, _KINDS[kind], index)
+    name = getattr(model, kind)(index).name
     numbers = np.array2string(values[index], separator=" ")
     return f"{kind} {name or index!r}: {array} = {numbers}"

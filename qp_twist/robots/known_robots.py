@@ -166,13 +166,10 @@ def named_robot(name: str) -> KnownRobot:
         InvalidInput: If there is none; with the names.
     """
     wanted = name.strip().lower()
-    for robot in KNOWN_ROBOTS:
-        if wanted and wanted in (robot.name.lower(), robot.name.lower().partition(" ")[2]):
+    for robot in KNOWN_ROBOTS:  # also UR5e, without its maker's two words
+        if wanted and f" {robot.name.lower()}".endswith(f" {wanted}"):
             return robot
     names = [robot.name for robot in KNOWN_ROBOTS]
-    for robot in KNOWN_ROBOTS:  # UR5e, without its maker's two words
-        if wanted and robot.name.lower().endswith(f" {wanted}"):
-            return robot
     raise InvalidInput(
         f"there is no robot {name!r} in the table{did_you_mean(name, names)} It has "
         f"{', '.join(names)}. Another one needs a file of its own (.toml); see the documentation, "
