@@ -37,6 +37,14 @@ def package_folders(name: str, file: Path, packages: Mapping[str, Path]) -> Iter
             yield from (folder for folder in _folders(parent) if _stated_name(folder) == name)
 
 
+def how_to_state(name: str) -> str:
+    """What to do about a package that is not found."""
+    return (
+        f"Say where it is: load_robot(..., packages={{{name!r}: folder}}), qp-twist new --package "
+        f'{name}=folder, or in a task file [robot.packages] {name} = "folder".'
+    )
+
+
 def _folders(parent: Path) -> list[Path]:
     try:
         return sorted(path for path in parent.iterdir() if path.is_dir())

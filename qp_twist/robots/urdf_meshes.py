@@ -14,7 +14,7 @@ from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import is_folder, read_bytes
 from qp_twist.robots.mesh_files import coloured_meshes, msh
-from qp_twist.robots.ros_packages import package_folders
+from qp_twist.robots.ros_packages import how_to_state, package_folders
 from qp_twist.robots.urdf_visuals import Visual, materials_of, visual_of
 from qp_twist.robots.wording import free_name, listed
 
@@ -202,9 +202,7 @@ def _not_found(missing: list[str], file: Path, packages: Mapping[str, Path]) -> 
         elif package:
             count = f"{len(files)} mesh{'' if len(files) == 1 else 'es'}"
             sentences.append(
-                f"Not found: {count} of the package {package!r}. Say where it is: "
-                f"load_robot(..., packages={{{package!r}: folder}}), qp-twist new --package "
-                f'{package}=folder, or in a task file [robot.packages] {package} = "folder".'
+                f"Not found: {count} of the package {package!r}. {how_to_state(package)}"
             )
         else:
             sentences.append(f"Not found: {listed('mesh', files)}.")

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, is_folder, read_bytes
-from qp_twist.robots.ros_packages import package_folders
+from qp_twist.robots.ros_packages import how_to_state, package_folders
 from qp_twist.robots.wording import reason_of
 
 _ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?name\s*=\s*[\"']([^\"']+)[\"']|\$\(arg\s+([^)\s]+)\s*\)")
@@ -49,9 +49,8 @@ def expanded(
         folder = next((f for f in package_folders(name, file, packages) if is_folder(f)), None)
         if folder is None:
             raise InvalidInput(
-                f"{file}: the ROS package {name!r} is not found around the file. Say where it is: "
-                f"load_robot(..., packages={{{name!r}: folder}}), qp-twist new --package "
-                f'{name}=folder, or in a task file [robot.packages] {name} = "folder".'
+                f"{file}: the ROS package {name!r} is not found around the file. "
+                f"{how_to_state(name)}"
             )
         return str(folder.resolve())  # xacro takes other paths from the file that includes
 
