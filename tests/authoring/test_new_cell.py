@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -446,3 +447,22 @@ def test_open_and_huge_meshes_are_questioned(
     assert "not closed" in read_solid("fixture", tmp_path / "open.stl", "mm").notes[0]
     [note] = read_solid("part", box(tmp_path / "box.stl", (100, 20, 30)), "m").notes
     assert note == "box.stl: it is 100 m across: is the file in mm?"
+
+
+def test_the_robot_of_a_urdf_is_the_same_in_its_scene(path: Path, tmp_path: Path) -> None:
+    file = urdf(tmp_path)
+    request = Request(
+        file, path, frame="flange", place=(0.5, 0.1, 0.6), tcp=(0.0, 0.0, 0.1, 0.0, 0.0, 0.0),
+        search_seconds=2.0,
+    )  # fmt: skip
+    made = new_task(request, tmp_path / "arm.toml")
+    robot, model = qt.load_robot(file).model, made.path_task.model
+    np.testing.assert_array_equal(model.jnt_range, robot.jnt_range)  # MuJoCo writes six digits
+    for here, there in at_random(robot, model, seed=2):
+        flange = here.body("flange")
+        tip = flange.xpos + 0.1 * flange.xmat.reshape(3, 3)[:, 2]
+        np.testing.assert_allclose(there.site("tcp").xpos, tip, rtol=0, atol=1e-12)
+    assert made.path_task.velocity_limits.tolist() == [1.5] * 6
+    assert (tmp_path / "arm_cell" / "meshes" / "bar.stl").is_file()
+    shutil.rmtree(tmp_path / "arm")
+    assert qt.load_task(tmp_path / "arm.toml").model.nmesh == 1  # the scene stands on its own

@@ -686,3 +686,11 @@ def test_of_one_name_the_site_comes_before_the_body() -> None:
     assert choose_frame(model, "tool").kind == "site"
     assert choose_frame(model, "tool", "body").kind == "body"
     assert choose_frame(model, None).why == "the only site that moves"
+
+
+def test_a_robot_whose_frames_have_no_names_is_refused_as_such() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(qt.InvalidInput, match="no site or body or geom with a name that moves"):
+        choose_frame(model, None)

@@ -104,3 +104,14 @@ def test_a_step_in_front_of_a_wall_is_measured(monkeypatch: pytest.MonkeyPatch) 
     found = cells.run(way, cells.ours(way, "relax", None), None)
     assert found.short < 1e-6 and not found.failures and found.excess < 1e-9
     assert len(found.states) == 100
+
+
+def test_a_place_that_no_motion_passes_is_named() -> None:
+    """Of a cell without a plan."""
+    task = import_module("cells").crowded(1, 10)
+    part = slice(200, 300)
+    task = replace(
+        task, waypoints=task.waypoints[part], durations=task.durations[part], flipped_waypoints=None
+    )
+    plan = qt.plan(task)
+    assert plan.q is None and plan.certificate.waypoints[0] in (78, 79)

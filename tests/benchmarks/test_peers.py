@@ -188,3 +188,13 @@ def test_a_comparison_has_mink_and_the_first_program_on_request() -> None:
     comparison = qt.compare(cut(LAP, slice(0, 3)), ["mink"])
     # Drawn beside the QP that it comes nearest to.
     assert set(comparison.figures()) >= {"along_the_path"}
+
+
+def test_an_exception_of_the_peer_is_the_failure_of_the_method() -> None:
+    # Outside its range with too little speed to be back in one step: mink has no step to give.
+    start = qt.follow(PIECE, "minimum_norm").q[0]
+    outside = with_model(dataclasses.replace(PIECE, start=start), joint_1=(-2.9, start[0] - 0.3))
+    run = qt.follow(outside, "mink")
+    assert run.failure.startswith("no step at waypoint 2: mink: ")
+    np.testing.assert_array_equal(run.q, np.broadcast_to(start, run.q.shape))
+    assert run.failure in metrics(run)["status"]

@@ -141,3 +141,11 @@ def test_the_run_is_met_inside_the_limits(deburring: qt.Comparison) -> None:
     numbers = metrics(deburring.trajectories["weighted_least_norm"])
     assert numbers["status"] == "ok"
     assert numbers["violations"] == 0
+
+
+def test_wrong_limits_are_refused() -> None:
+    for lower, upper in (([1.0], [-1.0]), ([np.nan], [1.0]), ([0.0, 0.0], [1.0]), ("a", [1.0])):
+        with pytest.raises(qt.InvalidInput, match="lower"):
+            closed_form.joint_limit_weights([0.0], lower, upper)
+    with pytest.raises(qt.InvalidInput, match="previous_gradient"):
+        closed_form.joint_limit_weights([0.0], [-1.0], [1.0], [1.0, 2.0])

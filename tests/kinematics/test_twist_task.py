@@ -393,3 +393,8 @@ def test_a_far_target_is_approached_by_the_longest_step_in_its_own_direction(
     close(asked[3:], 0.5 * min(widest, 2.0) * axis, atol=1e-7)
     # The state still tells the whole error.
     close(task.state(configuration).error, np.concatenate([3.0 * way, 2.0 * axis]), atol=1e-9)
+
+
+def test_minks_arguments_of_a_relative_task_are_told_ours() -> None:
+    with pytest.raises(InvalidInput, match=r"root_type, is relative_to=\(name, type\)"):
+        TwistTask("tool", "site", "part", "body")

@@ -151,3 +151,8 @@ def test_a_start_that_comes_no_nearer_is_given_up(cell: qt.PathTask) -> None:
     wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.03),))
     with pytest.raises(qt.InvalidInput, match=r"after [2-5]\d steps it is .*clearance"):
         qt.follow(wide)
+
+
+def test_durations_of_other_waypoints_are_refused(cell: qt.PathTask) -> None:
+    with pytest.raises(qt.InvalidInput, match="one for each of the 51 waypoints, got 401"):
+        qt.plan(replace(cell, waypoints=cell.waypoints[::8]))

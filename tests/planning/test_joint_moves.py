@@ -322,3 +322,10 @@ def test_rapid_points_of_a_file_end_joint_moves(tmp_path: Path) -> None:
     assert task.positions[to - 1] == pytest.approx([-0.25, 1.0, 0.48])
     assert task.positions[to] == pytest.approx([0.25, 1.0, 0.48])
     assert not (np.abs(task.positions[:, 1] - 0.9) < 0.05).any()
+
+
+def test_the_travel_of_a_plan_counts_the_joint_move(task: qt.PathTask) -> None:
+    plan = qt.plan(task, "travel")
+    assert plan.value == pytest.approx(np.degrees(np.abs(np.diff(plan.motion(), axis=0)).sum()))
+    assert plan.bound <= plan.value
+    assert all(finding.passes for finding in plan.examined() if "clearance" in finding.name)

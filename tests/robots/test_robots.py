@@ -680,3 +680,13 @@ def test_a_range_that_is_not_a_number_is_refused_by_who_needs_it(tmp_path: Path)
     model.jnt_range[0] = np.nan, 2.0
     with pytest.raises(qt.InvalidInput, match="the range of j is not a number"):
         qt.PositionLimit(model)
+
+
+def test_a_step_says_whether_the_model_or_the_configuration_is_not_finite() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        ONE_JOINT.replace('name="arm" pos="0 0 0"', 'pos="0 nan 0"')
+    )
+    task = qt.TwistTask.point("tip", "site")
+    task.set_target(mink.SE3.identity())
+    with pytest.raises(InvalidInput, match="not finite although q is; check the model's positions"):
+        task.compute_error(mink.Configuration(model))
