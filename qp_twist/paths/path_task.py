@@ -67,42 +67,36 @@ class PathTask:
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
-        best_start: Whether to search the start instead: ``True`` for that of the best plan;
-            ``"central"`` for the configuration of least z on the first waypoint.
+        best_start: Whether to search the start: ``True`` that of the best plan, ``"central"`` that
+            of least z on the first waypoint.
         starts: Starting configurations of single methods, by name, instead of ``start``.
         roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
-        study: What a study varies, and its criterion of success, if the task file has a
-            ``[study]``.
+        study: What a study varies, and its criterion of success; the file's ``[study]``.
         durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path. A
             joint move may take any time: 0 asks for none.
-        velocity_limits: Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit.
-        acceleration_limits: Largest joint accelerations, rad/s² or m/s², (nv,); ∞ likewise.
+        velocity_limits: Of the joints, rad/s or m/s, (nv,); ∞ without a limit.
+        acceleration_limits: Of the joints, rad/s² or m/s², (nv,); ∞ likewise.
         iteration: Tolerances and step clamps.
         methods: Settings by method name, as far as the file has them.
         segments: Sections of the path with other projectors, in the order of the path.
         bands: Tolerance bands in directions that T leaves free.
         constraints: Further constraints on every configuration. The model's joint couplings
-            (:class:`~qp_twist.JointCouplings`) are always appended: with the tolerance of couplings
-            that are passed, else with the default.
+            (:class:`~qp_twist.JointCouplings`) are always appended, and what must not touch.
         toolpath: The toolpath file as read, if the path is from one.
         lines: Line of that file at or before each waypoint, (N,).
         from_start: Which part of the waypoints' orientation is taken from the start.
-        joint_moves: Indices, from 0, of the waypoints that a joint move leads to: from the waypoint
-            before, the joints move as they like, inside limits and constraints; no path holds. A
-            waypoint between two joint moves is a via point of one motion.
-        relative_to: Name of the body that carries the path: a part on a turn table, or in another
-            robot's hand. Waypoints, feeds, errors and everything else that is stated in the world
-            are then stated in the frame of this body. ``None``: the world carries it.
+        joint_moves: Indices, from 0, of the waypoints that a joint move leads to, inside limits and
+            constraints: no path holds from the waypoint before. One between two is a via point.
+        relative_to: Name of the body that carries the path, and in whose frame then is what is
+            stated in the world: a part on a turn table or in another robot's hand; ``None``: none.
         scene_model: With ``relative_to``: the scene as it stands, which pictures show.
-        controller: How the controller counts the joints in programs: name of a known robot, path of
-            a table of one's own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and
-            geometry.
+        controller: How programs count the joints: name of a known robot, path of a table of one's
+            own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and geometry.
 
     Raises:
-        InvalidInput: If the segments or joint moves do not fit the waypoints, the robot or each
-            other, a constraint cannot be evaluated on a path, the scene has equality constraints
-            other than couplings of joints, there is no body ``relative_to``, or no joint moves the
-            frame against it.
+        InvalidInput: If segments or joint moves do not fit, a constraint cannot be evaluated on a
+            path, the scene has equality constraints other than couplings of joints, there is no
+            body ``relative_to``, or no joint moves the frame against it.
     """
 
     name: str
@@ -192,8 +186,7 @@ class PathTask:
     def arm(self) -> tuple[mujoco.MjModel, str, str]:
         """The arm as it stands: its model, and name and type of a frame at its end.
 
-        That is the controlled frame; if that stands still in the scene, the body that carries the
-        path, which the arm then holds.
+        That is the controlled frame, or, if that stands still, the body that carries the path.
         """
         frame = self.frame_name, self.frame_type
         if self.relative_to is None or self.scene_model is None:
@@ -273,8 +266,7 @@ class PathTask:
         """The known robot that this arm is, and its largest joint speeds and accelerations.
 
         rad/s and rad/s², (nv,) each; ∞ for other joints, and where none are public; ``None`` for an
-        unknown robot. This does not change the task's limits: timing and checks use these where the
-        task has none.
+        unknown robot. Timing and checks use them where the task has no limits.
         """
         names = (self.scene.stem, self.scene.parent.name)
         found = known_limits(*self.arm, names)
@@ -309,9 +301,8 @@ class PathTask:
     def started_at(self, start: Array) -> PathTask:
         """The task with another start (nq,), and the orientation that depends on it.
 
-        For a method that holds the whole twist, an unspecified roll of the path is that of the
-        start, so the waypoints are rebuilt for the new start. If a band or a segment depends on
-        that roll, the start was searched for the existing waypoints, and these are kept.
+        Where the path leaves a roll open, its waypoints have that of the start, for methods that
+        hold the whole twist. They are kept if a band or a segment depends on that roll.
         """
         waypoints = self.waypoints
         if self.from_start != "nothing" and not _sees_orientation(self):

@@ -47,9 +47,13 @@ class Tolerances:
             axis = float(np.radians(number("axis_tolerance_deg", axis_tolerance_deg, above=0.0)))
         return replace(self, position=position, axis=axis)
 
+    def between(self, unit: str) -> float:
+        """The tolerance between waypoints of a unit, ``"m"`` or ``"rad"``."""
+        return self.position if unit == "m" else self.axis
+
     def of(self, units: Sequence[str]) -> Array:
-        """The tolerance between waypoints of each of some units, ``"m"`` or ``"rad"``."""
-        return np.array([self.position if unit == "m" else self.axis for unit in units])
+        """The tolerances between waypoints of some units."""
+        return np.array([self.between(unit) for unit in units])
 
     def keeps_clear(self, distance: float, asked: float) -> bool:
         """Whether a pair that is ``distance`` apart is as far as ``asked``, m."""

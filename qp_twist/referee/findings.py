@@ -31,6 +31,8 @@ BEFORE, AFTER = " before the path", " after the path"
 """Ends of the names of findings about the motion before the first and after the last waypoint."""
 OFF = " off the path"
 """The same of findings about parts that do not follow the path."""
+_ERRORS = (("position", 1e3, "mm"), ("axis", 180.0 / np.pi, "°"))
+"""Task errors, and the unit in which a finding states them."""
 _IGNORED = "pairs that are ignored elsewhere"
 _LOOKED_AT = 21
 """Places between two waypoints at which it is looked for what is violated most."""
@@ -209,17 +211,13 @@ def _rushed(passing: Passing) -> float:
 
 def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
     found = []
-    degrees = 180.0 / np.pi
-    for name, at, between, bound, limit, scale, unit in (
-        ("position error", errors.position, errors.position_between, errors.position_bound,
-         tolerances.position, 1e3, "mm"),
-        ("axis error", errors.axis, errors.axis_between, errors.axis_bound,
-         tolerances.axis, degrees, "°"),
-    ):  # fmt: skip
+    for kind, scale, unit in _ERRORS:
+        limit, at = getattr(tolerances, kind), getattr(errors, kind)
         k = int(np.argmax(at))
-        where = f"waypoint {k + 1}"
-        passes = bool(at[k] <= limit)
-        found.append(Finding(name, scale * float(at[k]), scale * limit, unit, where, passes))
+        passes, value = bool(at[k] <= limit), scale * float(at[k])
+        name = f"{kind} error"
+        found.append(Finding(name, value, scale * limit, unit, f"waypoint {k + 1}", passes))
+        between, bound = getattr(errors, f"{kind}_between"), getattr(errors, f"{kind}_bound")
         if len(between):
             found.append(_between(f"{name} between", between, bound, limit, scale, unit))
     return found
@@ -227,21 +225,15 @@ def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
 
 def _of_parts(astray: Sequence[Astray], tolerances: Tolerances, passing: Passing) -> list[Finding]:
     """The largest errors where the motion is off the path."""
-    parts = [part for part in astray if part.moves]
-    if not parts:
-        return []
-    found = []
-    degrees = 180.0 / np.pi
-    for name, limit, scale, unit in (
-        ("position", tolerances.position, 1e3, "mm"), ("axis", tolerances.axis, degrees, "°")
-    ):  # fmt: skip
-        values = [getattr(part, name) for part in parts]
-        worst = int(np.argmax([value.max() for value in values]))
-        part, k = parts[worst], int(np.argmax(values[worst]))
+    parts, found = [part for part in astray if part.moves], []
+    for kind, scale, unit in _ERRORS if parts else ():
+        part = max(parts, key=lambda one: float(getattr(one, kind).max()))
+        limit, values = getattr(tolerances, kind), getattr(part, kind)
+        k = int(np.argmax(values))
         where = f"{passing.moment(float(part.times[k]))}, {part.place}"
-        value = float(values[worst][k])
-        whole, passes = f"{name} error{OFF}", value <= limit
-        found.append(Finding(whole, scale * value, scale * limit, unit, where, passes))
+        value = float(values[k])
+        passes, name = value <= limit, f"{kind} error{OFF}"
+        found.append(Finding(name, scale * value, scale * limit, unit, where, passes))
     return found
 
 
@@ -288,7 +280,7 @@ def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -
     between = []
     for column, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False)):
         values, bound = errors.bands_between[:, column], errors.bands_bound[:, column]
-        limit = tolerances.position if unit == "m" else tolerances.axis
+        limit = tolerances.between(unit)
         if len(values):
             name = "outside a band between"
             between.append(_between(name, values, bound, limit, 1.0, unit, f"{band.kind} band"))
@@ -318,7 +310,7 @@ def _of_constraints(
         passes = bool(excess[k] <= tolerances.band)
         found.append(Finding(name, float(excess[k]), tolerances.band, unit, where, passes))
         if len(errors.bands_between):
-            limit = tolerances.position if unit == "m" else tolerances.axis
+            limit = tolerances.between(unit)
             between = errors.bands_between[:, column], errors.bands_bound[:, column]
 
             def nearest(k: int, constraint: Constraint = constraint) -> str:
@@ -376,7 +368,7 @@ def _off_the_path(
 
 def _way(name: str, left: Left, unit: str, tolerances: Tolerances, where: str) -> Finding:
     """Violation of a constraint on a way that is no path."""
-    limit = tolerances.position if unit == "m" else tolerances.axis
+    limit = tolerances.between(unit)
     passes = left.bound <= (1.0 + PROVEN) * limit
     return Finding(name, left.found, limit, unit, where, passes, left.bound)
 
