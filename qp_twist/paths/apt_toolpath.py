@@ -18,7 +18,7 @@ from qp_twist.files import LENGTHS, LengthUnit, shortened
 from qp_twist.paths.apt_arcs import Arcs, Circle, arc_to_line
 from qp_twist.paths.arcs import Arc, ArcAxis, check_radius
 from qp_twist.paths.splines import clamped_cubic
-from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath import LARGEST_NUMBER, Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
     ProgramBuilder,
@@ -39,6 +39,8 @@ _MOVES = frozenset({
 _SHORT = 1e-6
 """A shorter motion, m, has no direction worth comparing."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+_PLAIN = re.compile(r"[+-]?[0-9]{1,9}(\.[0-9]*)?")
+"""A number of which no arithmetic overflows."""
 _WORDS = ProgramWords("an APT file", "i, j, k", "RAPID", "UNITS/MM")
 
 _TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT",
@@ -553,7 +555,7 @@ class _Reader:
         numbers = [
             [float(word) for word in point]
             for point in points
-            if len(point) == 3 and all(map(_NUMBER.fullmatch, point)) and "D" not in "".join(point)
+            if len(point) == 3 and all(map(_PLAIN.fullmatch, point))
         ]
         if not units and numbers:
             self.out.assume_unit_by_extent(float(np.ptp(numbers, axis=0).max()))
@@ -706,7 +708,7 @@ def _number(place: str, argument: str) -> float:
     if not _NUMBER.fullmatch(compact):
         raise InvalidInput(f"{place}: expected a number, got {shortened(argument)!r}")
     value = float(compact.replace("D", "E").replace("d", "e"))
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST_NUMBER:
         raise InvalidInput(f"{place}: {shortened(argument)!r} is too large")
     return value
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass, field
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
+from qp_twist.paths.toolpath import LARGEST_NUMBER
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _WORD = re.compile(rf"([A-Z])\s*({_NUMBER})")
@@ -93,7 +93,7 @@ def _without_comments(line: str) -> str:
 
 def _take(block: Block, name: str, text: str) -> None:
     value = float(text)
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST_NUMBER:
         raise InvalidInput(f"{name}: {text[:40]!r}… is too large")
     if name == "G":
         block.codes.append(value)

@@ -21,6 +21,8 @@ SAME_POINT = 1e-9
 """Points closer together, m, count as one."""
 SAME_DIRECTION = 1e-9
 """The same for directions, rad."""
+LARGEST_NUMBER = 1e12
+"""Beyond it, a number of a program is a mistake: in inches its last digit is above a micrometre."""
 _IN_PLACE = 1000.0
 """A tool that turns faster along its path, rad/m, turns in place."""
 

@@ -442,8 +442,8 @@ def test_any_text_is_read_or_refused_in_a_sentence(tmp_path: Path, pieces: list[
     ("text", "sentence"),
     [
         ("G1 X1. B100000000.", "line 4: a rotary axis turns by 1e+08 degrees in one cut"),
-        ("G17 G2 X40. I" + 60 * "9" + ". J0", "line 4: the arc has a radius above"),
-        ("G17 G3 X40. R" + 400 * "9" + ".", "line 4: "),
+        ("G17 G2 X40. I" + 11 * "9" + ". J0", "line 4: the arc has a radius above"),
+        ("G17 G3 X40. R" + 400 * "9" + ".", "line 4: R: "),
     ],
 )
 def test_a_number_that_would_make_endless_points_is_refused(
