@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.constraints import Clearance, GatheredLimits, gather_limits
+from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Step
 
 _CORRECTIONS = 10
@@ -23,18 +24,27 @@ _CORNERS = 256
 
 
 def step_clear(
-    solve: Callable[[], Step],
-    clearances: Sequence[Clearance],
-    limits: Sequence[mink.Limit],
-    configuration: mink.Configuration,
-    dt: float,
+    solve: Callable[[], Step], limits: SortedLimits, configuration: mink.Configuration, dt: float
 ) -> Step:
     """What ``solve`` returns, or a step that keeps its clearances, too.
 
     Their rows are linear in the step, distances are not: where it leads too near, rows of the
     distances there are added, and the step is computed again.
     """
-    step = solve()
+    clearances, motion = limits.clearances, limits.motion()
+    for clearance in clearances:
+        clearance.in_step.begin(configuration, *motion)
+    try:
+        return _corrected(solve, limits, configuration, dt)
+    finally:
+        for clearance in clearances:
+            clearance.in_step.has_begun = False
+
+
+def _corrected(
+    solve: Callable[[], Step], limits: SortedLimits, configuration: mink.Configuration, dt: float
+) -> Step:
+    step, clearances = solve(), limits.clearances
     for correction in range(_CORRECTIONS + 1):
         lacking = [c for c in clearances if c.in_step.lacks(step.velocity, dt) > _KEPT]
         if not lacking:
@@ -43,7 +53,7 @@ def step_clear(
         for clearance in lacking if correction < _CORRECTIONS else ():
             corrected |= clearance.in_step.correct(step.velocity, dt)
         if not corrected:
-            others = [limit for limit in limits if not isinstance(limit, Clearance)]
+            others = [limit for limit in limits.limits if not isinstance(limit, Clearance)]
             gathered = gather_limits(others, configuration, dt)
             clear = _clear_velocity(clearances, gathered, step.velocity, dt)
             if clear is not None:

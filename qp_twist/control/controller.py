@@ -76,7 +76,7 @@ LARGEST_FREE_COST = 1e6
 SMALLEST_SINGULARITY = 1e-9
 """A smaller ``singularity`` counts as 0."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
-"""Placeholder for (configuration, model, data) that no argument equals."""
+"""Placeholder for the last checked (configuration, model, data) that no argument equals."""
 
 
 def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
@@ -87,6 +87,14 @@ def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
             f"metric: every entry must be above 0, from {SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
         )
     return read_only(metric)
+
+
+def _weight(_: Any, name: str, value: Any) -> float:
+    return number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
+
+
+def _mode(_: Any, name: str, value: Any) -> str:
+    return one_of(name, value, ("scale", "relax", "raise"))
 
 
 def _flag(_: Any, name: str, value: Any) -> bool:
@@ -176,13 +184,9 @@ class Controller(Revised):
     """
 
     metric: Array = checked(_metric)
-    joint_weight: float = checked(
-        lambda _, name, value: number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
-    )
+    joint_weight: float = checked(_weight)
     free_twist_costs: tuple[float, float] = checked(_free_twist_costs)
-    on_infeasible: str = checked(
-        lambda _, name, value: one_of(name, value, ("scale", "relax", "raise"))
-    )
+    on_infeasible: str = checked(_mode)
     levels: tuple[tuple[LevelItem, ...], ...] = checked(_fixed)
     tasks: tuple[mink.tasks.BaseTask, ...] = checked(_fixed)
     twist_tasks: tuple[TwistTask, ...] = checked(_fixed)
@@ -247,23 +251,19 @@ class Controller(Revised):
         own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
         self.limits = own  # type: ignore[assignment]
         if solver is None:
-            known = composition_known(self.levels, self.limits)
-            solver = COMPILED if known else "daqp"
+            solver = COMPILED if composition_known(self.levels, self.limits) else "daqp"
         self.solver = solver
         self.on_infeasible = on_infeasible
         self._seen = SortedLimits([])
-        # The last checked configuration, its model and its data.
         self._checked = _NOT_CHECKED
-        self.metric = (
-            np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
-        )
+        self.metric = np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
         self.joint_weight = UNSEEN_WEIGHT
         if self.secondary_space == "joint":
             self.joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
         self.free_twist_costs = 1.0, 1.0
         self.smooth = self.braking = True
         self._singularity: float | None = None
-        self._prepared, self._free = self._compiled_step(), threading.Lock()
+        self._prepared, self._free = _compiled_step(self), threading.Lock()
         self.reference_steps = 0
 
     def step(
@@ -311,22 +311,11 @@ class Controller(Revised):
         if use_secondary is not True or displacement is not None:
             h = Displacement.of(use_secondary, displacement, self.model.nv)
         limits = self._sorted_limits()
-        clearances = limits.clearances
-        if not clearances:
+        if limits.clearances:
+            solve = partial(self._solved, configuration, dt, h)
+            step = step_clear(solve, limits, configuration, dt)
+        else:
             step = self._solved(configuration, dt, h)
-            limits.note(step.velocity)
-            return step
-        motion = limits.motion()
-        for clearance in clearances:
-            clearance.in_step.begin(configuration, *motion)
-        try:
-            step = step_clear(
-                partial(self._solved, configuration, dt, h), clearances, self.limits, configuration,
-                dt,
-            )  # fmt: skip
-        finally:
-            for clearance in clearances:
-                clearance.in_step.has_begun = False
         limits.note(step.velocity)
         return step
 
@@ -387,14 +376,6 @@ class Controller(Revised):
             raise InvalidInput(f"velocity: the joints cannot move faster than {FASTEST:g}.")
         self._sorted_limits().note(velocity)
 
-    def _compiled_step(self) -> CompiledStep | None:
-        """The compiled step; ``None`` with another solver or an unsupported composition."""
-        if self.solver != COMPILED or not composition_known(self.levels, self.limits):
-            return None
-        from qp_twist.control.compiled_step import CompiledStep  # numba takes half a second
-
-        return CompiledStep(self)
-
     @property
     def singularity(self) -> float:
         """ε."""
@@ -425,14 +406,7 @@ class Controller(Revised):
         return self._seen
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
-        check_configuration(configuration)
-        if not same_structure(configuration.model, self.model):
-            raise InvalidInput(
-                f"step: the configuration's model has nq = {configuration.model.nq}, nv = "
-                f"{configuration.model.nv} and {configuration.model.nbody} bodies, the "
-                f"controller's nq = {self.model.nq}, nv = {self.model.nv} and {self.model.nbody}, "
-                "or their names or joints differ; use a configuration of the same model."
-            )
+        _check_same_robot(configuration, self.model)
         for clearance in self._sorted_limits().clearances:
             clearance.check_model("step", configuration.model)
         finite_array("configuration.q", configuration.q, (self.model.nq,))
@@ -446,7 +420,7 @@ class Controller(Revised):
         """Restore the state and make a new compiled step."""
         self.__dict__.update(state)
         self._checked = _NOT_CHECKED
-        self._prepared, self._free = self._compiled_step(), threading.Lock()
+        self._prepared, self._free = _compiled_step(self), threading.Lock()
 
     def __repr__(self) -> str:
         return (
@@ -454,6 +428,28 @@ class Controller(Revised):
             f"tasks={list(self.soft_tasks)!r}, "
             f"secondary={list(self.secondary)!r}, secondary_space={self.secondary_space!r}, "
             f"solver={self.solver!r}, on_infeasible={self.on_infeasible!r})"
+        )
+
+
+def _compiled_step(controller: Controller) -> CompiledStep | None:
+    """The compiled step; ``None`` with another solver or an unsupported composition."""
+    if controller.solver != COMPILED or not composition_known(controller.levels, controller.limits):
+        return None
+    from qp_twist.control.compiled_step import CompiledStep  # numba takes half a second
+
+    return CompiledStep(controller)
+
+
+def _check_same_robot(configuration: mink.Configuration, model: mujoco.MjModel) -> None:
+    """Refuse a configuration of another robot than the controller's."""
+    check_configuration(configuration)
+    other = configuration.model
+    if not same_structure(other, model):
+        raise InvalidInput(
+            f"step: the configuration's model has nq = {other.nq}, nv = {other.nv} and "
+            f"{other.nbody} bodies, the controller's nq = {model.nq}, nv = {model.nv} and "
+            f"{model.nbody}, or their names or joints differ; use a configuration of the same "
+            "model."
         )
 
 

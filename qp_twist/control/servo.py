@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Literal
 
 import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance, largest, number, one_of
+from qp_twist.checks import finite_array, instance, largest, number, one_of
 from qp_twist.control.controller import Controller
+from qp_twist.control.joint_steps import JointSteps
 from qp_twist.control.newest_inputs import Input, NewestInputs
 from qp_twist.control.singular_exit import SingularExit
-from qp_twist.control.step import Status, Step
+from qp_twist.control.step import Status
 from qp_twist.control.target_stream import StreamSettings, TargetStream, beyond, error_of
 from qp_twist.control.tick import ServoState, Tick, TickTimes
 from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
-from qp_twist.geometry import Projector, TwistProjector
-from qp_twist.kinematics import GazeTask, PostureReference, TwistTask, check_configuration
+from qp_twist.kinematics import GazeTask, TwistTask, check_configuration, checked_pose
 from qp_twist.kinematics.joint_ranges import joint_names
 
 _NOTICEABLE = 1e-3, 1e-2
@@ -132,11 +132,10 @@ class Servo:
         self._joints: Input | None = None
         self._behind = False
         self._secondary_share = 0.0
-        self._slowing: tuple[float, Array] | None = None
         self._exit = SingularExit(controller, self.period, self.stop_within)
         self._called: float | None = None
         self.times = TickTimes(self.period)
-        self._prepare_joints()
+        self._by_joints = JointSteps(controller, configuration, settings)
         controller.load(configuration, self.period)
 
     @property
@@ -175,8 +174,8 @@ class Servo:
             InvalidTarget: If the pose or the twist is not finite.
             InvalidInput: If the controller has no such task.
         """
-        task = self._task(task)
-        goal = task.checked_pose(pose)
+        task = _chosen(self._streams, task)
+        goal = checked_pose(task, pose)
         velocity = None
         if twist is not None:
             velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
@@ -206,7 +205,7 @@ class Servo:
             InvalidTarget: If the twist is not finite.
             InvalidInput: If the controller has no such task.
         """
-        task = self._task(task)
+        task = _chosen(self._streams, task)
         moving = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
         in_tool = one_of("axes", axes, ("world", "tool")) == "tool"
         return self._inputs.put(task, at, twist=moving, in_tool=in_tool)
@@ -226,20 +225,6 @@ class Servo:
         """
         wanted = finite_array("velocity", velocity, (self.controller.model.nv,))
         return self._inputs.put(None, at, velocity=wanted)
-
-    def _task(self, task: TwistTask | None) -> TwistTask:
-        if task is None:
-            if len(self._streams) != 1:
-                raise InvalidInput(
-                    f"Servo: the controller has {len(self._streams)} tasks with a target pose; "
-                    "name one by task=…."
-                )
-            return next(iter(self._streams))
-        if not isinstance(task, TwistTask) or task not in self._streams:
-            raise InvalidInput(
-                f"Servo: expected as task one of the controller's with a target pose, got {task!r}."
-            )
-        return task
 
     def _take_inputs(self) -> None:
         for task, given in self._inputs.take().items():
@@ -291,8 +276,9 @@ class Servo:
             use_secondary=share * (1.0 - leaving.share),
             displacement=leaving.displacement(),
         )
-        self._slowing, self._behind = None, step.status is not Status.SOLVED
-        stuck = fresh and self._behind and self._is_noticeable()
+        self._by_joints.braking_since = None
+        self._behind = step.status is not Status.SOLVED
+        stuck = fresh and self._behind and _is_behind(self._streams, self.configuration)
         leaving.look(self.configuration, step if stuck else None)
         if stuck and leaving.joints:
             return Tick(step.velocity, ServoState.SINGULAR, step, exit_joints=leaving.joints)
@@ -307,45 +293,28 @@ class Servo:
             state = ServoState.STOPPING
         return Tick(step.velocity, state, step)
 
-    def _is_noticeable(self) -> bool:
-        """Whether a task is behind its reference by more than a tick of accelerating explains."""
-        missing = [error_of(task, self.configuration) for task in self._streams]
-        return any(beyond(error, _NOTICEABLE) for error in missing)
-
     def _by_velocity(self, now: float) -> Tick:
         given = self._joints
         assert given is not None and given.velocity is not None
         if now - given.stamp > self.stale_after:
-            wanted = self._slower(now)
-            step = self._joint_step(wanted)
+            wanted = self._by_joints.braked(now, self._velocity)
+            step = self._by_joints.step(wanted, self._velocity)
             stands = not wanted.any() and largest(step.velocity) < _STILL
             state = ServoState.HOLDING if stands else ServoState.STOPPING
         else:
-            step = self._joint_step(given.velocity)
-            self._slowing = None
+            step = self._by_joints.step(given.velocity, self._velocity)
+            self._by_joints.braking_since = None
             state = ServoState.SLOWED if step.binding else ServoState.TRACKING
         self._secondary_share = 0.0
         return Tick(step.velocity, state, step)
 
-    def _slower(self, now: float) -> Array:
-        """What is left of the velocity with which bringing the joints to rest began, (nv,)."""
-        if self._slowing is None:
-            self._slowing = now, self._velocity
-        since, before = self._slowing
-        return self._settings.braking(now - since) * before
-
-    def _joint_step(self, velocity: Array) -> Step:
-        self._by_joints.limits = self.controller.limits
-        self._posture.q_ref = self.configuration.integrate(velocity, self.period)
-        return self._by_joints.step(self.configuration, self.period, velocity=self._velocity)
-
     def _brake(self, now: float, failure: str) -> Tick:
         """Bring the joints to rest inside all limits; as hard as each may if none can be asked."""
-        wanted = self._slower(now)
+        wanted = self._by_joints.braked(now, self._velocity)
         self._secondary_share = 0.0
         step = None
         try:
-            step = self._joint_step(wanted)
+            step = self._by_joints.step(wanted, self._velocity)
             velocity = step.velocity
         except (QpTwistError, mink.MinkError):
             hardest = self.controller.hardest
@@ -357,24 +326,26 @@ class Servo:
                 stream.wait(self.configuration)
         return Tick(velocity, ServoState.BLOCKED, step, failure)
 
-    # ------------------------------------------------------------------ the robot
 
-    def _prepare_joints(self) -> None:
-        """Make the controller that moves joints alone, inside the same limits."""
-        controller = self.controller
-        self._posture = PostureReference(controller.model, self.configuration.q, gain=1.0)
-        frame = next(iter(self._streams))
-        nothing = TwistProjector(linear=Projector.none(), angular=Projector.none())
-        asks_nothing = TwistTask(frame.frame_name, frame.frame_type, nothing)
-        asks_nothing.set_target_from_configuration(self.configuration)
-        self._by_joints = Controller(
-            controller.model,
-            [asks_nothing],
-            limits=controller.limits,
-            secondary=[self._posture],
-            on_infeasible="relax",
+def _chosen(streams: Mapping[TwistTask, TargetStream], task: TwistTask | None) -> TwistTask:
+    """The task that an input is for; the only one if it is not named."""
+    if task is None:
+        if len(streams) != 1:
+            raise InvalidInput(
+                f"Servo: the controller has {len(streams)} tasks with a target pose; name one by "
+                "task=…."
+            )
+        return next(iter(streams))
+    if not isinstance(task, TwistTask) or task not in streams:
+        raise InvalidInput(
+            f"Servo: expected as task one of the controller's with a target pose, got {task!r}."
         )
-        self._by_joints.load(self.configuration, self.period)
+    return task
+
+
+def _is_behind(tasks: Iterable[TwistTask], configuration: mink.Configuration) -> bool:
+    """Whether a task is behind its reference by more than a tick of accelerating explains."""
+    return any(beyond(error_of(task, configuration), _NOTICEABLE) for task in tasks)
 
 
 def _pair(name: str, value: tuple[float, float]) -> tuple[float, float]:

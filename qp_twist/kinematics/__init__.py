@@ -33,3 +33,4 @@ from .tolerance_band import check_bands as check_bands
 from .tolerance_band import largest_excess as largest_excess
 from .twist_task import TaskState as TaskState
 from .twist_task import TwistTask as TwistTask
+from .twist_task import checked_pose as checked_pose

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from qp_twist.checks import finite_array, unit_vector
 from qp_twist.errors import InvalidInput, InvalidTarget
 from qp_twist.geometry import Projector, TwistProjector, cross, geodesic
-from qp_twist.kinematics.twist_task import TaskState, TwistTask
+from qp_twist.kinematics.twist_task import TaskState, TwistTask, frames_of, jacobian_of
 
 _NEAREST = 1e-6
 """Distance below which a target has no direction, m."""
@@ -70,7 +70,7 @@ class GazeTask(TwistTask):
 
     def state(self, configuration: mink.Configuration) -> TaskState:
         """As in :class:`TwistTask`; a target at the frame's origin has no direction, an error."""
-        pair = self._pair(configuration)
+        pair = frames_of(self, configuration)
         sight = pair.target_position - pair.position
         distance = float(np.linalg.norm(sight))
         if distance < _NEAREST:
@@ -82,7 +82,7 @@ class GazeTask(TwistTask):
         world = self.projector.in_world(pair.rotation, pair.target_rotation)
         axis = world.angular.axis
         assert axis is not None
-        jacobian = self._jacobian(configuration)
+        jacobian = jacobian_of(self, configuration)
         jacobian[3:] += np.cross(d, jacobian[:3], axisb=0).T / distance
         error = np.concatenate([np.zeros(3), geodesic(axis, d)])
         ahead = np.concatenate([np.zeros(3), cross(d, pair.target_twist[:3]) / distance])

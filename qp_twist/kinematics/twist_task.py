@@ -292,8 +292,7 @@ class TwistTask(Revised, mink.Task):
         return self._feedforward
 
     target_wxyz_xyz: Any = property(operator.attrgetter("_pose"))
-    """Unit quaternion and position of the target, (7,), read-only; a new array for each target,
-    ``None`` before. Its getter is implemented in C, since it is read at every step."""
+    """Unit quaternion and position of the target, (7,), a new array for each; ``None`` before."""
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and the twist of a moving target.
@@ -307,28 +306,11 @@ class TwistTask(Revised, mink.Task):
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
         """
-        pose, feedforward = read_only(self.checked_pose(target)), AT_REST
+        pose, feedforward = read_only(checked_pose(self, target)), AT_REST
         if twist is not None:
-            feedforward = read_only(
-                finite_array(f"{self.name} twist", twist, (6,), error=InvalidTarget)
-            )
+            name = f"{self.name} twist"
+            feedforward = read_only(finite_array(name, twist, (6,), error=InvalidTarget))
         self._pose, self._feedforward = pose, feedforward
-
-    def checked_pose(self, target: mink.SE3) -> Array:
-        """Unit quaternion and position of a target, a copy, (7,)."""
-        if not isinstance(target, mink.SE3):
-            raise InvalidTarget(
-                f"{self.name}: the target must be a mink.SE3, got {type(target).__name__}."
-            )
-        pose = np.array(target.wxyz_xyz)
-        if not are_floats(pose, 7) or not math.isfinite(math.hypot(*pose.tolist())):
-            pose = finite_array(f"{self.name} target", pose, (7,), error=InvalidTarget)
-        length = math.hypot(*pose[:4].tolist())
-        if not abs(length - 1.0) <= 1e-6:
-            raise InvalidTarget(
-                f"{self.name}: the target's quaternion has length {length:.6g}; normalise it."
-            )
-        return pose
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Set the frame's present pose as the target, at rest."""
@@ -354,10 +336,10 @@ class TwistTask(Revised, mink.Task):
             mink.TargetNotSet: If :meth:`set_target` has not been called.
             mink.InvalidFrame: If the model has no such frame.
         """
-        pair = self._pair(configuration)
+        pair = frames_of(self, configuration)
         world, error = resolved_twist_error(*pair[:4], self.projector)
-        jacobian = self._jacobian(configuration)
-        return TaskState(world, world.basis, error, jacobian, pair.target_twist)
+        jacobian, twist = jacobian_of(self, configuration), pair.target_twist
+        return TaskState(world, world.basis, error, jacobian, twist)
 
     def clamped(self, error: npt.ArrayLike) -> Array:
         """Δt (6,) clamped to the largest steps, before the gain."""
@@ -384,9 +366,8 @@ class TwistTask(Revised, mink.Task):
 
     def compute_qp_residual(self, configuration: mink.Configuration) -> tuple[Array, Array, float]:
         """The weighted residual for mink, from one evaluation of the configuration."""
-        weighted: tuple[Array, Array, float] = self._weighted_residual(
-            *self._error_and_jacobian(configuration)
-        )
+        stated = self._error_and_jacobian(configuration)
+        weighted: tuple[Array, Array, float] = self._weighted_residual(*stated)
         return weighted
 
     def velocity_rows(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
@@ -410,7 +391,7 @@ class TwistTask(Revised, mink.Task):
         dt = number("dt", dt, above=0.0)
         if not self.bands:
             return []
-        pair, J = self._pair(configuration), self._jacobian(configuration)
+        pair, J = frames_of(self, configuration), jacobian_of(self, configuration)
         found = []
         for band in self.bands:
             rows, bounds = band.half_spaces(pair, dt, self.projector)
@@ -423,37 +404,8 @@ class TwistTask(Revised, mink.Task):
         """Violation of each band, rad or m, shape (bands,); 0 inside."""
         if not self.bands:
             return np.zeros(0)
-        pair = self._pair(configuration)
+        pair = frames_of(self, configuration)
         return np.array([band.excess(pair) for band in self.bands])
-
-    def _pair(self, configuration: mink.Configuration) -> FramePair:
-        """Poses of the frame and its target."""
-        target = self.target
-        if target is None:
-            raise mink.TargetNotSet(self.name)
-        rotation, position = frame_pose(configuration, self.frame_name, self.frame_type)
-        if not math.isfinite(rotation.sum() + position.sum()):
-            finite = bool(np.isfinite(configuration.q).all())
-            cause = (
-                " although q is; check the model's positions and axes" if finite else "; check q"
-            )
-            raise InvalidInput(f"{self.name}: the pose of the frame is not finite{cause}.")
-        R_d, p_d, twist = target.rotation().as_matrix(), target.translation(), self.feedforward
-        if self.relative_to is None:
-            return FramePair(rotation, position, R_d, p_d, twist)
-        if together(configuration.model, self.frame_name, self.frame_type, *self.relative_to):
-            raise InvalidInput(
-                f"{self.name}: no joint is between the two, so that none can move the one relative "
-                "to the other; name a frame on another part of the robot."
-            )
-        turned, origin = frame_pose(configuration, *self.relative_to)
-        twist = (turned @ twist.reshape(2, 3, 1)).ravel()
-        return FramePair(rotation, position, turned @ R_d, origin + turned @ p_d, twist)
-
-    def _jacobian(self, configuration: mink.Configuration) -> Array:
-        if self.relative_to is None:
-            return frame_jacobian(configuration, self.frame_name, self.frame_type)
-        return relative_jacobian(configuration, self.frame_name, self.frame_type, *self.relative_to)
 
     def _error_and_jacobian(self, configuration: mink.Configuration) -> tuple[Array, Array]:
         state = self.state(configuration)
@@ -473,3 +425,54 @@ class TwistTask(Revised, mink.Task):
         carried = "" if self.relative_to is None else f", relative_to={self.relative_to!r}"
         frame = f"{self.frame_name!r}, {self.frame_type!r}"
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
+
+
+def checked_pose(task: TwistTask, target: mink.SE3) -> Array:
+    """Unit quaternion and position of a target for a task, a copy, (7,)."""
+    if not isinstance(target, mink.SE3):
+        raise InvalidTarget(
+            f"{task.name}: the target must be a mink.SE3, got {type(target).__name__}."
+        )
+    pose = np.array(target.wxyz_xyz)
+    if not are_floats(pose, 7) or not math.isfinite(math.hypot(*pose.tolist())):
+        pose = finite_array(f"{task.name} target", pose, (7,), error=InvalidTarget)
+    length = math.hypot(*pose[:4].tolist())
+    if not abs(length - 1.0) <= 1e-6:
+        raise InvalidTarget(
+            f"{task.name}: the target's quaternion has length {length:.6g}; normalise it."
+        )
+    return pose
+
+
+def frames_of(task: TwistTask, configuration: mink.Configuration) -> FramePair:
+    """Poses of a task's frame and of its target, in the world.
+
+    Raises:
+        mink.TargetNotSet: If it has none.
+    """
+    target, carrier = task.target, task.relative_to
+    if target is None:
+        raise mink.TargetNotSet(task.name)
+    rotation, position = frame_pose(configuration, task.frame_name, task.frame_type)
+    if not math.isfinite(rotation.sum() + position.sum()):
+        finite = bool(np.isfinite(configuration.q).all())
+        cause = " although q is; check the model's positions and axes" if finite else "; check q"
+        raise InvalidInput(f"{task.name}: the pose of the frame is not finite{cause}.")
+    R_d, p_d, twist = target.rotation().as_matrix(), target.translation(), task.feedforward
+    if carrier is None:
+        return FramePair(rotation, position, R_d, p_d, twist)
+    if together(configuration.model, task.frame_name, task.frame_type, *carrier):
+        raise InvalidInput(
+            f"{task.name}: no joint is between the two, so that none can move the one relative "
+            "to the other; name a frame on another part of the robot."
+        )
+    turned, origin = frame_pose(configuration, *carrier)
+    twist = (turned @ twist.reshape(2, 3, 1)).ravel()
+    return FramePair(rotation, position, turned @ R_d, origin + turned @ p_d, twist)
+
+
+def jacobian_of(task: TwistTask, configuration: mink.Configuration) -> Array:
+    """World-aligned Jacobian (6, nv) of a task's frame, relative to what carries its target."""
+    if task.relative_to is None:
+        return frame_jacobian(configuration, task.frame_name, task.frame_type)
+    return relative_jacobian(configuration, task.frame_name, task.frame_type, *task.relative_to)

@@ -1,0 +1,54 @@
+"""Steps that move the joints alone, inside a controller's limits."""
+
+from __future__ import annotations
+
+import mink
+
+from qp_twist.checks import Array
+from qp_twist.control.controller import Controller
+from qp_twist.control.step import Step
+from qp_twist.control.target_stream import StreamSettings
+from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kinematics import PostureReference, TwistTask
+
+
+class JointSteps:
+    """A controller without tasks, which a servo moves joints and brakes by.
+
+    Attributes:
+        braking_since: When braking began, s, and the joint velocity then; ``None`` if it has not.
+    """
+
+    def __init__(
+        self, controller: Controller, configuration: mink.Configuration, settings: StreamSettings
+    ) -> None:
+        """Make it with the limits of ``controller``, and load its machine code."""
+        self._limited_by, self._configuration, self._settings = controller, configuration, settings
+        self._posture = PostureReference(controller.model, configuration.q, gain=1.0)
+        frame = controller.twist_tasks[0]
+        nothing = TwistProjector(linear=Projector.none(), angular=Projector.none())
+        asks_nothing = TwistTask(frame.frame_name, frame.frame_type, nothing)
+        asks_nothing.set_target_from_configuration(configuration)
+        self._controller = Controller(
+            controller.model,
+            [asks_nothing],
+            limits=controller.limits,
+            secondary=[self._posture],
+            on_infeasible="relax",
+        )
+        self._controller.load(configuration, settings.period)
+        self.braking_since: tuple[float, Array] | None = None
+
+    def step(self, wanted: Array, before: Array) -> Step:
+        """The step nearest to a joint velocity (nv,), after another one (nv,)."""
+        period = self._settings.period
+        self._controller.limits = self._limited_by.limits
+        self._posture.q_ref = self._configuration.integrate(wanted, period)
+        return self._controller.step(self._configuration, period, velocity=before)
+
+    def braked(self, now: float, before: Array) -> Array:
+        """What is left of the velocity with which bringing the joints to rest began, (nv,)."""
+        if self.braking_since is None:
+            self.braking_since = now, before
+        since, velocity = self.braking_since
+        return self._settings.braking(now - since) * velocity
