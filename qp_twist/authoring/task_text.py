@@ -169,8 +169,10 @@ def _path(parts: Parts) -> Iterator[str]:
 kind = "file"
 file = {_quoted(parts.toolpath_file)}\t# {summary}
 """
-    if request.length_unit is None:
+    if request.length_unit is None and toolpath.unit_in_file:
         text += '# length_unit = "mm"\t# the file says its unit itself\n'
+    elif request.length_unit is None:
+        text += f'length_unit = "{toolpath.unit}"\t# assumed, as a note below says\n'
     text += "".join(f"{line}\n" for line in toolpath_lines(request))
     if toolpath.feeds is not None:
         text += f'feeds = "file"\t# {feeds_in_words(toolpath)}; "task": [feed] alone\n'

@@ -139,12 +139,16 @@ def new(
         cli.show_json(_facts(task))
     cli.say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     if not task.runs:
-        cli.say("  the robot does not come to the end of the path; the notes above say why.")
+        cli.say(
+            "  the robot does not come to the end of the path; the notes above say why.",
+            f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}",
+        )
         raise SystemExit(1)
     name = quote(str(out) if len(out.parts) > 1 else f"./{out}")
     cli.say(f"next: qp-twist run {name} --method {task.method} --out {quote(out.stem)}_joints.csv")
     if not task.path_task.joint_moves:
         cli.say(f"or, all methods side by side: qp-twist compare {name}")
+    cli.say(f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}")
 
 
 def _made(request: Request, out: Path, *, force: bool) -> NewTask:

@@ -694,3 +694,18 @@ def test_a_robot_whose_frames_have_no_names_is_refused_as_such() -> None:
     )
     with pytest.raises(qt.InvalidInput, match="no site or body or geom with a name that moves"):
         choose_frame(model, None)
+
+
+def test_an_assumed_unit_is_in_the_task_file(tmp_path: Path) -> None:
+    """A file of Siemens NX states no unit; its feeds do."""
+    toolpath, out = tmp_path / "edge.cls", tmp_path / "edge.toml"
+    toolpath.write_text(
+        "TOOL PATH/EDGE,TOOL,MILL\nGOTO/600.,-40.,500.,0.,0.,1.\nFEDRAT/MMPM,1200.\n"
+        "GOTO/600.,40.,500.\nEND-OF-PATH\n"
+    )
+    new_task(Request(Path(SEVEN), toolpath, frame="tool", search_seconds=5.0), out)
+    written = out.read_text("utf-8")
+    assert tomllib.loads(written)["path"]["length_unit"] == "mm"
+    words = " ".join(written.replace("#", " ").split())
+    assert "Read as mm: its feeds are in MMPM" in words, written
+    np.testing.assert_allclose(load(out).toolpath.curves[0].positions[:, 1], [-0.04, 0.04])
