@@ -24,29 +24,26 @@ Reading = Annotated[Any, tyro.conf.arg(constructor=_Options, name=""), tyro.conf
 @cli.command
 def show(
     path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")],
-    out: cli.Folder = None,
-    png: cli.OptionalFile = None,
+    out: cli.OptionalFile = None,
     reading: Reading = _AS_THE_FILE_SAYS,
     json_: cli.Json = False,
 ) -> None:
     """Show a toolpath without a robot: what is in the file, what was assumed, a page to look at.
 
-    The page, toolpath.html, is one file that opens without a network: curves coloured by their
-    feed, tool axes, rapid motions.
+    The page is one file that opens without a network: curves coloured by their feed, tool axes,
+    rapid motions.
 
     Args:
         path: Toolpath: CSV, APT-CL or G-code.
-        out: Folder for the page; if omitted, out/NAME_toolpath with the file's name.
-        png: A still picture to write, too.
+        out: Page (.html) or still picture (.png) to write; if omitted, the page
+            out/NAME_toolpath.html with the file's name.
         reading: How the file is read.
     """
-    folder = out or Path("out") / f"{path.stem}_toolpath"
-    cli.check_folder(folder)
-    if png is not None:
-        if png.suffix.lower() != ".png":
-            raise InvalidInput(f"--png {png}: expected a file that ends in .png.")
-        cli.check_file(png, "--png")
+    file = out or Path("out") / f"{path.stem}_toolpath.html"
+    if file.suffix.lower() not in (".html", ".png"):
+        raise InvalidInput(f"--out {file}: expected a file that ends in .html or .png.")
     toolpath = _read(path, given(reading))
+    cli.check_file(file)
     from qp_twist.pages.toolpath_page import (  # with what draws
         lead,
         save_toolpath_figure,
@@ -56,17 +53,16 @@ def show(
 
     summary = summarize(toolpath)
     cli.only_json(json_)
-    page = show_toolpath(toolpath, folder).path
-    if png is not None:
-        save_toolpath_figure(toolpath, png)
+    write = show_toolpath if file.suffix.lower() == ".html" else save_toolpath_figure
+    write(toolpath, file)
     if json_:
-        cli.show_json(_facts(toolpath, summary, page))
+        cli.show_json(_facts(toolpath, summary, file))
     cli.say(f"{path}: {lead(toolpath, summary)}")
     for name, value in toolpath_facts(toolpath, summary).items():
         cli.say(f"  {name}: {value}")
-    for note in toolpath.notes:
-        cli.say(f"  note: {note}")
-    cli.say(f"wrote {page}", *([] if png is None else [f"wrote {png}"]))
+    cli.say(*(f"  assumed: {sentence}" for sentence in toolpath.assumptions))
+    cli.say(*(f"  left out: {sentence}" for sentence in toolpath.passed_over))
+    cli.say(f"wrote {file}")
 
 
 def _read(path: Path, options: dict[str, object]) -> Toolpath:
@@ -83,8 +79,8 @@ def _read(path: Path, options: dict[str, object]) -> Toolpath:
         raise
 
 
-def _facts(toolpath: Toolpath, summary: ToolpathSummary, page: Path) -> dict[str, Any]:
-    """What the file says, ready for JSON: m, m/s, s, degrees."""
+def _facts(toolpath: Toolpath, summary: ToolpathSummary, written: Path) -> dict[str, Any]:
+    """What the file says, ready for JSON."""
 
     def largest(found: Largest | None, scale: float = 1.0) -> dict[str, float | int] | None:
         return None if found is None else {"value": scale * found.value, "line": found.line}
@@ -92,20 +88,22 @@ def _facts(toolpath: Toolpath, summary: ToolpathSummary, page: Path) -> dict[str
     degrees = float(np.degrees(1.0))
     return {
         "file": str(toolpath.source),
-        "page": str(page),
-        "meaning": toolpath.meaning,
+        "written": str(written),
+        "points": summary.points,
+        "curves": summary.curves,
+        "length_m": summary.cut,
+        "rapids_m": summary.rapids,
+        "lower_m": summary.low.tolist(),
+        "upper_m": summary.high.tolist(),
         "unit": toolpath.unit,
         "unit_in_file": toolpath.unit_in_file,
-        "curves": summary.curves,
-        "points": summary.points,
-        "low": summary.low.tolist(),
-        "high": summary.high.tolist(),
-        "length": summary.cut,
-        "rapid_length": summary.rapids,
-        "feeds": None if summary.feeds is None else list(summary.feeds),
-        "time": summary.time,
-        "longest_step": largest(summary.longest_step),
+        "axis": toolpath.meaning != "none",
+        "meaning": toolpath.meaning,
+        "feeds_m_per_s": None if summary.feeds is None else list(summary.feeds),
+        "time_s": summary.time,
+        "longest_step_m": largest(summary.longest_step),
         "largest_turn_deg": largest(summary.largest_turn, degrees),
         "tilt_deg": None if summary.tilt is None else [degrees * tilt for tilt in summary.tilt],
-        "notes": list(toolpath.notes),
+        "assumptions": list(toolpath.assumptions),
+        "passed_over": list(toolpath.passed_over),
     }

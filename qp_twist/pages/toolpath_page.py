@@ -6,7 +6,7 @@ import base64
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -22,8 +22,6 @@ from qp_twist.pages.recordings import DrawnLines, recorded_lines
 from qp_twist.paths import Toolpath
 from qp_twist.paths.toolpath_summary import ToolMotion, ToolpathSummary, summarize, tool_motion
 
-NAME = "toolpath.html"
-"""Name of the page in its folder."""
 _DRAWN = 20_000
 """Largest number of lines in the moving picture: with more, a browser without a graphics card takes
 more than a second for each frame."""
@@ -39,19 +37,12 @@ _PARTS = {"axis": "tool axes", "normal": "surface normals", "rotation": "whole o
           "none": "positions only"}  # fmt: skip
 
 
-class ToolpathPage(NamedTuple):
-    """What :func:`show_toolpath` made: the page's file, and the numbers in it."""
-
-    path: Path
-    summary: ToolpathSummary
-
-
-def show_toolpath(toolpath: Toolpath, out: str | Path) -> ToolpathPage:
-    """Write ``toolpath.html``: curves, tool axes, feeds, rapid motions, and what was assumed.
+def show_toolpath(toolpath: Toolpath, file: str | Path) -> Path:
+    """Write a page: curves, tool axes, feeds, rapid motions, and what was assumed.
 
     Args:
-        toolpath: From :func:`~qp_twist.paths.read_toolpath`.
-        out: Folder to write to; created if necessary.
+        toolpath: From :func:`~qp_twist.read_toolpath`.
+        file: The page, ``.html``; its folder is created if necessary.
     """
     motion, summary = tool_motion(toolpath), summarize(toolpath)
     facts = toolpath_facts(toolpath, summary)
@@ -69,9 +60,10 @@ def show_toolpath(toolpath: Toolpath, out: str | Path) -> ToolpathPage:
         thinned=len(motion.positions) > _DRAWN,
         charts=_charts(toolpath, motion),
         facts=facts,
-        notes=toolpath.notes,
+        assumptions=toolpath.assumptions,
+        passed_over=toolpath.passed_over,
     )
-    return ToolpathPage(write_atomically(Path(out) / NAME, page), summary)
+    return write_atomically(Path(file), page)
 
 
 def toolpath_figure(toolpath: Toolpath) -> Figure:

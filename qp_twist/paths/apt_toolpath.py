@@ -153,7 +153,9 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         raise InvalidInput(
             f"CIRCLE ({of_lines(arcs.lines)}) {arcs.question()}", options={"arc_axis": None}
         )
-    return reader.out.toolpath(path, reader.notes(), has_axis=reader.has_axis)
+    return reader.out.toolpath(
+        path, reader.assumptions(), reader.left_out(), has_axis=reader.has_axis
+    )
 
 
 def _has_goto(suffix: str, lines: Sequence[str]) -> bool:
@@ -270,10 +272,18 @@ class _Reader:
         except TooManyPoints:
             pass  # which is one of the problems
 
-    def notes(self) -> list[str]:
-        """Notes on what was assumed about feeds, and what was passed over."""
+    def left_out(self) -> list[str]:
+        """What was passed over beside single words."""
+        if not (lines := self._noted["seventh"]):
+            return []
+        return [
+            f"a seventh number of GOTO ({of_lines(lines)}) is not used; a feed is stated by FEDRAT."
+        ]
+
+    def assumptions(self) -> list[str]:
+        """What was assumed about arcs, cycles, frames and feeds."""
         where = {what: of_lines(lines) for what, lines in self._noted.items() if lines}
-        found = self.out.passed_over()
+        found: list[str] = []
         if "CUTCOM" in where:
             found.append(
                 f"CUTCOM ({where['CUTCOM']}) has a machine shift the path by the radius of its "
@@ -294,11 +304,6 @@ class _Reader:
         if "FEDRAT" in where:
             unit = self.out.length_unit
             found.append(f"FEDRAT without a unit ({where['FEDRAT']}) is read as {unit} per minute.")
-        if "seventh" in where:
-            found.append(
-                f"a seventh number of GOTO ({where['seventh']}) is not used; a feed is stated by "
-                "FEDRAT."
-            )
         return found
 
     def _statement(self, of: _Statement) -> None:

@@ -62,17 +62,19 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     curves = [*_curves(table, where, (LENGTHS[unit], angle, feed), problems)]
     used = {*where.numbers, where.curve}
     unused = [table.call(i) for i in range(table.width) if i not in used]
-    notes += [f"not used: {', '.join(unused)}."] if unused else []
+    passed_over = [f"not used: {', '.join(unused)}."] if unused else []
     speeds = usual(table.names).get("feed", {}).get(0, [])
     if where.feed is None and speeds:
-        notes.append(
+        passed_over.append(
             f"{' and '.join(table.call(i) for i in speeds)} may state feeds, but not in which unit;"
             ' write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to '
             "[path]."
         )
     return toolpath_of(
-        path, where.orientation, curves, call, notes, problems, unit=unit, unit_in_file=in_file
-    )
+        path, where.orientation, curves, call, problems, assumptions=notes,
+        passed_over=passed_over, unit=unit,
+        unit_in_file=in_file,
+    )  # fmt: skip
 
 
 CSV = ToolpathFormat(lambda suffix, lines: True, _read, {})

@@ -104,7 +104,8 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     reader = _Reader(out)
     reader.read(lines)
     out.problems.refuse()
-    return out.toolpath(path, reader.notes(), has_axis=reader.axis.stated)
+    assumptions = [*out.divided(), *reader.axis.notes()]
+    return out.toolpath(path, assumptions, reader.left_out(), has_axis=reader.axis.stated)
 
 
 GCODE = ToolpathFormat(lambda suffix, lines: suffix in SUFFIXES, _read, STATED_BY_PROGRAMS)
@@ -176,15 +177,14 @@ class _Reader:
                 "none",
             )
 
-    def notes(self) -> list[str]:
-        """Notes on what was assumed and passed over."""
-        found = self.out.passed_over()
-        if self._away:
-            found.append(
-                f"motions to the machine's own positions (G28, G53, … in {of_lines(self._away)}) "
-                "are left out; another curve begins after each."
-            )
-        return [*found, *self.out.divided(), *self.axis.notes()]
+    def left_out(self) -> list[str]:
+        """What was passed over beside single words."""
+        if not self._away:
+            return []
+        return [
+            f"motions to the machine's own positions (G28, G53, … in {of_lines(self._away)}) are "
+            "left out; another curve begins after each."
+        ]
 
     # ------------------------------------------------------------ a block
 

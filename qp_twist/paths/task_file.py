@@ -195,7 +195,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     durations, notes = _durations(file, built)
     toolpath = built.toolpath
     if toolpath is not None:
-        toolpath = replace(toolpath, notes=(*toolpath.notes, *notes))
+        toolpath = replace(toolpath, assumptions=(*toolpath.assumptions, *notes))
     timed = durations is not None
     task = PathTask(
         name=printable(path.stem),

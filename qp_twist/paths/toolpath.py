@@ -85,7 +85,8 @@ class Toolpath:
         meaning: Meaning of the curves' directions: the tool axis, from the tip to the holder; the
             surface normal, away from the part; the whole rotation of the tool; or none.
         curves: The curves, in the order of the file.
-        notes: A sentence for each thing that was left out or assumed.
+        assumptions: A sentence for each thing that was assumed.
+        passed_over: A sentence for what is in the file and not in the path.
         unit: Unit of the positions in the file.
         unit_in_file: Whether the file specifies it.
     """
@@ -93,9 +94,15 @@ class Toolpath:
     source: Path
     meaning: Meaning
     curves: tuple[Curve, ...]
-    notes: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    passed_over: tuple[str, ...] = ()
     unit: LengthUnit = "m"
     unit_in_file: bool = True
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed, and what was passed over."""
+        return (*self.assumptions, *self.passed_over)
 
     @property
     def feeds(self) -> tuple[float, float] | None:

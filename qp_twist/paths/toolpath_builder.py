@@ -98,9 +98,10 @@ def toolpath_of(
     orientation: Orientation,
     curves: Sequence[RowsOfCurve],
     call: str,
-    notes: Iterable[str],
     problems: Problems,
     *,
+    assumptions: Iterable[str],
+    passed_over: Iterable[str],
     unit: LengthUnit,
     unit_in_file: bool,
 ) -> Toolpath:
@@ -111,8 +112,9 @@ def toolpath_of(
         orientation: Meaning of the directions; angles in radians, a quaternion's w first.
         curves: Their rows.
         call: Name of the direction's columns in messages.
-        notes: Notes of the reader.
         problems: Those of the reader; raised here together with those of the rows.
+        assumptions: What the reader assumed, a sentence each.
+        passed_over: What it passed over, likewise.
         unit: Of the file's positions.
         unit_in_file: Whether the file states it.
 
@@ -147,7 +149,10 @@ def toolpath_of(
             f"{len(repeated)} points that repeat the one before were dropped (the first in line "
             f"{repeated[0]})."
         ]
-    return Toolpath(path, meaning, tuple(found), (*notes, *dropped), unit, unit_in_file)
+    return Toolpath(
+        path, meaning, tuple(found), tuple(assumptions), (*passed_over, *dropped), unit,
+        unit_in_file,
+    )  # fmt: skip
 
 
 class Feeds:
@@ -311,7 +316,7 @@ class ProgramBuilder:
         self._arcs += 1
         return points
 
-    def passed_over(self) -> list[str]:
+    def _words_passed_over(self) -> list[str]:
         """A note on the words that move nothing, if there are any."""
         words = [
             word if len(lines) == 1 else f"{word} ({len(lines)})"
@@ -327,12 +332,15 @@ class ProgramBuilder:
         what = f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them (arc_error)."
         return [what] if self._arcs else []
 
-    def toolpath(self, path: Path, notes: Iterable[str], *, has_axis: bool) -> Toolpath:
+    def toolpath(
+        self, path: Path, assumptions: Iterable[str], left_out: Iterable[str], *, has_axis: bool
+    ) -> Toolpath:
         """The whole toolpath.
 
         Args:
             path: The file.
-            notes: Notes of the format.
+            assumptions: What the format assumed, a sentence each.
+            left_out: What it passed over beside single words, likewise.
             has_axis: Whether the file states a tool axis.
 
         Raises:
@@ -351,13 +359,14 @@ class ProgramBuilder:
             orientation or "axis",
             curves,
             self.words.axis,
-            [
+            self.problems,
+            assumptions=[
                 *self._unit_notes(),
                 *([] if orientation or has_axis else [no_axis]),
                 *self._rapid_notes(curves),
-                *notes,
+                *assumptions,
             ],
-            self.problems,
+            passed_over=[*self._words_passed_over(), *left_out],
             unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )

@@ -22,12 +22,13 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_file_is_shown_in_one_glance_and_as_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["show", SEAMS, "--png", "seams.png"])
+    main(["show", SEAMS])
     said = capsys.readouterr().out
     assert "2 curves, 122 points, surface normals" in said
     assert "unit: mm, as the file states" in said
-    assert "note: not used: column 'no'." in said
-    assert (tmp_path / "out" / "dome_seams_toolpath" / "toolpath.html").is_file()
+    assert "left out: not used: column 'no'." in said
+    assert (tmp_path / "out" / "dome_seams_toolpath.html").is_file()
+    main(["show", SEAMS, "--out", "seams.png"])
     assert (tmp_path / "seams.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -35,10 +36,16 @@ def test_json_is_in_si_units_and_alone(capsys: pytest.CaptureFixture[str]) -> No
     Path("line.apt").write_text("UNITS/MM\nFEDRAT/600,MMPM\n" + LINE)
     main(["show", "line.apt", "--json"])
     facts = json.loads(capsys.readouterr().out)
-    assert facts["length"] == pytest.approx(0.03) and facts["time"] == pytest.approx(3.0)
-    assert facts["high"] == pytest.approx([0.03, 0.0, 0.0])
+    assert facts["length_m"] == pytest.approx(0.03) and facts["time_s"] == pytest.approx(3.0)
+    assert facts["lower_m"] == pytest.approx([0.0, 0.0, 0.0])
+    assert facts["upper_m"] == pytest.approx([0.03, 0.0, 0.0])
+    assert (facts["points"], facts["curves"], facts["axis"]) == (2, 1, True)
+    assert facts["assumptions"] == [
+        "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
+    ]
+    assert facts["passed_over"] == []
     assert (facts["unit"], facts["unit_in_file"]) == ("mm", True)
-    assert facts["longest_step"] == {"value": pytest.approx(0.03), "line": 4}
+    assert facts["longest_step_m"] == {"value": pytest.approx(0.03), "line": 4}
 
 
 def test_what_is_open_is_asked_with_the_option_that_answers_it(
@@ -57,8 +64,8 @@ def test_what_is_open_is_asked_with_the_option_that_answers_it(
     ("arguments", "message"),
     [
         (["show", "missing.apt"], "missing.apt"),
-        (["show", SEAMS, "--png", "seams.jpg"], "--png seams.jpg: expected a file that ends in"),
-        (["show", SEAMS, "--out", SEAMS], "this is a file; give a folder to write to"),
+        (["show", SEAMS, "--out", "seams.jpg"], "expected a file that ends in .html or .png"),
+        (["show", SEAMS, "--out", f"{SEAMS}/page.html"], "give a file in another folder"),
         (["show", SEAMS, "--columns", "position=1,2"], "--columns"),
     ],
 )
