@@ -151,8 +151,9 @@ def mink_costs(
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
-    stated = [mink_cost(task, configuration) for task in tasks]
-    return costs_of(tasks, stated, configuration.model.nv, dt)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused by name
+        stated = [mink_cost(task, configuration) for task in tasks]
+        return costs_of(tasks, stated, configuration.model.nv, dt)
 
 
 def costs_of(

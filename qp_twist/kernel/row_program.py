@@ -107,7 +107,7 @@ def solve_rows(
 @kernel
 def _scaled(H, c, A, b, G, g, lower, upper, tolerances):
     """The program at its largest scale; ``FAILED`` of rows that contradict each other."""
-    m, cost = len(b), c.copy()
+    n, m, cost = len(c), len(b), c.copy()
     d = directions(A, b, np.zeros(m), np.zeros((m, 0)), 0.0, 1.0, 0.0, False)
     for i in range(m):
         # The reference meets the consistent part.
@@ -117,6 +117,7 @@ def _scaled(H, c, A, b, G, g, lower, upper, tolerances):
     found, scale, relaxed = first_level(
         H, cost, d, G, g, lower, upper, False, True, False, tolerances
     )
+    # Where the scale is an unknown of the program, it comes after the velocity.
     return Result(
-        found.status if relaxed == 0.0 else FAILED, found.x, b, found.lam, found.box
+        found.status if relaxed == 0.0 else FAILED, found.x[:n], b, found.lam, found.box[:n]
     ), scale

@@ -55,6 +55,29 @@ def test_while_feasible_the_optimum_is_minks(seed: int) -> None:
     assert binding == {"position", "velocity", "collision", "FreeJointVelocityLimit"}
 
 
+@pytest.mark.parametrize("seed", range(40))
+def test_what_does_not_fit_is_scaled_in_machine_code_as_by_a_backend(seed: int) -> None:
+    """Options of a backend, here its default, have the backend solve the program."""
+    rng = np.random.default_rng(seed)
+    model = qt.load_task("deburring").model
+    configuration = mink.Configuration(model, rng.uniform(*model.jnt_range.T))
+    hand = qt.TwistTask.axis_free("tool", "site")
+    there = configuration.get_transform_frame_to_world("tool", "site")
+    hand.set_target(there @ mink.SE3.exp(10.0 ** rng.uniform(-3.0, 0.0) * rng.normal(size=6)))
+    posture = mink.PostureTask(model, cost=1e-2)
+    posture.set_target(np.zeros(model.nv))
+    speeds = {model.joint(k).name: rng.uniform(0.2, 2.0) for k in range(model.njnt)}
+    limits = [mink.ConfigurationLimit(model), mink.VelocityLimit(model, speeds)]
+    arguments: Any = (configuration, [posture], DT, "daqp")
+    given: Any = {"limits": limits, "constraints": [hand]}
+    velocity = qt.solve_ik(*arguments, **given)
+    ours, theirs = qt.ik_step(*arguments, **given), qt.ik_step(*arguments, **given, iter_limit=1000)
+    assert velocity.shape == (model.nv,)
+    np.testing.assert_array_equal(velocity, ours.velocity)
+    assert ours.scale == pytest.approx(theirs.scale, rel=1e-6, abs=1e-8)
+    np.testing.assert_allclose(velocity, theirs.velocity, atol=1e-5)
+
+
 @pytest.mark.parametrize("solver", ["proxqp", "osqp", "clarabel", "quadprog", "piqp"])
 def test_with_any_backend(solver: str) -> None:
     if solver not in qpsolvers.available_solvers:

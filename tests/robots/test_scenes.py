@@ -352,7 +352,7 @@ def test_a_crash_of_opengl_is_a_sentence(
     ended = SimpleNamespace(returncode=returncode, stderr="")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
     with pytest.raises(NoPicture, match=f"{said}.*apt-get"):
-        draw_scene(m16ib, [START])
+        draw_scene(m16ib, START)
 
 
 def test_a_hanging_driver_is_a_sentence(
@@ -360,4 +360,4 @@ def test_a_hanging_driver_is_a_sentence(
 ) -> None:
     monkeypatch.setattr(picture, "TIMEOUT_S", 0.01)
     with pytest.raises(NoPicture, match="no picture within"):
-        draw_scene(m16ib, [START])
+        draw_scene(m16ib, START)

@@ -180,8 +180,11 @@ def good(planar: qt.Comparison) -> qt.Trajectory:
 
 
 def judged(trajectory: qt.Trajectory, **changed: Any) -> tuple[str, str, int] | None:
-    task = trajectory.path_task
-    fault = Judge(task).fault(dataclasses.replace(trajectory, **changed))
+    task, measured = trajectory.path_task, {"position_error", "band_excess"} & changed.keys()
+    of_rows = {name: changed.pop(name) for name in measured}
+    made = dataclasses.replace(trajectory, **changed)
+    vars(made).update(of_rows)  # in place of what its rows would give
+    fault = Judge(task).fault(made)
     return None if fault is None else (fault.kind, fault.joint, fault.waypoint)
 
 
