@@ -130,14 +130,15 @@ def sum_of_costs(
         \mathbf H = \textstyle\sum\mathbf W^T\mathbf W, \qquad
               \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
     """
-    rows = [cost for cost in stated if type(cost) is WeightedRows]
-    damping: float | Array = sum(cost.damping for cost in rows)
     H, c = np.zeros((nv, nv)), np.zeros(nv)
-    if rows:
-        W = np.concatenate([cost.rows for cost in rows])
-        H, c = W.T @ W, -(np.concatenate([cost.error for cost in rows]) @ W)
-    for cost in stated if len(rows) < len(stated) else ():
-        if type(cost) is mink.Objective:
+    damping: float | Array = 0.0
+    for cost in stated:
+        if isinstance(cost, WeightedRows):
+            W, error, own = cost
+            H += W.T @ W
+            c -= error @ W
+            damping = damping + own
+        else:
             H += cost.H
             c += cost.c
     return H, c, damping

@@ -324,7 +324,7 @@ def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array
         return blocks[0]
     if not blocks:
         return np.zeros((0, n)), np.zeros(0)
-    return np.vstack([A for A, _ in blocks]), np.concatenate([b for _, b in blocks])
+    return np.concatenate([A for A, _ in blocks]), np.concatenate([b for _, b in blocks])
 
 
 # ----------------------------------------------------------------------------------- the program
