@@ -326,14 +326,8 @@ def _toolpath(request: Request) -> Toolpath:
     try:
         return read_toolpath(request.toolpath, request)
     except InvalidInput as error:
-        error.sentence += _hint(error)
+        error.sentence += Request.hint(error.options, "qp-twist new")
         raise
-
-
-def _hint(error: InvalidInput) -> str:
-    """The options of the command line that answer a message about a toolpath."""
-    answers = [Request.answer(key, value) for key, value in error.options.items()]
-    return f" For qp-twist new: {' or '.join(answers)}" if answers else ""
 
 
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
@@ -355,7 +349,7 @@ def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
         of_toolpath = error.key == FILE_KEY
         error.file, error.line = "" if of_toolpath else str(out), None
         error.key = "" if of_toolpath else error.key
-        error.sentence += _hint(error)
+        error.sentence += Request.hint(error.options, "qp-twist new")
         raise
     return replace(task, name=printable(out.stem))
 

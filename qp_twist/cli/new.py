@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,7 @@ from qp_twist.authoring import NewTask, Request, new_task
 from qp_twist.cli import app as cli
 from qp_twist.cli.compiling import note_compiling
 from qp_twist.cli.progress import share_progress
-from qp_twist.cli.toolpath import given, options_of
+from qp_twist.cli.toolpath import given, name_option, options_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import ToolpathOptions
@@ -130,9 +129,7 @@ def new(
         )
         task = _made(request, out, force=force)
     except InvalidInput as error:
-        option = re.split(r"[.[]", error.key, maxsplit=1)[0]
-        if option in Request.model_fields and not error.file:
-            error.key = Request.option(option) + error.key.removeprefix(option)
+        name_option(error, Request)
         raise
     cli.only_json(json_)
     if json_:

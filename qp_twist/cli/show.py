@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 
 from qp_twist.cli import app as cli
-from qp_twist.cli.toolpath import given, options_of
+from qp_twist.cli.toolpath import given, name_option, options_of
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Toolpath, read_toolpath
 from qp_twist.paths.section import validated
@@ -70,12 +70,8 @@ def _read(path: Path, options: dict[str, object]) -> Toolpath:
     try:
         return read_toolpath(path, validated(ReadingOptions, options))
     except InvalidInput as error:
-        key, _, inside = error.key.partition(".")
-        if key in ReadingOptions.model_fields:
-            error.key = " ".join(filter(None, (ReadingOptions.option(key), inside)))
-        if error.options:
-            answers = [ReadingOptions.answer(*answer) for answer in error.options.items()]
-            error.sentence += f" For qp-twist show: {' or '.join(answers)}"
+        name_option(error, ReadingOptions)
+        error.sentence += ReadingOptions.hint(error.options, "qp-twist show")
         raise
 
 

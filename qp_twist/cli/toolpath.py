@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import make_dataclass
 from typing import Annotated, Any, Literal
 
 import tyro
 
+from qp_twist.errors import InvalidInput
 from qp_twist.paths.toolpath_options import ReadingOptions, choices
 
 
@@ -27,6 +29,13 @@ def options_of(model: type[ReadingOptions]) -> Any:
         argument = tyro.conf.arg(name=name, metavar=metavar, help=about)
         fields.append((key, Annotated[kind, argument], default))
     return make_dataclass(model.__name__, fields)
+
+
+def name_option(error: InvalidInput, model: type[ReadingOptions]) -> None:
+    """Call what is refused by its option of the command line, in place of its field."""
+    field = re.split(r"[.[]", error.key, maxsplit=1)[0]
+    if field in model.model_fields and not error.file:
+        error.key = model.option(field) + error.key.removeprefix(field)
 
 
 def given(options: Any) -> dict[str, object]:

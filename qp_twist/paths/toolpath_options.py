@@ -6,6 +6,7 @@ A field here is an argument of Python, a key of ``[path]`` in a task file, an op
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field
@@ -83,6 +84,12 @@ class ReadingOptions(Section):
             *others, last = choices(cls.model_fields[key].annotation)
             value = f"{', '.join(others)} or {last}"
         return f"{cls.option(key)} {value}"
+
+    @classmethod
+    def hint(cls, options: Mapping[str, str | None], command: str) -> str:
+        """What answers a message about a toolpath on the command line; empty without options."""
+        answers = [cls.answer(key, value) for key, value in options.items()]
+        return f" For {command}: {' or '.join(answers)}" if answers else ""
 
 
 class ToolpathOptions(ReadingOptions):

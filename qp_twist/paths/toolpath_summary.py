@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from qp_twist.checks import Array, Mask
 from qp_twist.paths.toolpath import Curve, Lines, Toolpath
@@ -137,7 +136,7 @@ def _feeds(curve: Curve) -> Array:
     return np.full(len(curve), np.nan) if curve.feeds is None else curve.feeds
 
 
-def _largest(values: Array, motion: ToolMotion, among: npt.NDArray[np.bool_]) -> Largest | None:
+def _largest(values: Array, motion: ToolMotion, among: Mask) -> Largest | None:
     if not among.any():
         return None
     at = int(np.flatnonzero(among)[np.argmax(values[among])])
