@@ -1,0 +1,104 @@
+"""Toolpaths as programs write them, each with its true path computed by other means.
+
+A module is a dialect. Its inputs are made up after real files: their words, their order, their
+numbers. Beside each stands a function that computes the path without the package: arcs by angle,
+rotary axes by homogeneous matrices, splines by scipy, Euler angles by scipy's rotations.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from qp_twist.paths import Toolpath, read_toolpath
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TruePath:
+    """A curve of a file as it really is.
+
+    Attributes:
+        points: Dense points of it, or its corners if it is straight between them, m, (N, 3).
+        vectors: Tool axes or normals there, (N, 3); ``None`` if the file has none.
+        rotations: Of the tool there, (N, 3, 3), likewise.
+        feed: Of the whole curve, m/s; ``None`` if it is not compared.
+    """
+
+    points: Array
+    vectors: Array | None = None
+    rotations: Array | None = None
+    feed: float | None = None
+
+
+@dataclass(frozen=True)
+class Case:
+    """An input and its path.
+
+    Attributes:
+        dialect: Who writes such files.
+        file: Name of the file.
+        text: Its contents.
+        path: Computes its curves.
+        options: Of the reader, if the file needs any.
+    """
+
+    dialect: str
+    file: str
+    text: str | bytes
+    path: Callable[[], list[TruePath]]
+    options: dict[str, object] = field(default_factory=dict)
+
+    def read(self, folder: Path) -> Toolpath:
+        """Read it as a user would."""
+        file = folder / self.file
+        file.write_bytes(self.text if isinstance(self.text, bytes) else self.text.encode())
+        return read_toolpath(file, **self.options)
+
+    def __str__(self) -> str:
+        return f"{self.dialect}: {self.file}"
+
+
+CASES: list[Case] = []
+
+
+def case(
+    dialect: str, file: str, text: str | bytes, **options: object
+) -> Callable[[Callable[[], list[TruePath]]], Callable[[], list[TruePath]]]:
+    """Add an input; the function that is decorated computes its path."""
+
+    def add(path: Callable[[], list[TruePath]]) -> Callable[[], list[TruePath]]:
+        CASES.append(Case(dialect, file, text, path, options))
+        return path
+
+    return add
+
+
+def mm(*points: tuple[float, float, float]) -> Array:
+    """Points in millimetres as metres, (N, 3)."""
+    return 1e-3 * np.array(points, dtype=np.float64)
+
+
+def arc(centre: Array, begin: Array, axis: Array, angle: float, rise: float = 0.0) -> Array:
+    """Points of an arc or helix about an axis through ``centre``, right-handed by ``angle``, rad.
+
+    Rodrigues' formula on the radius vector; ``rise`` along the axis in proportion to the angle.
+    """
+    axis = np.asarray(axis) / np.linalg.norm(axis)
+    radius = begin - centre
+    shares = np.linspace(0.0, 1.0, 721)[:, None]
+    cos, sin = np.cos(angle * shares), np.sin(angle * shares)
+    along = axis * (radius @ axis)
+    turned = cos * (radius - along) + sin * np.cross(axis, radius) + along
+    return centre + turned + rise * shares * axis
+
+
+for _module in pkgutil.iter_modules(__path__):
+    importlib.import_module(f"{__name__}.{_module.name}")

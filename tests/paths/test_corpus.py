@@ -1,0 +1,101 @@
+"""Every input of the corpus is read as it is, and its path is the true one."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from corpus import CASES, Case, TruePath
+
+from qp_twist.errors import InvalidInput
+from qp_twist.paths import Toolpath
+
+Array = npt.NDArray[np.float64]
+FAR = 2.5e-5
+"""Chords may be 0.01 mm from an arc; the sampling of the true path has its share, m."""
+TURNED = np.radians(0.05)
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_the_path_is_the_true_one(case: Case, tmp_path: Path) -> None:
+    toolpath = case.read(tmp_path)
+    true = case.path()
+    assert len(toolpath.curves) == len(true), toolpath
+    for curve, other in zip(toolpath.curves, true, strict=True):
+        read = TruePath(curve.positions, curve.vectors, curve.rotations)
+        assert_near(read, other)
+        assert_near(other, read)
+        assert (curve.vectors is None) == (other.vectors is None)
+        assert (curve.rotations is None) == (other.rotations is None)
+        if other.feed is not None:
+            assert curve.feeds is not None
+            np.testing.assert_allclose(curve.feeds[1:], other.feed, rtol=1e-3)
+
+
+def assert_near(path: TruePath, other: TruePath) -> None:
+    """Each point of a path is on the other one, with its direction, in the same order."""
+    at = 0.0
+    for k, point in enumerate(path.points):
+        far, turned, at = _nearest(path, k, other, at)
+        assert far < FAR, f"point {k}, {point}, is {1e3 * far:.4f} mm off"
+        assert turned < TURNED, f"point {k}, {point}, is turned by {np.degrees(turned):.3f} degrees"
+
+
+def _nearest(path: TruePath, k: int, other: TruePath, at: float) -> tuple[float, float, float]:
+    """Distance, turn and place of the first point of another path, from ``at`` on, that is near."""
+    point = path.points[k]
+    begin, end = other.points[:-1], other.points[1:]
+    chord = end - begin
+    square = np.maximum((chord**2).sum(axis=1), 1e-30)
+    share = np.clip(((point - begin) * chord).sum(axis=1) / square, 0.0, 1.0)
+    first = int(at)
+    share[first] = max(share[first], at - first)
+    far = np.linalg.norm(begin + share[:, None] * chord - point, axis=1)
+    turned = np.zeros(len(far))
+    for mine, theirs in ((path.vectors, other.vectors), (path.rotations, other.rotations)):
+        if mine is not None and theirs is not None:
+            shape = (-1, *[1] * (mine.ndim - 1))
+            between = theirs[:-1] + share.reshape(shape) * (theirs[1:] - theirs[:-1])
+            off = np.linalg.norm((between - mine[k]).reshape(len(far), -1), axis=1)
+            turned = np.maximum(turned, off)
+    later = np.arange(len(far)) >= first
+    fits = np.flatnonzero(later & (far < FAR) & (turned < TURNED))
+    best = int(fits[0]) if len(fits) else int(np.argmin(np.where(later, far, np.inf)))
+    return float(far[best]), float(turned[best]), best + float(share[best])
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_word_of_motion_that_is_not_known_is_never_passed_over(
+    case: Case, tmp_path: Path
+) -> None:
+    """Each keyword in turn becomes one that no dialect has: refused, or the path is the same."""
+    if isinstance(case.text, bytes):
+        pytest.skip("binary: has no words")
+    before = _numbers(case.read(tmp_path))
+    lines = case.text.split("\n")
+    for k, line in enumerate(lines):
+        word = re.search(r"[A-Za-z]+", line)
+        if word is None:
+            continue
+        changed = [*lines[:k], line[: word.end()] + "QX" + line[word.end() :], *lines[k + 1 :]]
+        other = Case(case.dialect, case.file, "\n".join(changed), case.path, case.options)
+        try:
+            after = _numbers(other.read(tmp_path))
+        except InvalidInput:
+            continue
+        assert after.shape == before.shape, changed[k]
+        np.testing.assert_allclose(after, before, atol=1e-12, err_msg=changed[k])
+
+
+def _numbers(toolpath: Toolpath) -> Array:
+    """All numbers of the curves of a toolpath, one after the other."""
+    found = [
+        np.ravel(part)
+        for curve in toolpath.curves
+        for part in (curve.positions, curve.vectors, curve.rotations)
+        if part is not None
+    ]
+    return np.concatenate(found)
