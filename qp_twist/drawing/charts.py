@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from qp_twist.checks import Array, Indices
-from qp_twist.drawing.figures import ShownFigure
-from qp_twist.drawing.palette import BLUE, GRID, RC, RED
+from qp_twist.drawing.figures import SVG_RC, ShownFigure, inline_svg
+from qp_twist.drawing.palette import BLUE, GRID, INK, RC, RED
 from qp_twist.kinematics import JointRanges
 
 if TYPE_CHECKING:
@@ -22,6 +22,11 @@ _POINTS = 240
 """Approximate number of points of a curve."""
 _FLOOR = 1e-9
 """Smaller errors (mm, degrees) are drawn at this value."""
+_SMALL: Any = SVG_RC | {
+    "font.size": 7.5, "axes.linewidth": 0.6, "axes.edgecolor": INK, "axes.grid": False,
+    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5, "xtick.major.pad": 2.0, "ytick.major.pad": 2.0,
+}  # fmt: skip
 
 
 class Curve(NamedTuple):
@@ -75,6 +80,51 @@ def draw_chart(
     for limit in limits:
         panel.axhline(limit, color=RED, linewidth=1.2)
     panel.set_ylim(bottom, top)
+
+
+def small_chart(
+    curves: Sequence[Curve],
+    unit: str,
+    x_label: str,
+    bottom: float,
+    top: float,
+    *,
+    key: str,
+    description: str,
+    x_range: tuple[float, float] | None = None,
+    limit: float | None = None,
+    shaded: Sequence[tuple[float, float]] = (),
+) -> str:
+    """A chart that stands with others in a page, as an ``<svg>`` element.
+
+    Args:
+        curves: The curves, the upper ones last.
+        unit: Of the values; it stands above their axis.
+        x_label: At the right end of the other axis.
+        bottom: Lower end of the vertical axis.
+        top: Its upper end.
+        key: Begins the ids in it.
+        description: For readers who do not see it.
+        x_range: Ends of the horizontal axis; those of the curves if ``None``.
+        limit: Height of a red line, if there is one.
+        shaded: Begin and end of each grey stretch.
+    """
+    with mpl.rc_context(_SMALL):
+        figure = Figure(figsize=(3.6, 1.55))
+        panel = figure.add_axes((0.115, 0.2, 0.87, 0.66))
+        limits = [] if limit is None else [limit]
+        draw_chart(panel, curves, limits=limits, shaded=shaded, bottom=bottom, top=top)
+        if x_range is not None:
+            panel.set_xlim(*x_range)
+        panel.text(0.0, 1.05, unit, transform=panel.transAxes)
+        if limits:
+            panel.text(1.0, 1.05, "— limit", transform=panel.transAxes, ha="right", color=RED)
+        panel.set_xlabel(x_label, labelpad=1.0)
+        panel.xaxis.set_label_coords(1.0, -0.16)
+        panel.xaxis.label.set_horizontalalignment("right" if len(x_label) > 8 else "center")
+        panel.locator_params(axis="y", nbins=4)
+        panel.locator_params(axis="x", nbins=6)
+    return inline_svg(figure, key, description)
 
 
 def thinned(y: Array) -> Indices:

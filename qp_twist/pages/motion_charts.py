@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
 from qp_twist.constraints import Clearance
-from qp_twist.drawing.charts import Curve, draw_chart
-from qp_twist.drawing.figures import SVG_RC, inline_svg
-from qp_twist.drawing.palette import BLUE, FAINT, INK, RED
+from qp_twist.drawing.charts import Curve, small_chart
+from qp_twist.drawing.palette import BLUE, FAINT
 from qp_twist.kinematics import JointRanges
 from qp_twist.pages.motion_facts import data, data_of, with_space
 from qp_twist.paths import PathTask
@@ -33,11 +30,6 @@ _MAIN, _OTHER = {"color": BLUE, "linewidth": 1.6}, {"color": FAINT, "linewidth":
 _FINE, _MOST = 0.01, 200
 """Travel of a joint between two points at which distances are computed, rad or m, and the largest
 number of points between two rows."""
-_RC: Any = SVG_RC | {
-    "font.size": 7.5, "axes.linewidth": 0.6, "axes.edgecolor": INK, "axes.grid": False,
-    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5, "xtick.major.pad": 2.0, "ytick.major.pad": 2.0,
-}  # fmt: skip
 
 
 class MotionChart(NamedTuple):
@@ -214,20 +206,14 @@ def _svg(
     top: float, key: str = "",
 ) -> str:  # fmt: skip
     """One small chart."""
-    with mpl.rc_context(_RC):
-        figure = Figure(figsize=(3.6, 1.55))
-        panel = figure.add_axes((0.115, 0.2, 0.87, 0.66))
-        shaded = [tuple(_abscissa(check, np.array(ends)).tolist()) for ends in off_the_path(check)]
-        over = [curve._replace(x=_abscissa(check, curve.x)) for curve in curves]
-        draw_chart(panel, over, limits=[limit], shaded=shaded, bottom=bottom, top=top)
-        panel.set_xlim(*_abscissa(check, check.motion.times[[0, -1]]))
-        panel.text(0.0, 1.05, unit, transform=panel.transAxes)
-        panel.text(1.0, 1.05, "— limit", transform=panel.transAxes, ha="right", color=RED)
-        panel.set_xlabel("s" if check.passing.timed else "waypoint", labelpad=1.0)
-        panel.xaxis.set_label_coords(1.0, -0.16)
-        panel.locator_params(axis="y", nbins=4)
-        panel.locator_params(axis="x", nbins=6)
-    return inline_svg(figure, key or title.rsplit(maxsplit=1)[-1], f"{title} along the path.")
+    shaded = [tuple(_abscissa(check, np.array(ends)).tolist()) for ends in off_the_path(check)]
+    over = [curve._replace(x=_abscissa(check, curve.x)) for curve in curves]
+    x_range = _abscissa(check, check.motion.times[[0, -1]])
+    return small_chart(
+        over, unit, "s" if check.passing.timed else "waypoint", bottom, top,
+        key=key or title.rsplit(maxsplit=1)[-1], description=f"{title} along the path.",
+        x_range=(float(x_range[0]), float(x_range[1])), limit=limit, shaded=shaded,
+    )  # fmt: skip
 
 
 def off_the_path(check: Check) -> list[tuple[float, float]]:

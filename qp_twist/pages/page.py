@@ -49,6 +49,16 @@ def still_html(picture: Picture, pixels: int = 1100) -> str:
     image = Image.open(io.BytesIO(picture.png)).convert("RGB")
     image.thumbnail((pixels, pixels))
     image.save(file, "JPEG", quality=82, optimize=True)
-    data = base64.b64encode(file.getvalue()).decode("ascii")
-    text = html.escape(picture.text, quote=True)
-    return f'<img src="data:image/jpeg;base64,{data}" alt="{text}">'
+    return image_html(file.getvalue(), "jpeg", picture.text)
+
+
+def image_html(content: bytes, kind: str, text: str) -> str:
+    """An ``<img>`` with the picture in it.
+
+    Args:
+        content: Of the picture's file.
+        kind: ``"png"`` or ``"jpeg"``.
+        text: For readers who do not see it.
+    """
+    data = base64.b64encode(content).decode("ascii")
+    return f'<img src="data:image/{kind};base64,{data}" alt="{html.escape(text, quote=True)}">'

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -13,11 +12,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from qp_twist.checks import Array
-from qp_twist.drawing.charts import Curve, draw_chart
-from qp_twist.drawing.figures import ShownFigure, inline_svg, save_figure
-from qp_twist.drawing.palette import BLUE, FAINT, INK, QUIET, RC
+from qp_twist.drawing.charts import Curve, small_chart
+from qp_twist.drawing.figures import ShownFigure, save_figure
+from qp_twist.drawing.palette import BLUE, FAINT, QUIET, RC
 from qp_twist.files import LENGTHS, write_atomically
-from qp_twist.pages.page import fill_template
+from qp_twist.pages.page import fill_template, image_html
 from qp_twist.pages.recordings import DrawnLines, recorded_lines
 from qp_twist.paths import Toolpath
 from qp_twist.paths.toolpath_summary import ToolMotion, ToolpathSummary, summarize, tool_motion
@@ -223,8 +222,7 @@ def _still(toolpath: Toolpath, motion: ToolMotion) -> str:
     file = io.BytesIO()
     with mpl.rc_context(RC):
         _figure(toolpath, motion).savefig(file, format="png", dpi=140)
-    data = base64.b64encode(file.getvalue()).decode("ascii")
-    return f'<img src="data:image/png;base64,{data}" alt="The curves of the toolpath in space.">'
+    return image_html(file.getvalue(), "png", "The curves of the toolpath in space.")
 
 
 def _charts(toolpath: Toolpath, motion: ToolMotion) -> list[dict[str, str]]:
@@ -243,23 +241,22 @@ def _charts(toolpath: Toolpath, motion: ToolMotion) -> list[dict[str, str]]:
             "key": title.split()[0].lower(),
             "title": title,
             "number": f"{said(float(np.nanmax(values)))} {others}",
-            "svg": _svg(title, along, values, others, unit),
+            "svg": small_chart(
+                [_of_steps(along, values)],
+                others,
+                f"{unit} along the curves",
+                0.0,
+                1.2 * float(np.nanmax(values)) or 1.0,
+                key=title.split()[0].lower(),
+                description=f"{title} along the curves.",
+            ),
         }
         for title, others, values, said in charts
         if len(values) > 1 and np.isfinite(values).any()
     ]
 
 
-def _svg(title: str, along: Array, values: Array, unit: str, unit_along: str) -> str:
-    small: Any = {"font.size": 7.5, "axes.grid": False, "axes.edgecolor": INK}
-    with mpl.rc_context(RC | small):
-        figure = Figure(figsize=(3.6, 1.55))
-        panel = figure.add_axes((0.13, 0.26, 0.83, 0.6))
-        # A value belongs to the whole way to its point.
-        along, values = np.insert(along, 0, 0.0), np.insert(values, 0, values[0])
-        curve = Curve(along, values, {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-pre"})
-        draw_chart(panel, [curve], bottom=0.0, top=1.2 * float(np.nanmax(values)) or 1.0)
-        panel.text(0.0, 1.05, unit, transform=panel.transAxes)
-        panel.set_xlabel(f"{unit_along} along the curves", labelpad=1.0)
-        panel.locator_params(axis="both", nbins=5)
-    return inline_svg(figure, title.split(maxsplit=1)[0].lower(), f"{title} along the curves.")
+def _of_steps(along: Array, values: Array) -> Curve:
+    """A curve of values that belong to the whole way to their points."""
+    style = {"color": BLUE, "linewidth": 1.2, "drawstyle": "steps-pre"}
+    return Curve(np.insert(along, 0, 0.0), np.insert(values, 0, values[0]), style)
