@@ -252,7 +252,7 @@ def _charts(toolpath: Toolpath, motion: ToolMotion) -> list[dict[str, str]]:
             ),
         }
         for title, others, values, said in charts
-        if len(values) > 1 and np.isfinite(values).any()
+        if len(values) > 1 and np.nanmax(values, initial=0.0) > np.nanmin(values, initial=np.inf)
     ]
 
 

@@ -363,7 +363,7 @@ class ProgramBuilder:
             assumptions=[
                 *self._unit_notes(),
                 *([] if orientation or has_axis else [no_axis]),
-                *self._rapid_notes(curves),
+                *self._rapid_notes(),
                 *assumptions,
             ],
             passed_over=[*self._words_passed_over(), *left_out],
@@ -401,20 +401,13 @@ class ProgramBuilder:
             other = "inch" if unit == "mm" else "mm"
             yield f"read as {unit}: {why}; {self.options.answer('length_unit', other)} reads it so."
 
-    def _rapid_notes(self, curves: Sequence[RowsOfCurve]) -> Iterator[str]:
-        """Notes on rapid motions: their speed, and the points between them."""
-        word = self.words.rapid
-        points = sum(len(curve.before) + len(curve.after) for curve in curves)
-        if points:
-            yield (
-                f"only {word} leads to {points} of the points and on: they are part of the path "
-                'with rapids = "keep" in [path], and left out otherwise.'
-            )
+    def _rapid_notes(self) -> Iterator[str]:
+        """A note on rapid motions, if there are any."""
         if self._rapids:
             yield (
-                f"{word} ({times(self._rapids)}): the tool gets there at the speed of [feed], as in"
-                ' the file with rapids = "keep", else by [path.approach], [path.retreat] and '
-                "[path.transfer]."
+                f'{self.words.rapid} ({times(self._rapids)}): with rapids = "keep" in [path] the '
+                "tool goes these ways at the speed of [feed]; otherwise [path.approach], "
+                "[path.retreat] and [path.transfer] lead it from curve to curve."
             )
 
 

@@ -317,9 +317,8 @@ def test_apt_lines_become_curves(tmp_path: Path) -> None:
     )
     assert first.lines.tolist() == [10, 13, 14, 16]
     assert second.vectors == pytest.approx(np.array([[0, 0, 1.0]] * 3))
-    left_out, rapid, passed = toolpath.notes
-    assert left_out.startswith("only RAPID leads to 1 of the points and on: they are part of")
-    assert rapid.startswith("RAPID (3 times): the tool gets there at the speed of [feed]")
+    rapid, passed = toolpath.notes
+    assert rapid.startswith('RAPID (3 times): with rapids = "keep" in [path] the tool goes')
     assert passed == ("passed over, since they move nothing (4 times): PARTNO, MULTAX (2), SPINDL.")
     assert first.before is not None and second.before is None and second.after is None
     assert first.before.positions * 1e3 == pytest.approx(np.array([[0, 0, 50]]))
