@@ -169,6 +169,10 @@ def check_folder(folder: Path, option: str = "--out") -> None:
     """Refuse a folder that cannot be written to, before any computation."""
     from qp_twist.errors import InvalidInput
 
+    if folder.suffix.lower() in (".html", ".png"):
+        raise InvalidInput(
+            f"{option} {folder}: expected a folder, in which report.html is written."
+        )
     if why := _no_folder(folder):
         raise InvalidInput(f"{option} {folder}: {why[0]}; {why[1]}.")
 

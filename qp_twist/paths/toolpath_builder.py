@@ -304,11 +304,19 @@ class ProgramBuilder:
                 "included; divide it into several files"
             )
         for point, direction in zip(points, directions, strict=True):
+            if rapid and not self._begins and self._rapid_to(point, direction):
+                continue  # the tool is there
             begins, self._begins = self._begins, False
             self.rows.append(
                 Row(tuple(point.tolist()), tuple(direction), self.line, feed, rapid, begins,
                     self.name)
             )  # fmt: skip
+
+    def _rapid_to(self, point: Array, direction: Sequence[float]) -> bool:
+        """Whether the last motion was in rapid motion to the same point and tool axis."""
+        if not self.rows or not self.rows[-1].rapid or self.rows[-1].direction != tuple(direction):
+            return False
+        return bool(np.linalg.norm(np.subtract(self.rows[-1].position, point)) < SAME_POINT)
 
     def divide_arc(self, arc: Arc) -> tuple[Array, Array]:
         """The ends of an arc's chords, and their shares of its angle."""

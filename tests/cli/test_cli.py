@@ -242,6 +242,10 @@ def test_run_writes_the_page_that_report_writes(
         page = re.sub(r"<dt>Date</dt><dd>.*?</dd>", "", page)
         pages.append(re.sub(r'class="recording"[^>]*>.*?<', "", page))
     assert pages[0] == pages[1]
+    with pytest.raises(SystemExit):
+        main(["run", "planar_line", "--out", file, "--report", str(tmp_path / "page.html")])
+    assert "page.html: expected a folder" in capsys.readouterr().err
+    assert not (tmp_path / "page.html").exists()
 
 
 def test_brackets_in_a_path_are_no_markup(

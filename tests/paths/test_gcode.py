@@ -465,3 +465,12 @@ def test_arcs_of_a_file_have_a_bounded_number_of_points(
     monkeypatch.setattr("qp_twist.paths.toolpath_builder.MOST_POINTS", 20_000)
     with pytest.raises(InvalidInput, match="more than 20000 points"):
         read(tmp_path, arcs, arc_error=1e-5)
+
+
+def test_a_rapid_motion_to_where_the_tool_is_adds_no_point(tmp_path: Path) -> None:
+    """Two points at one place have no time between them: a path with rapids could not be run."""
+    toolpath = read(tmp_path, "G21 G90\nG0 X0 Y0 Z10\nG0 X0 Y0 Z10\nG0 X5\nG0 X5 Z10\nG1 Z0 F600\n")
+    (curve,) = toolpath.curves
+    assert curve.before is not None
+    assert (1e3 * curve.before.positions).tolist() == [[0, 0, 10]]
+    assert (1e3 * curve.positions).tolist() == [[5, 0, 10], [5, 0, 0]]
