@@ -104,6 +104,76 @@ class Arc(NamedTuple):
         return points, shares
 
 
+def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Array:
+    r"""Centre of a right-handed arc about an axis, of at most 180° for a radius above 0.
+
+    .. math:: \mathbf c = \frac{\mathbf s + \mathbf e}{2}
+        + \mathrm{sgn}(r) \sqrt{r^2 - d^2/4}\; \mathbf a \times \frac{\mathbf e - \mathbf s}{d}
+
+    with e without its height above s along the axis a, and d the distance from s to e.
+
+    Args:
+        start: s, m, (3,).
+        end: e, m, (3,).
+        axis: a, unit vector, (3,).
+        radius: r, m; below 0 for an arc of more than 180°.
+
+    Raises:
+        InvalidInput: If the ends are at the same point, or further apart than twice the radius.
+    """
+    check_radius(radius)
+    flat = end - axis * float((end - start) @ axis)
+    chord = flat - start
+    length = float(np.linalg.norm(chord))
+    if length < 1e-7:
+        raise InvalidInput("an arc with a radius R ends at its start; write a full circle by I, J")
+    height = radius**2 - 0.25 * length**2
+    if height < -1e-3 * radius**2 - 2e-5 * abs(radius):
+        raise InvalidInput(
+            f"the ends of the arc are {1e3 * length:.6g} mm apart, more than twice its radius, "
+            f"{1e3 * abs(radius):.6g} mm"
+        )
+    side = math.copysign(math.sqrt(max(0.0, height)), radius) / length
+    centre: Array = 0.5 * (start + flat) + side * np.cross(axis, chord)
+    return centre
+
+
+def rounded_corner(before: Array, corner: Array, after: Array, radius: float) -> Arc:
+    r"""The arc that rounds the corner between two straight motions, tangent to both.
+
+    It begins and ends :math:`r \tan(\varphi/2)` from the corner, φ the angle by which the motion
+    turns there.
+
+    Args:
+        before: Where the motion to the corner begins, m, (3,).
+        corner: m, (3,).
+        after: Where the motion from the corner ends, m, (3,).
+        radius: r, m, above 0.
+
+    Raises:
+        InvalidInput: If a motion is shorter than that, or goes straight on or back.
+    """
+    ways = corner - before, after - corner
+    lengths = [float(np.linalg.norm(way)) for way in ways]
+    if min(lengths) < 1e-9:
+        raise InvalidInput("a motion beside the rounded corner has no length")
+    first, second = (way / length for way, length in zip(ways, lengths, strict=True))
+    axis = np.cross(first, second)
+    turn = math.atan2(float(np.linalg.norm(axis)), float(first @ second))
+    if not 1e-6 < turn < math.pi - 1e-6:
+        raise InvalidInput("there is no corner to round: the motion goes straight on, or back")
+    cut = radius * math.tan(0.5 * turn)
+    if cut > min(lengths) + 1e-9:
+        raise InvalidInput(
+            f"a motion beside the corner is {1e3 * min(lengths):.6g} mm long, and a radius of "
+            f"{1e3 * radius:.6g} mm needs {1e3 * cut:.6g} mm"
+        )
+    axis = axis / np.linalg.norm(axis)
+    start = corner - cut * first
+    centre = start + radius * np.cross(axis, first)
+    return Arc(start, corner + cut * second, centre, axis, turn)
+
+
 def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float:
     r"""Angle of the right-handed rotation about an axis from one point to another.
 

@@ -13,7 +13,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LengthUnit
-from qp_twist.paths.arcs import Arc, check_radius
+from qp_twist.paths.arcs import Arc, centre_of_radius
 from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
 from qp_twist.paths.gcode_words import Block, read_block
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
@@ -402,7 +402,7 @@ class _Reader:
         if radius is not None and named:
             raise InvalidInput("an arc has a radius R or a centre I, J, K; got both")
         if radius is not None:
-            return _centre_of_radius(start, end, axis, scale * radius)
+            return centre_of_radius(start, end, axis, scale * radius)
         letters = [_CENTRE[name] for name in _PLANES[self.modes.plane][:2]]
         in_plane = f"an arc in the plane of G{self.modes.plane} has its centre in "
         if not set(named) & set(letters):
@@ -428,28 +428,3 @@ def _extent(lines: Sequence[str]) -> float:
 
 def _point(at: dict[str, float]) -> Array:
     return np.array([at[axis] for axis in "XYZ"])
-
-
-def _centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Array:
-    r"""Centre of a right-handed arc about an axis, of at most 180° for a radius above 0.
-
-    .. math:: \mathbf c = \frac{\mathbf s + \mathbf e}{2}
-        + \mathrm{sgn}(r) \sqrt{r^2 - d^2/4}\; \mathbf a \times \frac{\mathbf e - \mathbf s}{d}
-
-    with e without its height above s along the axis a, and d the distance from s to e.
-    """
-    check_radius(radius)
-    flat = end - axis * float((end - start) @ axis)
-    chord = flat - start
-    length = float(np.linalg.norm(chord))
-    if length < 1e-7:
-        raise InvalidInput("an arc with a radius R ends at its start; write a full circle by I, J")
-    height = radius**2 - 0.25 * length**2
-    if height < -1e-3 * radius**2 - 2e-5 * abs(radius):
-        raise InvalidInput(
-            f"the ends of the arc are {1e3 * length:.6g} mm apart, more than twice its radius, "
-            f"{1e3 * abs(radius):.6g} mm"
-        )
-    side = math.copysign(math.sqrt(max(0.0, height)), radius) / length
-    centre: Array = 0.5 * (start + flat) + side * np.cross(axis, chord)
-    return centre
