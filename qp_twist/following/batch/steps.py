@@ -75,7 +75,8 @@ def step(
         InvalidInput: If an argument is wrong, or the controller has no compiled form.
         mink.TargetNotSet: If no targets are given and a task has none.
     """
-    from qp_twist.control.compiled_step import CompiledStep
+    from qp_twist.control.compiled_step import twist_space
+    from qp_twist.control.step_arrays import StepArrays
     from qp_twist.kernel import batch_kernel
     from qp_twist.kinematics.compiled_rows import arm_of
 
@@ -86,19 +87,18 @@ def step(
     if velocity is not None:
         before = finite_array("velocity", velocity, (len(given), controller.model.nv))
         before = np.ascontiguousarray(before)
-    arrays, twist_space = None, None
+    arrays = None
     if composition_known(controller.levels, controller.limits):
-        compiled = CompiledStep(controller)
-        arrays, twist_space = compiled.of_any_configuration(controller), compiled.twist_space
-    if arrays is None:
+        arrays = StepArrays(controller)
+    if arrays is None or arrays.evaluates or arrays.secondary.others:
         raise InvalidInput(
             "batch.step: this controller has no compiled form. One has TwistTasks "
             "(no GazeTasks, bands or carriers), PositionLimits, MotionLimits and "
             "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
             "PostureReferences. Take the steps one by one with Controller.step."
         )
-    program, own = arrays
-    tasks = controller.twist_tasks
+    arrays.limits.update()
+    own, tasks = arrays.aims(), controller.twist_tasks
     arms = tuple(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
     )
@@ -108,8 +108,8 @@ def step(
 
     def some(part: slice) -> None:
         batch_kernel.steps(
-            arms, *(array.copy() for array in program), given[part], before[part],
-            aims[part], dt, bool(use_secondary), twist_space, found[part],
+            arms, *(array.copy() for array in arrays.memory), given[part], before[part],
+            aims[part], dt, bool(use_secondary), twist_space(controller), found[part],
             scale[part], done[part],
         )  # fmt: skip
 
