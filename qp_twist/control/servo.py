@@ -5,28 +5,30 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Literal
+from typing import Any, Literal
 
 import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import finite_array, instance, largest, number, one_of
+from qp_twist.checks import checked, finite_array, instance, largest, number, one_of
 from qp_twist.control.controller import Controller
 from qp_twist.control.joint_steps import JointSteps
-from qp_twist.control.newest_inputs import Input, NewestInputs
+from qp_twist.control.newest_inputs import NewestInputs
 from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status
-from qp_twist.control.target_stream import StreamSettings, TargetStream, beyond, error_of
-from qp_twist.control.tick import ServoState, Tick, TickTimes
+from qp_twist.control.target_stream import Fade, StreamSettings, TargetStream, beyond, error_of
+from qp_twist.control.tick import STILL, ServoState, Tick, TickTimes
 from qp_twist.errors import InvalidInput, InvalidTarget, QpTwistError
 from qp_twist.kinematics import GazeTask, TwistTask, check_configuration, checked_pose
 from qp_twist.kinematics.joint_ranges import joint_names
 
 _NOTICEABLE = 1e-3, 1e-2
 """m and rad. Whoever is slowed for a tick while accelerating is not behind by as much."""
-_STILL = 1e-2
-"""rad/s or m/s: a joint that is slower counts as standing."""
+
+
+def _fixed(servo: Any, name: str, value: float) -> float:
+    raise InvalidInput("a servo keeps the times that it was made with; make another.", key=name)
 
 
 class Servo:
@@ -73,6 +75,10 @@ class Servo:
         'tracking the targets'
     """
 
+    period: float = checked(_fixed, "_settings")
+    stale_after: float = checked(_fixed, "_settings")
+    stop_within: float = checked(_fixed, "_settings")
+
     def __init__(
         self,
         controller: Controller,
@@ -107,20 +113,19 @@ class Servo:
         instance("controller", controller, Controller)
         check_configuration(configuration)
         self.controller, self.configuration = controller, configuration
-        self.period = number("period", period, above=0.0)
-        self.stale_after = number("stale_after", stale_after, at_least=self.period)
-        self.stop_within = number("stop_within", stop_within, above=0.0)
+        period = number("period", period, above=0.0)
         self._settings = settings = StreamSettings(
-            self.period,
-            self.stale_after,
-            self.stop_within,
+            period,
+            number("stale_after", stale_after, at_least=period),
+            number("stop_within", stop_within, above=0.0),
             _pair("jump", jump),
             _pair("approach_speed", approach_speed),
         )
         if clock is not None and not callable(clock):
             raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
-        self._inputs = NewestInputs(clock or time.monotonic, self.period, self.stale_after)
-        _check_stopping(controller, self.stop_within)
+        self._inputs = NewestInputs(clock or time.monotonic, period, settings.stale_after)
+        self.refused = self._inputs.refused
+        _check_stopping(controller, settings.stop_within)
         self._velocity = np.zeros(controller.model.nv)
         tasks = [t for t in controller.twist_tasks if not isinstance(t, GazeTask)]
         if not tasks:
@@ -128,15 +133,11 @@ class Servo:
                 "Servo: the controller has no TwistTask with a target pose; add one."
             )
         self._streams = {task: TargetStream(task, settings, configuration) for task in tasks}
-        self.refused = self._inputs.refused
-        self._joints: Input | None = None
         self._behind = False
-        self._secondary_share = 0.0
-        self._exit = SingularExit(controller, self.period, self.stop_within)
-        self._called: float | None = None
-        self.times = TickTimes(self.period)
+        self._secondary, self._exit = Fade(settings), SingularExit(controller, settings)
+        self.times = TickTimes(period)
         self._by_joints = JointSteps(controller, configuration, settings)
-        controller.load(configuration, self.period)
+        controller.load(configuration, period)
 
     @property
     def clock(self) -> Callable[[], float]:
@@ -229,10 +230,10 @@ class Servo:
     def _take_inputs(self) -> None:
         for task, given in self._inputs.take().items():
             if task is None:
-                self._joints = given
+                self._by_joints.asked = given
                 continue
-            if self._joints is not None:  # the joints have moved without the tasks
-                self._joints = None
+            if self._by_joints.asked is not None:  # the joints have moved without the tasks
+                self._by_joints.asked = None
                 for stream in self._streams.values():
                     stream.stand(self.configuration)
             self._streams[task].take(given)
@@ -246,13 +247,16 @@ class Servo:
         the joints are brought to rest, and the tick says why.
         """
         began, worked, now = time.perf_counter(), time.thread_time(), self._inputs.tick()
-        if self._called is not None and now - self._called > 1.5 * self.period:
-            self.times.called_late += 1
-        self._called = now
+        self.times.begin(now)
         try:
             check_configuration(self.configuration)
             self._take_inputs()
-            tick = self._by_velocity(now) if self._joints is not None else self._by_tasks(now)
+            asked = self._by_joints.asked
+            if asked is None or asked.velocity is None:
+                tick = self._by_tasks(now)
+            else:
+                tick = self._by_joints.tick(asked.velocity, asked.stamp, now, self._velocity)
+                self._secondary.share = 0.0
         except (QpTwistError, mink.MinkError) as error:
             tick = self._brake(now, str(error))
         self._velocity = tick.velocity
@@ -265,15 +269,11 @@ class Servo:
             moves = stream.advance(now, self.configuration, self._velocity, behind=self._behind)
             fresh |= moves
             at_rest &= not moves and stream.at_rest
-        change = self.period / self.stop_within
-        share = self._secondary_share
-        share += min(max((1.0 if fresh else 0.0) - share, -change), change)
-        self._secondary_share = share
-        leaving = self._exit
+        share, leaving = self._secondary.towards(fresh), self._exit
         step = self.controller.step(
             self.configuration,
             self.period,
-            use_secondary=share * (1.0 - leaving.share),
+            use_secondary=share * (1.0 - leaving.fade.share),
             displacement=leaving.displacement(),
         )
         self._by_joints.braking_since = None
@@ -287,44 +287,21 @@ class Servo:
         elif fresh:
             approaching = any(stream.approaching for stream in self._streams.values())
             state = ServoState.APPROACHING if approaching else ServoState.TRACKING
-        elif at_rest and share == 0.0 and largest(step.velocity) < _STILL:
+        elif at_rest and share == 0.0 and largest(step.velocity) < STILL:
             state = ServoState.HOLDING
         else:
             state = ServoState.STOPPING
         return Tick(step.velocity, state, step)
 
-    def _by_velocity(self, now: float) -> Tick:
-        given = self._joints
-        assert given is not None and given.velocity is not None
-        if now - given.stamp > self.stale_after:
-            wanted = self._by_joints.braked(now, self._velocity)
-            step = self._by_joints.step(wanted, self._velocity)
-            stands = not wanted.any() and largest(step.velocity) < _STILL
-            state = ServoState.HOLDING if stands else ServoState.STOPPING
-        else:
-            step = self._by_joints.step(given.velocity, self._velocity)
-            self._by_joints.braking_since = None
-            state = ServoState.SLOWED if step.binding else ServoState.TRACKING
-        self._secondary_share = 0.0
-        return Tick(step.velocity, state, step)
-
     def _brake(self, now: float, failure: str) -> Tick:
-        """Bring the joints to rest inside all limits; as hard as each may if none can be asked."""
-        wanted = self._by_joints.braked(now, self._velocity)
-        self._secondary_share = 0.0
-        step = None
-        try:
-            step = self._by_joints.step(wanted, self._velocity)
-            velocity = step.velocity
-        except (QpTwistError, mink.MinkError):
-            hardest = self.controller.hardest
-            change = np.inf if hardest is None else self.period * hardest
-            velocity = np.copysign(np.maximum(np.abs(self._velocity) - change, 0.0), self._velocity)
-        self.controller.note(velocity)
+        """Bring the joints to rest, where no step was found."""
+        self._secondary.share = 0.0
+        tick = self._by_joints.brake(now, self._velocity, failure)
+        self.controller.note(tick.velocity)
         if np.isfinite(self.configuration.q).all():
             for stream in self._streams.values():  # they go on from where the robot will be
                 stream.wait(self.configuration)
-        return Tick(velocity, ServoState.BLOCKED, step, failure)
+        return tick
 
 
 def _chosen(streams: Mapping[TwistTask, TargetStream], task: TwistTask | None) -> TwistTask:

@@ -11,6 +11,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.control.controller import Controller
 from qp_twist.control.step import Step
+from qp_twist.control.target_stream import Fade, StreamSettings
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.qp.directions import REGULAR
 
@@ -57,25 +58,19 @@ class SingularExit:
 
     Attributes:
         joints: Names of the joints that lead out; empty where nothing does or has to.
-        share: How far the motion has faded in, from 0 to 1.
+        fade: How far the motion has faded in.
     """
 
-    def __init__(self, controller: Controller, period: float, fading: float) -> None:
-        """For the first level of a controller.
-
-        Args:
-            controller: The controller.
-            period: dt, s.
-            fading: Time in which the motion fades in or out, s.
-        """
+    def __init__(self, controller: Controller, settings: StreamSettings) -> None:
+        """For the first level of a controller; the motion fades in and out as a stream stops."""
         self.joints: tuple[str, ...] = ()
-        self.share = 0.0
+        self.fade = Fade(settings)
         stating = [item for item in controller.levels[0] if not isinstance(item, mink.Limit)]
         self._tasks = [item for item in stating if isinstance(item, TwistTask)]
         if len(self._tasks) < len(stating):  # rows of other tasks are not known elsewhere
             self._tasks = []
         self._controller, self._ranges = controller, JointRanges.of(controller.model)
-        self._period, self._change = period, period / fading
+        self._period = settings.period
         self._ahead = mink.Configuration(controller.model)
         self._direction: Array | None = None
         self._wait = 0
@@ -88,7 +83,7 @@ class SingularExit:
         if fastest is not None:
             with np.errstate(divide="ignore"):
                 speed = min(speed, float((_SHARE * fastest / np.abs(self._direction)).min()))
-        return self.share * speed * self._period * self._direction
+        return self.fade.share * speed * self._period * self._direction
 
     def look(self, configuration: mink.Configuration, step: Step | None) -> None:
         """Decide on the motion of the next tick.
@@ -98,11 +93,10 @@ class SingularExit:
             step: A step that lacks what the operator asks for; ``None`` if there is none.
         """
         found = step is not None and self._look(configuration, step)
-        wanted = 1.0 if found else 0.0
-        self.share += min(max(wanted - self.share, -self._change), self._change)
+        share = self.fade.towards(found)
         if not found:
             self.joints = ()
-            if self.share == 0.0:
+            if share == 0.0:
                 self._direction, self._wait = None, 0
 
     def _look(self, configuration: mink.Configuration, step: Step) -> bool:

@@ -42,6 +42,23 @@ class StreamSettings:
         return max(0.0, 1.0 - (elapsed + self.period) / self.stop_within)
 
 
+class Fade:
+    """A share from 0 to 1 that takes ``stop_within`` from one end to the other.
+
+    Attributes:
+        share: The share.
+    """
+
+    def __init__(self, settings: StreamSettings) -> None:
+        """Begin at 0."""
+        self.share, self._change = 0.0, settings.period / settings.stop_within
+
+    def towards(self, full: bool) -> float:
+        """The share after a tick on the way to 1, or to 0."""
+        self.share += min(max(float(full) - self.share, -self._change), self._change)
+        return self.share
+
+
 class TargetMotion:
     r"""A moving reference pose.
 

@@ -11,6 +11,8 @@ import numpy as np
 from qp_twist.checks import Array, number
 from qp_twist.control.step import Status, Step
 
+STILL = 1e-2
+"""rad/s or m/s: a joint that is slower counts as standing."""
 _SHORTEST, _LONGEST, _PER_DECADE = 1e-7, 1e2, 100
 _BINS = round(_PER_DECADE * math.log10(_LONGEST / _SHORTEST))
 
@@ -91,6 +93,12 @@ class TickTimes:
         self.count = self.late = self.late_by_itself = self.called_late = 0
         self.longest = 0.0
         self._histogram = np.zeros(_BINS, dtype=np.int64)
+        self._began = math.nan
+
+    def begin(self, now: float) -> None:
+        """Count whether a tick that begins now, s on the servo's clock, is called late."""
+        self.called_late += now - self._began > 1.5 * self.period
+        self._began = now
 
     def add(self, seconds: float, processor_seconds: float) -> None:
         """Count a tick by its duration on the clock and on the processor."""
