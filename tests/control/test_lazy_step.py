@@ -5,12 +5,13 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+from typing import Any
 
 import mink
 import mujoco
 import numpy as np
 import pytest
-from oracles.same_steps import plain_controller, same
+from oracles.same_steps import by_reference, plain_controller, same
 from oracles.twists import POINT
 
 import qp_twist as qt
@@ -66,6 +67,36 @@ BALL = """<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 
   <body name="other"><joint name="turn" axis="0 0 1" range="-1 1"/><geom size="0.05" mass="1"/>
   </body></worldbody></mujoco>"""
 FREE = BALL.replace('type="slide" axis="1 0 0" range="-1 1"', 'type="free"')
+
+
+@pytest.mark.parametrize("text", [BALL, FREE], ids=["ball", "free"])
+@pytest.mark.parametrize("space", ["joint", "twist"])
+def test_a_chain_with_a_ball_or_free_joint_is_compiled(text: str, space: Any) -> None:
+    """Its Jacobian comes from MuJoCo: two frames, one of which the ball does not move."""
+    model, rng = mujoco.MjModel.from_xml_string(text), np.random.default_rng(3)
+    about_z = qt.TwistProjector(
+        linear=qt.Projector.none(), angular=qt.Projector.line([0.0, 0.0, 1.0])
+    )
+    tool = qt.TwistTask.axis_free("tool", "site")
+    turn = qt.TwistTask("other", "body", about_z)
+    limits: list[mink.Limit] = [qt.MotionLimit(model, velocity=2.0, acceleration=None)]
+    made = [
+        qt.Controller(
+            model, levels=[[tool], [turn]], limits=limits, solver="compiled",
+            secondary=[qt.JointCentering(model)], secondary_space=space,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    home = mink.Configuration(model)
+    for _ in range(20):
+        here = mink.Configuration(model, home.integrate(rng.uniform(-0.9, 0.9, model.nv), 1.0))
+        for task in (tool, turn):
+            pose = here.get_transform_frame_to_world(task.frame_name, task.frame_type)
+            task.set_target(pose @ mink.SE3.exp(rng.uniform(-5e-3, 5e-3, 6)))
+        compiled = made[0].step(here, 0.1)
+        readable = by_reference(made[1]).step(here, 0.1)
+        same(readable, compiled)
+    assert made[0].reference_steps == 0
 
 
 def test_a_configuration_of_another_robot_is_refused() -> None:

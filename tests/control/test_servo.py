@@ -174,6 +174,36 @@ def test_where_the_stream_ceases_the_arm_is_at_rest_within_the_stated_time(how: 
     np.testing.assert_allclose(rig.configuration.q, at_rest, atol=1e-9)
 
 
+def test_a_secondary_fades_in_with_a_stream_and_out_where_it_ceases() -> None:
+    """What moves in the null space is the share of q̇ = (1 − A†A) h/dt, from 0 to 1 within T."""
+    centering = qt.JointCentering(DEBURRING.model, gain=2e-4)
+    rig = Rig(secondary=[centering], stop_within=0.2)
+    here, shares = rig.pose(), []
+    for k in range(300):
+        if k < 150:
+            rig.servo.track(here)
+        state = rig.task.state(rig.configuration)
+        A = state.basis.T @ state.jacobian
+        free = np.eye(6) - np.linalg.pinv(A) @ A
+        whole = free @ centering.displacement(rig.configuration) / DT
+        moving = free @ rig.tick().velocity
+        shares.append(float(moving @ whole / (whole @ whole)))
+        np.testing.assert_allclose(moving, shares[-1] * whole, atol=1e-9)
+    ceases = int(np.flatnonzero(np.diff(shares) < -1e-6)[0]) + 1
+    assert abs(ceases - 149 - round(rig.servo.stale_after / DT)) <= 1
+    along = DT / 0.2 * np.arange(1, 301)
+    np.testing.assert_allclose(shares[:ceases], np.minimum(1.0, along[:ceases]), atol=1e-6)
+    fading = np.maximum(0.0, 1.0 - along[: 300 - ceases])
+    np.testing.assert_allclose(shares[ceases:], fading, atol=1e-6)
+
+
+def test_a_servo_keeps_the_times_that_it_was_made_with() -> None:
+    rig = Rig()
+    with pytest.raises(qt.InvalidInput, match="keeps the times"):
+        rig.servo.period = 0.1
+    assert rig.servo.period == DT
+
+
 def test_one_arm_goes_on_while_the_other_stops() -> None:
     model = mujoco.MjModel.from_xml_path(str(shipped_folder("scenes") / "two_arms.xml"))
     q = np.array([0.0, 0.1, 0.0, -1.5, 0.0, 0.8, 0.0, 0.0, 0.3, 0.0, -1.7, 0.0, -1.2, 0.0])
