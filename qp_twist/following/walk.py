@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from functools import cached_property, lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import mink
 import numpy as np
@@ -14,11 +14,13 @@ import numpy.typing as npt
 from qp_twist.checks import Array, clause
 from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
-from qp_twist.following.resolver import LARGEST_JOINT, Resolver
+from qp_twist.following.resolver import LARGEST_JOINT, Iteration, Resolver
 from qp_twist.following.sampling import fine_rows, plan_at
 from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
+from qp_twist.geometry import TwistProjector
 from qp_twist.kernel import COMPILED
+from qp_twist.kinematics import TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask, Waypoints, twist_task
 from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
@@ -58,12 +60,13 @@ def walk(
         rows = fine_rows(path_task, path.s, first)
         plan = None if plan is None else plan_at(path_task, plan, path.s, rows)
         path = path_task.at(rows, flipped=METHODS[method].flipped)
-    compiled = _compiled(path_task, path, method, settings, solver, plan, slow_down)
-    run = _Run(path_task, path, method, settings, solver, plan, slow_down, first, progress, stop)
+    job = _Job(path_task, path, method, settings, solver, plan, slow_down)
+    compiled = job.compiled()
+    run = _Run(job, first, progress, stop)
     began = time.perf_counter()
     while run.unfinished:
         if compiled is not None and run.at_feed:
-            run.extend(*compiled.on_from(run.q[-1], len(run.q)))
+            run.extend(*compiled.on_from(run.q, len(run.rows)))
         if run.unfinished:
             run.next_row()
     return run.trajectory(time.perf_counter() - began)
@@ -92,73 +95,28 @@ def start_of(
     )
 
 
-def _compiled(
-    path_task: PathTask,
-    path: Waypoints,
-    method: str,
-    settings: MethodSettings,
-    solver: str,
-    plan: Array | None,
-    slow_down: bool,
-) -> CompiledWalk | None:
-    """The compiled walk, if requested and supported."""
-    if solver != COMPILED:
-        return None
-    from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
+class _Job(NamedTuple):
+    """What is followed, and how: the arguments of :func:`walk`."""
 
-    if not walk_known(path_task, method, settings, accelerations=not slow_down):
-        return None
-    return CompiledWalk(path_task, method, settings, path, plan)
+    path_task: PathTask
+    path: Waypoints
+    method: str
+    settings: MethodSettings
+    solver: str
+    plan: Array | None
+    slow_down: bool
 
+    def compiled(self) -> CompiledWalk | None:
+        """The compiled walk, if requested and supported."""
+        if self.solver != COMPILED:
+            return None
+        from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
 
-class _Run:
-    """Moves a robot from row to row by the method's resolvers, and records the rows."""
+        task, method, settings = self.path_task, self.method, self.settings
+        if not walk_known(task, method, settings, accelerations=not self.slow_down):
+            return None
+        return CompiledWalk(task, method, settings, self.path, self.plan)
 
-    def __init__(
-        self,
-        path_task: PathTask,
-        path: Waypoints,
-        method: str,
-        settings: MethodSettings,
-        solver: str,
-        plan: Array | None,
-        slow_down: bool,
-        start: Array,
-        progress: Callable[[int], None] | None,
-        stop: Callable[[Array, float, float], bool] | None,
-    ) -> None:
-        self.path_task, self.path, self.method, self.settings = path_task, path, method, settings
-        self.solver, self.plan, self.slow_down = solver, plan, slow_down
-        self.configuration = mink.Configuration(path_task.model, start)
-        self.pace = Pace() if slow_down and METHODS[method].holds_limits else None
-        self.progress, self.stop, self.stopped = progress, stop, False
-        durations = path.durations
-        self.feed = np.zeros(len(path.s)) if durations is None else durations
-        self.q, self.durations = [start], [0.0]
-        self.scales, self.iterations = [1.0], [0]
-        self.binding, self.statuses = list[tuple[str, ...]]([()]), [Status.SOLVED]
-        self.diverged_at: int | None = None
-        self.failure = ""
-        self.blocked_by: tuple[str, ...] | None = None
-        self.compiled = 0
-        self._measured = lru_cache(partial(twist_task, path_task))
-
-    @property
-    def unfinished(self) -> bool:
-        """Whether there are rows left, and nothing ended the run."""
-        return len(self.q) < len(self.path.s) and not self.stopped
-
-    @property
-    def going(self) -> bool:
-        """Whether every row so far had a step, and it was finite."""
-        return self.diverged_at is None and not self.failure
-
-    @property
-    def at_feed(self) -> bool:
-        """Whether the next row is approached in the task's own duration."""
-        return self.going and (self.pace is None or self.pace.at_feed)
-
-    @cached_property
     def resolvers(self) -> list[Resolver]:
         """The resolver of each row."""
         return resolvers_along(
@@ -166,147 +124,210 @@ class _Run:
             accelerations=not self.slow_down,
         )  # fmt: skip
 
+
+class _Row(NamedTuple):
+    """A recorded row: its configuration, how long the way to it takes, and how it was found."""
+
+    q: Array
+    duration: float = 0.0
+    scale: float = 1.0
+    iterations: int = 0
+    binding: tuple[str, ...] = ()
+    status: Status = Status.SOLVED
+
+
+class _Run:
+    """Moves a robot from row to row by the method's resolvers, and records the rows."""
+
+    def __init__(
+        self,
+        job: _Job,
+        start: Array,
+        progress: Callable[[int], None] | None,
+        stop: Callable[[Array, float, float], bool] | None,
+    ) -> None:
+        self.job, self._progress, self._stop = job, progress, stop
+        self._configuration = mink.Configuration(job.path_task.model, start)
+        holds_limits = METHODS[job.method].holds_limits
+        self._pace = Pace() if job.slow_down and holds_limits else None
+        self.rows = [_Row(start)]
+        self.stopped = False
+        self._diverged_at: int | None = None
+        self._failure = ""
+        self._blocked_by: tuple[str, ...] | None = None
+        self._compiled = 0
+
+    @property
+    def q(self) -> Array:
+        """The last recorded configuration, (nq,)."""
+        return self.rows[-1].q
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether there are rows left, and nothing ended the run."""
+        return len(self.rows) < len(self.job.path.s) and not self.stopped
+
+    @property
+    def going(self) -> bool:
+        """Whether every row so far had a step, and it was finite."""
+        return self._diverged_at is None and not self._failure
+
+    @property
+    def at_feed(self) -> bool:
+        """Whether the next row is approached in the task's own duration."""
+        return self.going and (self._pace is None or self._pace.at_feed)
+
+    @cached_property
+    def _resolvers(self) -> list[Resolver]:
+        return self.job.resolvers()
+
+    @cached_property
+    def _feed(self) -> Array:
+        """Durations of the ways to the rows at the feed, s; 0 without one."""
+        durations = self.job.path.durations
+        return np.zeros(len(self.job.path.s)) if durations is None else durations
+
     def extend(self, q: Array, iterations: npt.NDArray[np.int64], errors: Array) -> None:
         """Record rows of the compiled walk: those before the first that needs more time."""
         kept = len(q)
-        if self.pace is not None:
-            missed = (errors > self.path_task.iteration.tolerances).any(axis=1)
+        if self._pace is not None:
+            missed = (errors > self.job.path_task.iteration.tolerances).any(axis=1)
             kept = int(np.argmax(missed)) if missed.any() else kept
             if kept:
-                self.pace.factor = 1.0
+                self._pace.factor = 1.0
         for k in range(kept):
-            self.compiled += 1
-            duration, count = float(self.feed[len(self.q)]), int(iterations[k])
-            self._record(q[k].copy(), duration, errors[k], iterations=count)
+            self._compiled += 1
+            duration = float(self._feed[len(self.rows)])
+            row = _Row(q[k].copy(), duration, iterations=int(iterations[k]))
+            self._record(row, errors[k])
             if self.stopped:
                 break
-        self.configuration.update(self.q[-1])
+        self._configuration.update(self.q)
 
     def next_row(self) -> None:
         """Approach the next row and record the result."""
-        index = len(self.q)
-        duration = float(self.feed[index])
-        self._scale, self._count, self._status = 1.0, 0, Status.SOLVED
-        self._names = dict[str, None]()
-        waypoint = int(np.ceil(self.path.s[index])) + 1
+        index, job, q = len(self.rows), self.job, self.q
+        row = _Row(q, float(self._feed[index]))
+        waypoint = int(np.ceil(job.path.s[index])) + 1
         if self.going:
-            resolver = self.resolvers[index]
-            resolver.task.set_target(self.path.target(index))
-            if self.plan is not None:
-                resolver.aim(self.plan, index)
+            resolver = self._resolvers[index]
+            resolver.task.set_target(job.path.target(index))
+            if job.plan is not None:
+                resolver.aim(job.plan, index)
             try:
-                duration = self._approach(resolver, duration)
+                row = self._approach(resolver, row)
             except NoSolutionFound as error:
-                self.failure = f"no step at waypoint {waypoint}: {clause(error)}"
-        if self.diverged_at is None and not _sane(self.configuration.q):
-            self.diverged_at = waypoint
-            self.configuration.update(self.q[-1])
-        if self.slow_down and not self.going:
+                self._failure = f"no step at waypoint {waypoint}: {clause(error)}"
+        if self._diverged_at is None and not _sane(self._configuration.q):
+            self._diverged_at = waypoint
+            self._configuration.update(q)
+        if job.slow_down and not self.going:
             self.stopped = True
-        elif self._blocked():
-            self.blocked_by, self.stopped = tuple(self._names), True
+        elif self._is_blocked(row):
+            self._blocked_by, self.stopped = row.binding, True
         else:
-            self._record(
-                self.configuration.q.copy(), duration, None, self._scale, self._count,
-                tuple(self._names), self._status,
-            )  # fmt: skip
+            self._record(row._replace(q=self._configuration.q.copy()), None)
 
-    def _approach(self, resolver: Resolver, duration: float) -> float:
-        """Move to the resolver's target; return the duration, s."""
+    def _approach(self, resolver: Resolver, row: _Row) -> _Row:
+        """Move to the resolver's target, in as much time as the way to it needs."""
+        found = row
 
         def attempt(allowed: float | None) -> float:
-            self._scale, self._count, self._status = 1.0, 0, Status.SOLVED
-            resolver.begin_waypoint(self.configuration, allowed)
-            self._iterate(resolver)
-            if self.pace is None or not _sane(self.configuration.q):
+            nonlocal found
+            resolver.begin_waypoint(self._configuration, allowed)
+            found = self._iterate(resolver, row)
+            if self._pace is None or not _sane(self._configuration.q):
                 return np.inf
-            return missed_by(self.path_task, resolver.task, self.configuration)
+            return missed_by(self.job.path_task, resolver.task, self._configuration)
 
-        if self.pace is not None and self.path.feed_times is not None:
-            return self.pace.approach(attempt, self.configuration, duration)
-        attempt(None if self.path.feed_times is None else duration)
-        return duration
+        timed = self.job.path.feed_times is not None
+        if self._pace is not None and timed:
+            duration = self._pace.approach(attempt, self._configuration, row.duration)
+            return found._replace(duration=duration)
+        attempt(row.duration if timed else None)
+        return found
 
-    def _iterate(self, resolver: Resolver) -> None:
-        """Iterate to the row that is the resolver's target."""
-        configuration = self.configuration
+    def _iterate(self, resolver: Resolver, row: _Row) -> _Row:
+        """Iterate to the row that is the resolver's target; the row with how it was found."""
+        configuration = self._configuration
         lead = resolver.lead(configuration)
         if lead is not None:
             configuration.integrate_inplace(lead, 1.0)
         held = resolver.limits is not None
-        for iteration in range(self.settings.iterations):
+        moves = list[Iteration]()
+        for iteration in range(self.job.settings.iterations):
             first = iteration == 0
-            if not first and reached(self.path_task, resolver.task, configuration, held=held):
+            if not first and reached(self.job.path_task, resolver.task, configuration, held=held):
                 break
             move = resolver.displacement(configuration, first=first)
             if not np.isfinite(move.dq).all():
                 configuration.update(np.full(configuration.model.nq, np.inf))
                 break
             configuration.integrate_inplace(move.dq, 1.0)
-            self._scale = min(self._scale, move.scale)
-            self._count += 1
-            self._names.update(dict.fromkeys(move.binding))
-            self._status = max(self._status, move.status, key=lambda status: status.severity)
+            moves.append(move)
             # Blocked by limits: further iterations would not move it either.
             if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
                 break
+        return row._replace(
+            scale=min((move.scale for move in moves), default=1.0),
+            iterations=len(moves),
+            binding=tuple(dict.fromkeys(name for move in moves for name in move.binding)),
+            status=max(
+                (move.status for move in moves), default=Status.SOLVED,
+                key=lambda status: status.severity,
+            ),
+        )  # fmt: skip
 
-    def _blocked(self) -> bool:
+    def _is_blocked(self, row: _Row) -> bool:
         """Whether the limits, or a singularity, keep the run from the next row at any speed."""
-        if self.pace is None or METHODS[self.method].peer:
+        if self._pace is None or METHODS[self.job.method].peer:
             return False
-        if self._status in (Status.SOLVED, Status.PRIORITIZED):
+        if row.status in (Status.SOLVED, Status.PRIORITIZED):
             return False
-        return not self.path_task.tolerances.met(*self._errors(len(self.q)))
+        return not self.job.path_task.tolerances.met(*self._errors(len(self.rows)))
+
+    @cached_property
+    def _measured(self) -> Callable[[TwistProjector], TwistTask]:
+        """The task that measures errors in a projector."""
+        return lru_cache(partial(twist_task, self.job.path_task))
 
     def _errors(self, index: int) -> tuple[float, float]:
         """Lengths of the task error at a row, in the path's projector there, m and rad."""
-        task = self._measured(self.path.projectors[index])
-        task.set_target(self.path.target(index))
-        error = task.state(self.configuration).error
+        task = self._measured(self.job.path.projectors[index])
+        task.set_target(self.job.path.target(index))
+        error = task.state(self._configuration).error
         return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
-    def _record(
-        self,
-        q: Array,
-        duration: float,
-        errors: Array | None,
-        scale: float = 1.0,
-        iterations: int = 0,
-        binding: tuple[str, ...] = (),
-        status: Status = Status.SOLVED,
-    ) -> None:
+    def _record(self, row: _Row, errors: Array | None) -> None:
         """Record a finished row, and call ``progress`` and ``stop`` with its errors, m and rad."""
-        index = len(self.q)
-        self.q.append(q)
-        self.durations.append(duration)
-        self.scales.append(scale)
-        self.iterations.append(iterations)
-        self.binding.append(binding)
-        self.statuses.append(status)
-        if self.progress is not None and self.path.s[index].is_integer():
-            self.progress(int(self.path.s[index]))
-        if self.stop is not None:
+        index = len(self.rows)
+        s = self.job.path.s[index]
+        self.rows.append(row)
+        if self._progress is not None and s.is_integer():
+            self._progress(int(s))
+        if self._stop is not None:
             apart, turned = self._errors(index) if errors is None else errors.tolist()
-            self.stopped = self.stop(q, apart, turned)
+            self.stopped = self._stop(row.q, apart, turned)
 
     def trajectory(self, seconds: float) -> Trajectory:
         """The recorded trajectory."""
+        job, rows = self.job, self.rows
+        q, durations, scales, iterations, binding, statuses = zip(*rows, strict=True)
         return Trajectory(
-            path_task=self.path_task,
-            method=self.method,
-            q=np.array(self.q),
-            s=self.path.s[: len(self.q)],
-            scale=np.array(self.scales),
-            iterations=np.array(self.iterations),
-            binding=tuple(self.binding),
-            statuses=tuple(self.statuses),
-            durations=None if self.path.feed_times is None else np.array(self.durations),
+            path_task=job.path_task,
+            method=job.method,
+            q=np.array(q),
+            s=job.path.s[: len(rows)],
+            scale=np.array(scales),
+            iterations=np.array(iterations),
+            binding=binding,
+            statuses=statuses,
+            durations=None if job.path.feed_times is None else np.array(durations),
             seconds=seconds,
-            diverged_at=self.diverged_at,
-            failure=self.failure,
-            compiled=self.compiled,
-            blocked_by=self.blocked_by,
+            diverged_at=self._diverged_at,
+            failure=self._failure,
+            compiled=self._compiled,
+            blocked_by=self._blocked_by,
         )
 
 
