@@ -40,7 +40,7 @@ def main() -> None:
             opened.page.wait_for_selector(".qt-bars")
             # Where software draws, a notice says so, over the scene.
             opened.page.add_style_tag(content=".mantine-Notifications-root { display: none }")
-            page.take_hand(True)
+            page.controls.take_hand(True)
             assert session.arm is not None
             pose = session.arm.pose
             target = mink.SE3.from_rotation_and_translation(
