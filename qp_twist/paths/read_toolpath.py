@@ -11,19 +11,24 @@ from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
 from qp_twist.paths.csv_toolpath import CSV
 from qp_twist.paths.gcode_toolpath import GCODE
+from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_options import Format, ReadingOptions
 
-FORMATS: dict[Format, ToolpathFormat] = {"apt": APT, "gcode": GCODE, "csv": CSV}
+FORMATS: dict[Format, ToolpathFormat] = {
+    "apt": APT,
+    "heidenhain": HEIDENHAIN,
+    "gcode": GCODE,
+    "csv": CSV,
+}
 """The formats; a file is of the first one that it matches."""
 _OTHER_PROGRAMS = {
     "a RAPID program (ABB)": r"%%%$|\s*(?:LOCAL\s+)?MODULE\s+\w+",
     "a URScript program (Universal Robots)": r"\s*def\s+\w+\s*\(.*\)\s*:\s*$",
     "a KRL program (KUKA)": r"\s*(?:&ACCESS\b|DEFDAT\s+\w+|(?:GLOBAL\s+)?DEF\s+\w+\s*\()",
     "a TP program (FANUC)": r"\s*/PROG\b",
-    "a Klartext program (Heidenhain)": r"\s*[0-9]*\s*BEGIN\s+PGM\b",
 }
 """Programs that are no toolpaths, by a line with which they begin."""
 _BEGIN = 50
@@ -33,7 +38,7 @@ _BEGIN = 50
 def read_toolpath(
     file: str | Path, options: ReadingOptions | None = None, **given: object
 ) -> Toolpath:
-    """Read a toolpath from a table (CSV), APT-CL or G-code.
+    """Read a toolpath from a table (CSV), APT-CL, G-code or Klartext.
 
     Information in the file (names and units in its header, ``UNITS/MM``) need not be passed.
 

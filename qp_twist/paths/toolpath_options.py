@@ -17,7 +17,7 @@ from qp_twist.paths.rotary_axes import Rollover, Rotary
 from qp_twist.paths.section import Positive, Section
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
-Format = Literal["csv", "apt", "gcode"]
+Format = Literal["csv", "apt", "gcode", "heidenhain"]
 
 
 class ReadingOptions(Section):
@@ -28,8 +28,8 @@ class ReadingOptions(Section):
 
     format: Format | None = Field(
         default=None,
-        description="of the file; if omitted, APT-CL with GOTO lines, G-code by its suffix, else "
-        "a table",
+        description="of the file; if omitted, APT-CL with GOTO lines, Klartext with BEGIN PGM, "
+        "G-code by its suffix, else a table",
     )
     length_unit: LengthUnit | None = Field(
         default=None, description="unit of positions, if the toolpath does not contain it"

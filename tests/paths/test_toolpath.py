@@ -515,8 +515,6 @@ def test_an_arc_that_goes_on_further_or_all_around_is_refused(
         ("a.src", "&ACCESS RVP\nDEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n", "KRL program"),
         ("a.ls", "/PROG A\n/MN\n1: J P[1] 100% FINE;\n/POS\n/END\n", "TP program"),
         ("a.script", "def a():\n  movel(p[0.1,0.2,0.3,0,0,0])\nend\n", "URScript program"),
-        ("a.h", "0 BEGIN PGM PART MM\n1 L X+0.5 Y-10.25 Z+5 FMAX\n2 END PGM PART MM\n",
-         "Klartext program"),
     ],
 )  # fmt: skip
 def test_a_program_that_is_no_toolpath_is_called_by_its_name(

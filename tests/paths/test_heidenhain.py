@@ -1,0 +1,85 @@
+"""Klartext: what is refused, and what is said of what was assumed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from qp_twist.errors import InvalidInput
+from qp_twist.paths import Toolpath, read_toolpath
+
+HEAD = "0 BEGIN PGM P MM\n1 TOOL CALL 1 Z S1000\n2 L X+0 Y+0 Z+5 R0 FMAX M3\n3 L Z-1 F500\n"
+
+
+def read(folder: Path, text: str, **options: object) -> Toolpath:
+    file = folder / "part.h"
+    file.write_text(text)
+    return read_toolpath(file, **options)
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ("L X+Q7", "Q7 has no value that is known here"),
+        ("Q7 = Q1 + 2\nL X+Q7", "Q7 has no value that is known here"),
+        ("CALL PGM OTHER", "'CALL PGM OTHER' calls another program"),
+        ("TCH PROBE 417 DATUM", "is a measurement, after which the coordinates are elsewhere"),
+        (
+            "CYCL DEF 251 POCKET ~\n Q218=+20\nL M99",
+            "cycle 251 moves the tool in a way that is not",
+        ),
+        ("CYCL DEF 19.0 PLANE\nCYCL DEF 19.1 A+0 B+30", "cycle 19 is a tilted plane by angles"),
+        ("CYCL DEF 11.1 SCL 0.9", "cycle 11 is a scaled path"),
+        ("CYCL DEF 8.0 MIRROR IMAGE\nCYCL DEF 8.1 X", "cycle 8 is a mirrored path"),
+        ("CYCL DEF 7.1 #4", "a datum of a table is not known"),
+        ("PLANE VECTOR BX1 BY0 BZ0 NX0 NY0 NZ1", "PLANE VECTOR is a tilted plane that is not read"),
+        ("L A+30 C+10\nL X+5", "A is a rotary axis; add rotary ="),
+        ("FL PR+20 PA+30", "'FL PR\\+20 PA\\+30' is not read"),
+        ("C X+10 Y+0 DR+", "expected a CC with two of X, Y and Z"),
+        ("CC X+5 Y+0\nC X+10 Y+0", "the arc has no DR\\+ or DR-"),
+        ("CC X+5 Y+0\nCP IPA-90 DR+", "IPA and DR have different signs"),
+        ("L X+10\nRND R20\nL Y+10", "a motion beside the corner is 10 mm long"),
+        (
+            "RND R2\nL X+10\n",
+            "RND is read in the plane of X and Y alone",
+        ),
+        ("L M99", "a cycle is called, and none is defined before"),
+        ("/L X+5", "a block behind / is run or not by a switch"),
+        ("L X+5 M130", "M130 is a point out of the plane"),
+        ("FUNCTION TCPM F TCP AXIS SPAT PATHCTRL AXIS", "AXIS SPAT"),
+        ("L M140 MB MAX\nL Z-5 F100\nL X+9 Y+1", None),
+        ("L X+0 M91\nL Y+5 F100", "L: where the tool is in X is not known"),
+        ("CALL LBL 9", "CALL LBL 9: there is no such LBL"),
+        ("LBL 3\nCALL LBL 3", "more than 20 deep"),
+    ],
+)
+def test_what_changes_the_path_and_is_not_read_is_refused(
+    tmp_path: Path, block: str, message: str | None
+) -> None:
+    text = f"{HEAD}{block}\nL X+50\nL Y+50\nEND PGM P MM\n"
+    if message is None:
+        read(tmp_path, text)
+        return
+    with pytest.raises(InvalidInput, match=message):
+        read(tmp_path, text)
+
+
+def test_cylinder_radius_and_approach_are_said(tmp_path: Path) -> None:
+    text = HEAD + "APPR LCT X+10 Y+20 R5 RL F300\nL Y+40\nDEP LT LEN20\nL Z+50 R0 FMAX\n"
+    toolpath = read(tmp_path, text + "END PGM P MM\n")
+    assert [len(curve) for curve in toolpath.curves] == [2, 2]
+    assert toolpath.curves[1].positions.tolist() == [[0.01, 0.02, -0.001], [0.01, 0.04, -0.001]]
+    assert any(note.startswith("RL, RR") is False and "APPR and DEP" in note
+               for note in toolpath.passed_over)  # fmt: skip
+
+
+def test_the_radius_of_the_tool_is_not_taken_off(tmp_path: Path) -> None:
+    toolpath = read(tmp_path, HEAD + "L X+10 RL\nL Y+10 RL\nEND PGM P MM\n")
+    assert any(note.startswith("RL, RR (line 5 and 1 more)") for note in toolpath.assumptions)
+
+
+def test_a_program_is_known_by_its_first_block(tmp_path: Path) -> None:
+    file = tmp_path / "part.nc"
+    file.write_text("; made up\n" + HEAD + "L X+1\nEND PGM P MM\n")
+    assert len(read_toolpath(file).curves) == 1
