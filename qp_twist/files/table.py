@@ -98,7 +98,10 @@ class Table:
         names: Names of the columns, with their units; empty without a header line.
         width: Number of columns.
         first: Index of the line with the first row.
+        first_row: That line.
         title: Text between the header and the first row.
+        counts: Line, from 1, that has the number of the rows, or numbers the columns from 0, as
+            point clouds and pandas have it; ``None`` without one.
 
     Raises:
         InvalidInput: If there is no row of numbers.
@@ -116,9 +119,13 @@ class Table:
         data = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
         dialect = Dialect.detected([lines[k] for k in data[:_LOOKED_AT]], least, expected)
         self._lines, self._dialect, self._texts = lines, dialect, texts
-        first = next((k for k in data if not self._is_text(dialect.split(lines[k]))), None)
+        found_rows = (k for k in data if not self._is_text(dialect.split(lines[k])))
+        first, second = next(found_rows, None), next(found_rows, None)
         if first is None:
             raise InvalidInput("there is no row of numbers in it.")
+        self.counts = None
+        if second is not None and _counts(*(dialect.split(lines[k]) for k in (first, second))):
+            self.counts, first = first + 1, second
         self.width = len(_stripped(dialect.split(lines[first])))
         at, names = -1, list[str]()
         for index in range(first - 1, -1, -1) if texts else range(first):
@@ -144,24 +151,28 @@ class Table:
         self.first = between[0] if between and not texts else first
         self.title = " ".join(filter(None, dialect.split(lines[between[-1]]))) if between else ""
         self._header = lines[at] if names else None
+        self.first_row = lines[first]
 
     def call(self, index: int) -> str:
         """Name of a column in messages."""
         return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
 
-    def rows(self, columns: Sequence[int], problems: Problems) -> Iterator[TableLine]:
+    def rows(
+        self, columns: Sequence[int], problems: Problems, may_be_blank: Sequence[int] = ()
+    ) -> Iterator[TableLine]:
         """The rows, and the blank lines and lines of text between them.
 
         Args:
             columns: Indices of the columns that must contain finite numbers.
             problems: Collects every invalid row.
+            may_be_blank: Those that may also be blank, which counts as 0.
         """
         for index in range(self.first, len(self._lines)):
             line = self._lines[index]
             if _is_comment(line):
                 continue
             fields = self._dialect.split(line)
-            numbers = self._numbers(fields, columns)
+            numbers = self._numbers(fields, columns, may_be_blank)
             if numbers is not None or not any(fields):
                 yield TableLine(index + 1, fields, numbers)
             elif self._texts and self._separates(fields, columns):
@@ -180,7 +191,9 @@ class Table:
                 found.append([np.nan if value is None else value for value in numbers])
         return np.array(found[:count], dtype=np.float64).reshape(-1, width)
 
-    def _numbers(self, fields: list[str], columns: Sequence[int]) -> tuple[float, ...] | None:
+    def _numbers(
+        self, fields: list[str], columns: Sequence[int], may_be_blank: Sequence[int]
+    ) -> tuple[float, ...] | None:
         """The numbers of a row, or ``None`` if it is invalid."""
         width = self.width
         if len(fields) < width or (len(fields) > width and len(_stripped(fields)) > width):
@@ -188,6 +201,8 @@ class Table:
         found = []
         for index in columns:
             value = self._dialect.number(fields[index])
+            if index in may_be_blank and not fields[index]:
+                value = 0.0
             if value is None or not math.isfinite(value):
                 return None
             found.append(value)
@@ -256,6 +271,13 @@ def _with_unit(name: str, unit: str) -> str:
     """A name with the unit below it, which may repeat that of the name."""
     both = f"{name} [{unit.strip('[](){} ')}]"
     return name if not unit or split_unit(name)[1] == split_unit(both)[1] else both
+
+
+def _counts(fields: Sequence[str], row: Sequence[str]) -> bool:
+    """Whether whole numbers before a row count rows or columns, and are no row themselves."""
+    filled = [field for field in fields if field]
+    numbered = filled == [str(k) for k in range(len(filled))] and "." in "".join(row)
+    return (len(filled) == 1 < len(row) and filled[0].isdecimal()) or (len(filled) > 2 and numbered)
 
 
 def _is_comment(line: str) -> bool:

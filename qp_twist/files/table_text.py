@@ -90,7 +90,7 @@ class Dialect:
     """Syntax of a line.
 
     Attributes:
-        delimiter: Between the fields; empty for any blanks.
+        delimiter: Between the fields; empty for any blanks, ``";,"`` for both of these.
         decimal: The decimal mark, ``"."`` or ``","``.
     """
 
@@ -112,6 +112,9 @@ class Dialect:
         marks = [mark for mark in ";\t" if any(mark in line for line in lines)]
         dialects = [cls(delimiter, decimal) for delimiter in marks for decimal in ".,"]
         dialects += [cls(",", "."), cls("", "."), cls("", ",")]
+        # "t;x,y,z;q": two commas in a field are no decimal marks.
+        if ";" in marks and any(f.count(",") > 1 for line in lines for f in line.split(";")):
+            dialects.append(cls(";,", "."))
         best = max(dialects, key=lambda dialect: dialect._score(lines, least))
         if best._score(lines, least)[0] == 0:
             count = {1: "a number", 3: "three numbers"}.get(least, f"{least} numbers")
@@ -132,6 +135,8 @@ class Dialect:
 
     def split(self, line: str) -> list[str]:
         """The fields of a line, stripped of blanks and quotes."""
+        if self.delimiter == ";,":
+            return [field.strip() for field in line.replace(";", ",").split(",")]
         if self.delimiter and '"' in line:
             try:
                 found = next(

@@ -1,4 +1,4 @@
-"""Suggest the meaning of a table's columns by their numbers."""
+"""The meaning of a table's columns by their numbers: assumed if nothing is open, or suggested."""
 
 from __future__ import annotations
 
@@ -15,6 +15,10 @@ _UNIT = 0.01
 """Tolerance of the length 1 of a direction or a quaternion."""
 _EVEN = 0.05
 """Relative tolerance of equal steps of a clock."""
+_EPOCH = 1e8
+"""Numbers above it that rise are times since 1970, in s (here: since 1973), ms, µs or ns."""
+_UPRIGHT = 0.9
+"""Scalar of a quaternion from which a frame counts as little turned: by less than 52 degrees."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +29,13 @@ class Suggestion:
         columns: Column numbers, from 1, by key.
         reasons: Evidence in the numbers, one clause each.
         angle_unit: Unit of roll, pitch and yaw, if the numbers show it.
+        settled: Whether the numbers leave nothing open, so that it may be assumed.
     """
 
     columns: dict[str, tuple[int, ...]]
     reasons: tuple[str, ...]
     angle_unit: str | None = None
+    settled: bool = False
 
     @property
     def text(self) -> str:
@@ -60,17 +66,24 @@ def suggested(values: Array) -> Suggestion | None:
     or are constant cost little, others more. Three neighbours of length 1 in every row are a
     normal, four a quaternion; the last three after a position may be angles.
 
+    It is settled if every other column counts, is a time, is 0 or has gaps, and the direction has
+    one reading: not for angles other than 0, of which each maker has its own, and for a quaternion
+    only if :func:`_order` tells where its scalar is.
+
     Args:
         values: Some rows of the table, (N, columns); NaN where there is no number.
     """
     values = values[np.isfinite(values).sum(axis=1) >= 3]
+    if (matrices := _matrices(values)) is not None:
+        return matrices
     whole = np.flatnonzero(np.isfinite(values).all(axis=0)).tolist() if len(values) else []
     constant = {k for k in whole if np.ptp(values[:, k]) == 0.0}
-    counting = [k for k in whole if _counts(values[:, k], first=k == 0)]
+    counting = [k for k in whole if _counts(values[:, k], first=k == 0) or _is_epoch(values[:, k])]
     others = [k for k in whole if k not in counting]
     unexplained = {k: 0.6 if k in constant else 1.0 for k in others}
-    if others and _is_clock(values[:, others[0]]):
-        unexplained[others[0]] = 0.3
+    clock = others[0] if others and _is_clock(values[:, others[0]]) else None
+    if clock is not None:
+        unexplained[clock] = 0.3
     best, choice = np.inf, None
     for position in _spans(whole, 3):
         # Of equal choices prefer the first, with the direction after the position: the usual order.
@@ -83,18 +96,68 @@ def suggested(values: Array) -> Suggestion | None:
     if choice is None:
         return None
     position, key, at = choice
-    columns = {"position": _numbers(position), **({key: _numbers(at)} if key else {})}
+    over = {*others} - {*position, *at}
     reasons = [f"column {k + 1} counts the rows" for k in counting if k not in position]
-    unit = None
+    settled, unit = True, None
     if key == "rpy":
         unit = "deg" if np.abs(values[:, at]).max() > 2.0 * np.pi else "rad"
         what = f"look like {'degrees' if unit == 'deg' else 'radians'}"
+        settled = not values[:, at].any()
+    elif key == "normal":
+        what = "have the length 1 (or axis)"
+        over = {k for k in over if not _is_colour(values[:, k])}
     elif key:
-        other = {"normal": "axis", "quaternion_wxyz": "quaternion_xyzw"}[key]
-        what = f"have the length 1 (or {other})"
+        timed = position.start == 1 and values.shape[1] == 8
+        timed &= _rises(values[:, 0]) or _is_epoch(values[:, 0])
+        order, why = _order(values[:, position], values[:, at], timed=timed)
+        key, settled = order or key, order is not None
+        what = f"have the length 1{why or ' (or quaternion_xyzw)'}"
+        over -= {0} if timed else set()
     if key:
         reasons.append(f"columns {at[0] + 1} to {at[-1] + 1} {what}")
-    return Suggestion(columns, tuple(reasons), unit)
+    elif clock in over and len(others) < 5:
+        settled = False  # x, y, z and a speed, with x in even steps, would be read as t, x, y, z
+    settled &= all(k == clock or not values[:, k].any() for k in over)
+    columns = {"position": _numbers(position), **({key: _numbers(at)} if key else {})}
+    return Suggestion(columns, tuple(reasons), unit, settled)
+
+
+def _matrices(values: Array) -> Suggestion | None:
+    """Rows that are pose matrices, (3, 4) or (4, 4), row by row, or behind a time (KITTI)."""
+    at, size = values.shape[1] % 4, values.shape[1] // 4
+    if at > 1 or size not in (3, 4) or not np.isfinite(values).all() or not len(values):
+        return None
+    turns = values[:, at : at + 12].reshape(-1, 3, 4)[:, :, :3]
+    off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
+    if off > _UNIT or (np.linalg.det(turns) < 0.0).any():
+        return None
+    last = at + np.array([4, 8, 12])
+    turned = [k for k in range(at + 1, at + 13) if k not in last]
+    columns = {"position": tuple(last.tolist()), "matrix": tuple(turned)}
+    return Suggestion(columns, ("the rows are pose matrices",), settled=True)
+
+
+def _order(positions: Array, quaternions: Array, *, timed: bool) -> tuple[str | None, str]:
+    """Where a quaternion's scalar is, and why; ``None`` if both orders are possible.
+
+    Smoothness says nothing: it is the same for both. Frames little turned with the scalar last
+    would with the scalar first all be turned by about half a turn about z; with the scalar first
+    they may as well be tools that point down, with the scalar last.
+
+    Args:
+        positions: (N, 3).
+        quaternions: (N, 4).
+        timed: Whether a table of eight columns begins with a time: the trajectory format of the TUM
+            RGB-D benchmark, ``timestamp tx ty tz qx qy qz qw``, unless a first frame at the origin
+            of its own motion shows another order, as in files of Stampede.
+    """
+    if timed and not positions[0].any() and abs(quaternions[0, 0]) > 1.0 - 1e-4:
+        return "quaternion_wxyz", ", and at the origin the frame is not turned"
+    if timed:
+        return "quaternion_xyzw", ", after a time and x, y, z: the TUM format has the scalar last"
+    if (np.abs(quaternions[:, 3]) > _UPRIGHT).all():
+        return "quaternion_xyzw", ", and with the scalar last the frames are little turned"
+    return None, ""
 
 
 def _directions(
@@ -143,7 +206,21 @@ def _counts(column: Array, *, first: bool) -> bool:
 
 
 def _is_clock(column: Array) -> bool:
-    """Whether a column rises evenly."""
+    """Whether a column rises evenly, from 0 or later."""
     steps = np.diff(column)
     mean = float(steps.mean()) if len(steps) else 0.0
-    return mean > 0.0 and bool((np.abs(steps - mean) <= _EVEN * mean).all())
+    even = mean > 0.0 and bool((np.abs(steps - mean) <= _EVEN * mean).all())
+    return even and bool(column[0] >= 0.0)
+
+
+def _rises(column: Array) -> bool:
+    return len(column) > 1 and bool((np.diff(column) > 0.0).all() and column[0] >= 0.0)
+
+
+def _is_epoch(column: Array) -> bool:
+    """Whether a column has times since 1970."""
+    return bool((column > _EPOCH).all())
+
+
+def _is_colour(column: Array) -> bool:
+    return bool(((column == np.round(column)) & (column >= 0.0) & (column <= 255.0)).all())

@@ -139,7 +139,7 @@ def toolpath_of(
         )
         found.append(replace(curve.part(~again), before=before, after=after))
     problems.refuse()
-    whole = orientation in ("quaternion", "rpy", "rotation_vector")
+    whole = orientation in ("quaternion", "rpy", "rotation_vector", "matrix")
     meaning: Meaning = "rotation" if whole else orientation  # type: ignore[assignment]
     dropped = []
     if len(repeated) == 1:
@@ -506,6 +506,14 @@ def _curve(
         rotations = Rotation.from_euler("xyz", values).as_matrix()
     elif orientation == "rotation_vector":
         rotations = Rotation.from_rotvec(values).as_matrix()
+    elif orientation == "matrix":
+        rotations = values.reshape(-1, 3, 3)
+        turned = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        wrong = (turned > 0.01) | (np.linalg.det(rotations) < 0.0)
+        for k in np.flatnonzero(wrong):
+            problems.add(lines[k], "the matrix is no rotation; check which columns it is in", call)
+        rotations = np.where(wrong[:, None, None], np.eye(3), rotations)
+        rotations = Rotation.from_matrix(rotations).as_matrix()
     elif orientation != "none":
         vectors = _unit_vectors(orientation, values, lines.tolist(), call, problems)
     if vectors is not None and orientation == "quaternion":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -12,11 +12,20 @@ from pydantic import Field, PlainValidator, model_validator
 
 from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
-from qp_twist.files import ANGLES, FEEDS, AngleUnit, FeedUnit, Table, columns_named, split_unit
+from qp_twist.files import (
+    ANGLES,
+    FEEDS,
+    AngleUnit,
+    FeedUnit,
+    LengthUnit,
+    Table,
+    columns_named,
+    split_unit,
+)
 from qp_twist.paths.section import Section
 from qp_twist.paths.suggested_columns import LOOKED_AT, Suggestion, have_length_1, suggested
 
-Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", "none"]
+Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", "matrix", "none"]
 Unit = TypeVar("Unit", bound=str)
 Places = dict[str, tuple[int, ...]]
 """Indices of the columns of each group, in the order of the reader."""
@@ -24,6 +33,15 @@ Places = dict[str, tuple[int, ...]]
 _EXAMPLE = "position=1,2,3;normal=4,5,6"
 _NOT_POSES = "curve", "feed"
 _ANGLES = {*ANGLES, "grad"}
+_WITHIN = {
+    *("pose", "tcp", "point", "waypoint", "tool", "field", "target", "actual", "current"),
+    *("desired", "msg", "transform", "ee", "robot", "rist", "rsol"),
+}
+"""Words beside a column's name that say where it is from: ``field.pose.position.x``, ``X_RIst``."""
+_OF_OTHERS = re.compile(r"err|vel|acc|cov|std|noise|twist|joint|delta|diff|force|torque")
+"""Parts of such words with which it is another quantity."""
+_IN_FILE_NAME = re.compile(r"xyz_?(wpr|abc|rpy|ijk|s)(?![a-z])", re.IGNORECASE)
+"""Columns that the name of a file states, as RoboDK's examples do: ``Import-CSV-XYZWPR.csv``."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +53,7 @@ class Naming:
         means: What the columns are read as; ``None`` where the names leave it open.
         size: Number of columns.
         unit: Unit of its angles where the file states none and the numbers agree.
+        length: Unit of the positions beside it where the file states none: that of its maker.
         called: The convention in notes, if only the letters of the names identify it.
     """
 
@@ -42,6 +61,7 @@ class Naming:
     means: Orientation | None = None
     size: int = 3
     unit: AngleUnit | None = None
+    length: LengthUnit | None = None
     called: str = ""
 
 
@@ -50,29 +70,37 @@ def _names(letters: Sequence[str], patterns: str = "{}") -> dict[str, int]:
     return {p.format(c): place for p in patterns.split() for place, c in enumerate(letters)}
 
 
-_POSITIONS = "{} p{} pos{} {}pos position{} {}position coord{} {}coord coordinate{} {}coordinate"
+_POSITIONS = (
+    "{} p{} t{} pos{} {}pos position{} {}position coord{} {}coord coordinate{} {}coordinate "
+    "translation{} location{}"
+)
 _QUATERNIONS = "q{} quat{} quaternion{} orientation{}"
 NAMINGS = {
-    "position": Naming(_names("xyz", _POSITIONS)),
+    "position": Naming(_names("xyz", _POSITIONS) | _names("012", "tcppose{}")),
     "axis": Naming(_names("ijk") | _names("xyz", "a{} axis{} {}axis toolaxis{}"), "axis"),
     "normal": Naming(_names("xyz", "n{} norm{} {}norm normal{} {}normal"), "normal"),
     "quaternion": Naming(_names("wxyz", _QUATERNIONS), "quaternion", 4),
     "numbered quaternion": Naming(
-        _names("0123456789", _QUATERNIONS), "quaternion", 4,
+        _names("0123456789", _QUATERNIONS), "quaternion", 4, length="mm",
         called="a quaternion w, x, y, z, as ABB writes it",
     ),
     "rpy": Naming(_names(("roll", "pitch", "yaw")), "rpy"),
     "W P R": Naming(
-        _names("wpr"), "rpy", unit="deg", called="FANUC's W, P, R: R = Rz(R) Ry(P) Rx(W)"
+        _names("wpr"), "rpy", unit="deg", length="mm",
+        called="FANUC's W, P, R: R = Rz(R) Ry(P) Rx(W)"
     ),
     "A B C": Naming(
-        _names("cba"), "rpy", unit="deg",
+        _names("cba"), "rpy", unit="deg", length="mm",
         called="KUKA's A, B, C: R = Rz(A) Ry(B) Rx(C) (of a robot with A about x choose rpy = "
         "A, B, C in [path.columns])",
     ),
     "rotation vector": Naming(
-        _names("xyz", "rotvec{} rotationvector{} rvec{} rv{} axisangle{}"), "rotation_vector",
-        unit="rad",
+        _names("xyz", "rotvec{} rotationvector{} rvec{} rv{} axisangle{}")
+        | _names("345", "tcppose{}"),  # of the recorder of Universal Robots
+        "rotation_vector", unit="rad",
+    ),
+    "matrix": Naming(
+        _names([f"{i}{j}" for i in "123" for j in "123"], "r{} m{} rot{}"), "matrix", 9
     ),
     "angles": Naming(
         _names("xyzw", "r{} rot{} rotation{}") | _names(("alpha", "beta", "gamma"))
@@ -102,6 +130,7 @@ def _parse_column(value: object) -> str | int:
 Name = Annotated[str | int, PlainValidator(_parse_column)]
 Triple = Annotated[tuple[Name, Name, Name], Field(strict=False)]  # lists, too
 Quadruple = Annotated[tuple[Name, Name, Name, Name], Field(strict=False)]
+Nine = Annotated[tuple[Name, Name, Name, Name, Name, Name, Name, Name, Name], Field(strict=False)]
 
 
 class ColumnChoice(Section):
@@ -117,6 +146,7 @@ class ColumnChoice(Section):
     quaternion_xyzw: Quadruple | None = None
     rpy: Triple | None = None
     rotation_vector: Triple | None = Field(default=None, description="axis times angle")
+    matrix: Nine | None = Field(default=None, description="rotation matrix, row by row")
     curve: Name | None = Field(default=None, description="where its entry changes a curve begins")
     feed: Name | None = Field(default=None, description="of the motion to each point")
 
@@ -234,8 +264,8 @@ class ColumnRoles:
         direction: Their indices; a quaternion's w first.
         curve: Index of the curve's name.
         feed: Index of the feed.
-        angle_unit: Unit of angles where neither the file nor the user states one, if the numbers
-            show that it is this one.
+        angle_unit: Unit of angles by convention, where neither the file nor the user states one.
+        length_unit: Unit of positions likewise.
         notes: How an orientation is read that only the letters of its columns identify.
     """
 
@@ -245,6 +275,7 @@ class ColumnRoles:
     curve: int | None = None
     feed: int | None = None
     angle_unit: AngleUnit | None = None
+    length_unit: LengthUnit | None = None
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -257,9 +288,7 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
     """Groups of columns with usual names: for each place in a group, the columns."""
     found: dict[str, dict[int, list[int]]] = {}
     for index, name in enumerate(names):
-        letters = re.sub(r"[^a-z0-9]", "", split_unit(name)[0].lower())
-        bare = re.sub(r"^(?:pose|tcp|point|waypoint|tool)", "", letters)
-        if meant := _GROUPS.get(letters) or _GROUPS.get(bare):
+        if meant := _meant(split_unit(name)[0].lower()):
             found.setdefault(meant[0], {}).setdefault(meant[1], []).append(index)
     if 3 in found.get("angles", {}):  # rx, ry, rz, rw are a quaternion
         for place, columns in found.pop("angles").items():
@@ -269,6 +298,35 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
         first = min(numbered)
         found["numbered quaternion"] = {i - first: columns for i, columns in numbered.items()}
     return found
+
+
+def _meant(name: str) -> tuple[str, int] | None:
+    """The group and place of a name, or of its end behind words that say where it is from.
+
+    An end of one word (``field.x``) counts only behind words that are known, one of two
+    (``/robot.position.x``) also behind others.
+    """
+    words = re.findall(r"[a-z0-9]+", name)
+    while len(words) > 1 and words[-1] in _WITHIN:
+        words = words[:-1]
+    for k in range(len(words)):
+        letters = "".join(words[k:])
+        bare = re.sub(r"^(?:pose|tcp|point|waypoint|tool)", "", letters)
+        known = {*words[:k]} <= _WITHIN
+        if k and not known and (len(words) - k < 2 or any(map(_OF_OTHERS.search, words[:k]))):
+            return None
+        if meant := _GROUPS.get(letters) or _GROUPS.get(bare):
+            return meant
+    return None
+
+
+def names_in(stem: str, width: int) -> tuple[str, ...]:
+    """Names of the columns that the name of a file states; empty if it states none."""
+    found = _IN_FILE_NAME.search(stem)
+    letters = f"xyz{found[1].lower()}" if found and width >= 3 + len(found[1]) else ""
+    speed = {"s": "speed [mm/s]"}  # as RoboDK documents it; its lengths are mm
+    names = [speed.get(letter, letter) for letter in letters]
+    return tuple(names + [f"#{k}" for k in range(len(names) + 1, width + 1)]) if names else ()
 
 
 def has_position(names: Sequence[str]) -> bool:
@@ -298,15 +356,18 @@ def column_roles(
     if directions or orientation == "none":
         settled |= NAMINGS.keys() - {"position", *_NOT_POSES}
     groups = _usual_groups(table, settled, feed_unit)
-    position = chosen.get("position") or groups.get("position")
+    position, notes = chosen.get("position") or groups.get("position"), list[str]()
     if position is None:
         if table.names:
             raise _without_position(table)
+        position = (0, 1, 2)
         if not directions and orientation is not None and table.width == 6:
             directions, chosen[orientation] = [orientation], (3, 4, 5)
         elif not directions and (table.width > 3 or orientation not in (None, "none")):
-            raise _without_position(table)
-        position = (0, 1, 2)
+            found, notes = _assumed(table, orientation)
+            position = found.pop("position")
+            chosen |= found
+            directions = [*found]
     groups = {group: at for group, at in groups.items() if not {*at} & {*position}}
     naming, direction = _NONE, tuple[int, ...]()
     if orientation != "none" and directions:
@@ -316,7 +377,12 @@ def column_roles(
     [curve] = chosen.get("curve") or groups.get("curve") or [None]
     [feed] = chosen.get("feed") or groups.get("feed") or [None]
     assert naming.means is not None
-    where = ColumnRoles(position, naming.means, direction, curve, feed)
+    words = {*re.findall("[a-z]+", " ".join(table.names).lower())}
+    in_ros = {"position", "orientation"} <= words or {"actual", "tcp", "pose"} <= words
+    by_rule: LengthUnit | None = "m" if in_ros or any("TUM" in note for note in notes) else None
+    where = ColumnRoles(
+        position, naming.means, direction, curve, feed, length_unit=by_rule, notes=notes
+    )
     if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput("a column is used twice.", key="columns")
     if direction:
@@ -324,6 +390,32 @@ def column_roles(
     if orientation is None:
         _refuse_unused_orientation(table, where)
     return where
+
+
+def _assumed(table: Table, orientation: Orientation | None) -> tuple[Places, list[str]]:
+    """The columns of a table without a header, if its numbers leave nothing open, and a note.
+
+    Raises:
+        UnclearColumns: If they do.
+    """
+    found = suggested(table.sample(LOOKED_AT))
+    if found is None or not found.settled or re.search(r"[(\[{=]", table.first_row):
+        raise _without_position(table)
+    places = {key: tuple(i - 1 for i in columns) for key, columns in found.columns.items()}
+    [*kinds] = places.keys() - {"position"}
+    kind = kinds[0] if kinds else "none"
+    other = {"normal": "axis", "axis": "normal"}.get(kind, "none")
+    if orientation == other != "none":
+        places[other] = places.pop(kind)
+    elif orientation not in (None, "none", kind.partition("_wxyz")[0].partition("_xyzw")[0]):
+        raise _without_position(table)
+    called = " and ".join(
+        f"columns {', '.join(str(i + 1) for i in at)} as {key.replace('_', ' ')}"
+        for key, at in places.items()
+    )
+    why = f" since {', '.join(found.reasons)}" if found.reasons else ""
+    also = f", --orientation {other}" if other != "none" else ""
+    return places, [f"no header: {called} are read{why}; --columns{also} reads it otherwise."]
 
 
 def _without_position(table: Table) -> InvalidInput:
@@ -363,7 +455,8 @@ def _usual_groups(table: Table, settled: set[str], feed_unit: FeedUnit | None) -
                 continue
         if len(places) < size and _is_something_else(group, bare):
             continue
-        if twice := [columns for columns in places.values() if len(columns) > 1]:
+        actual = {at: _measured(table, columns) for at, columns in places.items()}
+        if twice := [columns for columns in actual.values() if len(columns) > 1]:
             raise InvalidInput(
                 f"{' and '.join(table.call(i) for i in twice[0])} mean the same; "
                 "say in [path.columns] of the task file which one counts."
@@ -376,8 +469,18 @@ def _usual_groups(table: Table, settled: set[str], feed_unit: FeedUnit | None) -
                 "state none.",
                 options={"orientation": "none"},
             )
-        groups[group] = tuple(places[i][0] for i in range(size))
+        groups[group] = tuple(actual[i][0] for i in range(size))
     return groups
+
+
+def _measured(table: Table, columns: list[int]) -> list[int]:
+    """Of columns with the same meaning those of the actual motion, where a controller recorded it.
+
+    Beside them it records the target, from which the motion differs by the error of control.
+    """
+    actual = [i for i in columns if re.search("actual|rist", table.names[i].lower())]
+    target = [i for i in columns if re.search("target|rsol", table.names[i].lower())]
+    return actual if actual and len(actual) + len(target) == len(columns) else columns
 
 
 def _bare(table: Table, places: dict[int, list[int]]) -> list[str]:
@@ -423,8 +526,10 @@ def _usual_direction(
     present = {group: of for group, of in NAMINGS.items() if group in groups and of.means}
     if orientation is None and not present and angles is None:
         return _NONE, ()
-    if angles is not None and not present and orientation in ("rpy", "rotation_vector"):
-        return _as_stated(orientation), angles
+    stated = orientation or (None if angles is None else _evident(table, angles))
+    if angles is not None and not present and stated in ("rpy", "rotation_vector"):
+        naming = _as_stated(stated)
+        return naming if orientation else replace(naming, called=_ASSUMED[stated]), angles
     if orientation is not None:
         present = {group: of for group, of in present.items() if of.means == orientation}
         if not present:
@@ -455,6 +560,41 @@ def _usual_direction(
     return naming, groups[group]
 
 
+_ASSUMED: dict[Orientation, str] = {
+    "rpy": "roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll) (of a Staubli, with Rx Ry Rz, they "
+    "are others; --orientation rotation_vector for axis times angle)",
+    "rotation_vector": "a rotation vector, as of Universal Robots (--orientation rpy otherwise)",
+}
+"""How columns rx, ry, rz are called in notes if their numbers leave one reading."""
+
+
+def _evident(table: Table, angles: tuple[int, ...]) -> Orientation | None:
+    """What columns rx, ry, rz are by their numbers; ``None`` if they may be either.
+
+    Nobody writes rotation vectors in degrees, and controllers write them no longer than half a
+    turn, so that in radians longer ones are angles. A tool that points down, and is turned about
+    its axis, has rotation vectors of nearly half a turn; as roll, pitch, yaw it would have longer
+    ones.
+    """
+    if not all(re.search(r"r(ot(ation)?)?[\W_]*[xyz]$", name) for name in _bare_of(table, angles)):
+        return None
+    values = _complete(table.sample(LOOKED_AT)[:, angles])
+    lengths = np.linalg.norm(values, axis=1)
+    unit = split_unit(table.names[angles[0]])[1]
+    if unit == "deg" or not lengths.any() or (unit is None and np.abs(values).max() > 2.0 * np.pi):
+        return "rpy"
+    if unit is None and lengths.max() > 1.001 * np.pi:
+        return "rpy"
+    turned = np.linalg.norm(values[:, 1:], axis=1)
+    if np.median(lengths) > 0.9 * np.pi and np.median(turned) > 0.3:
+        return "rotation_vector"
+    return None
+
+
+def _bare_of(table: Table, columns: Sequence[int]) -> list[str]:
+    return [split_unit(table.names[i])[0].lower() for i in columns]
+
+
 def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
     """The roles with the unit and the note of a convention, if the numbers agree with it.
 
@@ -463,7 +603,8 @@ def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
     """
     if not (naming.unit or naming.called):
         return where
-    called, unit, wrong = _called(table, sorted(where.direction)), naming.unit, ""
+    where = replace(where, length_unit=where.length_unit or naming.length, angle_unit=naming.unit)
+    called, wrong = _called(table, sorted(where.direction)), ""
     values = _complete(table.sample(LOOKED_AT)[:, where.direction])
     largest = float(np.abs(values).max(initial=0.0))
     if naming.means == "quaternion":
@@ -481,9 +622,6 @@ def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
                 f"a number in them is {largest:.6g}, more than 360 degrees. Say what they are in "
                 "[path.columns] of the task file,"
             )
-        # A vector above one turn is in degrees, and angles within one turn may be radians.
-        agrees = largest <= 2.0 * np.pi if unit == "rad" else largest > 2.0 * np.pi
-        unit = unit if agrees or largest == 0.0 else None
     if wrong and naming.called:
         raise UnclearColumns(
             f'{called} are named like {naming.called}; but {wrong} or orientation = "none" in '
@@ -491,9 +629,7 @@ def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
             or_none=True,
         )
     notes = [f"{called} are read as {naming.called}."] if naming.called else []
-    return ColumnRoles(
-        where.position, where.orientation, where.direction, where.curve, where.feed, unit, notes
-    )
+    return replace(where, notes=[*where.notes, *notes])
 
 
 def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:

@@ -93,7 +93,8 @@ def test_rotation_vectors_are_read_where_they_are_named_or_chosen(tmp_path: Path
     assert rotations(named) == pytest.approx(expected, abs=1e-12)
     in_degrees = table(tmp_path, "rv_x [deg],rv_y [deg],rv_z [deg]", np.degrees(VECTORS))
     assert rotations(in_degrees) == pytest.approx(expected, abs=1e-12)
-    open_ = table(tmp_path, "rx,ry,rz", VECTORS)
+    open_ = table(tmp_path, "rx,ry,rz", 0.5 * VECTORS)
+    expected = np.array([mink.SO3.exp(0.5 * v).as_matrix() for v in VECTORS])
     with pytest.raises(InvalidInput, match=r'orientation = "rotation_vector" if they are axis'):
         read_toolpath(open_)
     assert rotations(open_, orientation="rotation_vector") == pytest.approx(expected, abs=1e-12)
@@ -101,8 +102,30 @@ def test_rotation_vectors_are_read_where_they_are_named_or_chosen(tmp_path: Path
     assert rotations(open_, columns=columns) == pytest.approx(expected, abs=1e-12)
     roll_pitch_yaw = rotations(open_, orientation="rpy", angle_unit="rad")
     assert roll_pitch_yaw == pytest.approx(
-        np.array([mink.SO3.from_rpy_radians(*v).as_matrix() for v in VECTORS]), abs=1e-12
+        np.array([mink.SO3.from_rpy_radians(*v / 2).as_matrix() for v in VECTORS]), abs=1e-12
     )
+
+
+def test_rx_ry_rz_are_what_their_numbers_leave(tmp_path: Path) -> None:
+    """No vector of a controller is longer than half a turn, and nobody writes one in degrees."""
+    angles = np.array([[180.0, 0.0, 80.0], [-179.0, 2.0, 90.0]])
+    as_angles = np.array([mink.SO3.from_rpy_radians(*np.radians(a)).as_matrix() for a in angles])
+    assert rotations(table(tmp_path, "rx,ry,rz", angles)) == pytest.approx(as_angles, abs=1e-12)
+    bare = table(tmp_path, "rx,ry,rz", np.radians(angles))  # above pi, and a half turn among them
+    assert rotations(bare) == pytest.approx(as_angles, abs=1e-12)
+    down = np.array([[2.2, 2.2, 0.0], [2.2, 2.2, 0.05], [1.9, 2.4, 0.0]])
+    vectors = table(tmp_path, "rx,ry,rz", down)
+    expected = np.array([mink.SO3.exp(v).as_matrix() for v in down])
+    assert rotations(vectors) == pytest.approx(expected, abs=1e-12)
+    assert any("Universal Robots" in note for note in read_toolpath(vectors).assumptions)
+
+
+def test_a_rotation_matrix_has_nine_names(tmp_path: Path) -> None:
+    turns = Rotation.from_euler("xyz", ANGLES, degrees=True).as_matrix()
+    names = ",".join(f"r{i}{j}" for i in "123" for j in "123")
+    assert rotations(table(tmp_path, names, turns.reshape(-1, 9))) == pytest.approx(turns)
+    with pytest.raises(InvalidInput, match="the matrix is no rotation"):
+        read_toolpath(table(tmp_path, names, 2.0 * turns.reshape(-1, 9)))
 
 
 SMALL = [[0.1, 0.2, 0.3], [0.2, 0.3, 0.4]]
@@ -123,8 +146,7 @@ UNIT_3 = [[0.0, 0.6, 0.8], [0.0, 0.8, 0.6]]
         ("s,u,v,w", QUATERNIONS, r"quaternion_wxyz = \[4, 5, 6, 7\]"),
         ("s1 [deg],s2 [deg],s3 [deg]", ANGLES, r"are angles .* rpy = \[4, 5, 6\]"),
         ("alpha,beta,gamma", ANGLES, "roll, pitch, yaw or a rotation vector"),
-        ("r11,r12,r13,r21,r22,r23,r31,r32,r33", [[1, 0, 0, 0, 1, 0, 0, 0, 1]] * 2,
-         "a rotation matrix is not read"),
+        ("r11,r12,r13", [[1, 0, 0]] * 2, "3 of 9 columns of one matrix"),
         ("i,j,k,a,b,c", [[0, 0, 1, 10, 20, 30]] * 2, 'axis and A B C; add orientation = "axis"'),
         ("w,p,r,a,b,c", [[10, 20, 30, 10, 20, 30]] * 2, r"say in \[path.columns\].* which count"),
     ],
@@ -189,7 +211,7 @@ def test_new_asks_with_its_options_and_then_has_the_whole_pose(
     with pytest.raises(SystemExit):
         main(given_)
     assert (
-        "--orientation axis, normal, quaternion, rpy, rotation_vector or none"
+        "--orientation axis, normal, quaternion, rpy, rotation_vector, matrix or none"
         in capsys.readouterr().err
     )
     main([*given_, "--orientation", "rotation_vector"])

@@ -228,15 +228,16 @@ HEAD = "x [mm],y [mm],z [mm],nx,ny,nz\n"
         ("x [mm],y [m],z [mm]\n1,2,3\n", "different units"),
         ("x [mm],y [mm],z [mm]\nm,m,m\n1,2,3\n", r"no columns x, y, z among 'x \[mm\] \[m\]'"),
         ("x [cm],y [cm],z [cm]\n1,2,3\n", "the header says 'cm'; known are mm, m, inch"),
-        ("x [mm],y [mm],z [mm],roll,pitch,yaw\n1,2,3,0,0,0\n", r"add angle_unit = \"deg\" or"),
-        ("x [mm],y [mm],z [mm],rx,ry,rz\n1,2,3,0,0,0\n", r"roll, pitch, yaw or a rotation vector"),
+        ("x [mm],y [mm],z [mm],roll,pitch,yaw\n1,2,3,1,0,0\n", r"add angle_unit = \"deg\" or"),
+        ("x [mm],y [mm],z [mm],rx,ry,rz\n1,2,3,1,0,0\n", r"roll, pitch, yaw or a rotation vector"),
         ("x [mm],y [mm],z [mm],nx,ny\n1,2,3,0,0\n", r"'nx', column 'ny': 2 of 3 columns"),
         ("x [mm],y [mm],z [mm],i,j,k,nx,ny,nz\n1,2,3,0,0,1,0,0,1\n",
          "columns for axis and normal; add orientation"),
         ("x [mm],X (mm),y [mm],z [mm]\n1,1,2,3\n", "mean the same"),
         ("x [mm],y [mm],z [mm],qw,qx,qy,qz\n1,2,3,0.5,0,0,0\n", "quaternion has the length 0.5"),
         ("u,v,w\n1,2,3\n", r"no columns x, y, z among 'u', 'v', 'w'"),
-        ("1 2 3 0 0 1\n", r"6 columns and no header .* position = \[1, 2, 3\]"),
+        ("1 2 3 0 0 1\n", r"the unit of column 1, column 2, column 3 is not said"),
+        ("1 2 3 4 5 6\n", r"6 columns and no header .* position = \[1, 2, 3\]"),
         ("1 2 3 1 0 0 0\n", r"7 columns and no header"),
         ("", "path.csv: the file is empty"),
         (" \n\n", "path.csv: the file is empty"),
@@ -1188,7 +1189,7 @@ ROWS = np.arange(30)
         ([0.02 * ROWS, POSITION, NORMAL], '"position=2,3,4;normal=5,6,7"'),
         ([ROWS, 0.02 * ROWS, POSITION, NORMAL], '"position=3,4,5;normal=6,7,8"'),
         ([POSITION, QUATERNION], '"position=1,2,3;quaternion_wxyz=4,5,6,7"'),
-        ([ROWS, POSITION, QUATERNION], '"position=2,3,4;quaternion_wxyz=5,6,7,8"'),
+        ([ROWS, POSITION, QUATERNION], '"position=2,3,4;quaternion_xyzw=5,6,7,8"'),
         ([NORMAL, POSITION], '"position=4,5,6;normal=1,2,3"'),
         ([POSITION, NORMAL, 500 + 0 * T], '"position=1,2,3;normal=4,5,6"'),
         ([POSITION, DEGREES], '"position=1,2,3;rpy=4,5,6" --angle-unit deg'),
@@ -1202,13 +1203,12 @@ ROWS = np.arange(30)
         ([POSITION, 0 * QUATERNION + [0, 1, 0, 0]], '"position=1,2,3;quaternion_wxyz=4,5,6,7"'),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("header", ["", "u,"])
 def test_the_columns_that_are_suggested_fit_the_numbers(
-    tmp_path: Path, parts: list[Array], option: str, header: str
+    tmp_path: Path, parts: list[Array], option: str
 ) -> None:
     table = np.column_stack(parts)
     lines = [",".join(f"{v:.9g}" for v in row) for row in table]
-    names = ",".join(f"col{k}" for k in range(table.shape[1])) + "\n" if header else ""
+    names = ",".join(f"col{k}" for k in range(table.shape[1])) + "\n"
     with pytest.raises(UnclearColumns) as refused:
         read_toolpath(write(tmp_path, names + "\n".join(lines)), length_unit="mm")
     suggestion = refused.value.suggestion
@@ -1223,6 +1223,16 @@ def test_the_columns_that_are_suggested_fit_the_numbers(
     )  # fmt: skip
     at = [k - 1 for k in suggestion.columns["position"]]
     assert read.curves[0].positions * 1e3 == pytest.approx(table[:, at], abs=1e-6)
+    # Without a header it is assumed if it is settled, and asked for otherwise.
+    bare = write(tmp_path, "\n".join(lines))
+    if suggestion.settled:
+        assumed = read_toolpath(bare, length_unit="mm")
+        assert assumed.curves[0].positions == pytest.approx(read.curves[0].positions)
+        assert assumed.meaning == read.meaning
+        assert "no header: columns" in assumed.assumptions[0]
+    else:
+        with pytest.raises(UnclearColumns):
+            read_toolpath(bare, length_unit="mm")
 
 
 # ---------------------------------------------------------------- extent, unit and number

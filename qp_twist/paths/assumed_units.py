@@ -1,0 +1,74 @@
+"""Units that nothing states, by the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.files import AngleUnit, LengthUnit
+
+_REACH = 9.4
+"""Twice the reach of the longest arm on the market, m: what a path in it is at most across."""
+_ROOM = 100.0
+"""Size of a path beside which an arm may drive, m."""
+_SHORT = 2.0
+"""Paths of fewer mm are no paths of a robot."""
+_ROUNDED = 1e-3
+"""Error of angles that are written with three decimals, rad."""
+_FINE = 0.01
+"""Points closer together than so many mm are finer than a robot repeats or a program rounds."""
+
+
+def assumed_length_unit(
+    positions: Array, convention: LengthUnit | None = None
+) -> tuple[LengthUnit, str] | None:
+    """The only likely unit of some positions, and why; ``None`` if two are likely, or none.
+
+    Points of robots are in mm or in m; inches have to be stated. Where the numbers agree with the
+    convention of the program that writes such columns, it counts. Otherwise they are mm if in m
+    they would be beyond any arm, and m if in mm they would be too short or too close together.
+
+    Args:
+        positions: In their own unit, (N, 3).
+        convention: Unit in which the program that writes such columns has positions.
+    """
+    if not len(positions):
+        return None
+    extent = float(np.ptp(positions, axis=0).max())
+    size = max(extent, float(np.abs(positions).max()))
+    step = float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1))) if extent else 0.0
+    usual = convention == "mm" and _SHORT < size <= 1e3 * _ROOM
+    if convention is not None and (usual or (convention == "m" and size <= _ROOM)):
+        return convention, "such columns have it by convention"
+    if size > 1e3 * _ROOM:
+        return None
+    if size > _REACH:
+        return "mm", f"nothing states it; in m it would reach {size:.4g} m, farther than any arm"
+    if max(extent, size if extent == 0.0 else 0.0) <= _SHORT:
+        return "m", f"nothing states it; in mm it would be {extent:.3g} mm across"
+    if 0.0 < step < _FINE:
+        return "m", f"nothing states it; in mm its points would be {step:.2g} mm apart"
+    return None
+
+
+def assumed_angle_unit(
+    angles: Array, convention: AngleUnit | None, length_unit: LengthUnit
+) -> AngleUnit | None:
+    """The likely unit of some angles or rotation vectors; ``None`` if both are.
+
+    More than a whole turn in radians are degrees. Within it they are radians if some are a half or
+    a quarter of a turn, as tools often are, or if positions are in metres: who writes SI units
+    writes both; controllers write mm and degrees.
+
+    Args:
+        angles: (N, 3).
+        convention: Unit of such columns, if they have one; of vectors no other one is likely.
+        length_unit: Of the positions beside them.
+    """
+    size = np.abs(angles[np.isfinite(angles)])
+    if not size.any():
+        return convention or "deg"
+    if size.max() > 2.0 * np.pi:
+        return None if convention == "rad" else "deg"
+    quarters = np.abs(size[:, None] - np.pi * np.array([0.5, 1.0])) < _ROUNDED
+    return "rad" if convention == "rad" or length_unit == "m" or quarters.any() else None
