@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Sequence
-from collections.abc import Set as AbstractSet
-from itertools import zip_longest
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,11 +12,36 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import LENGTHS, LengthUnit, shortened
-from qp_twist.paths.apt_arcs import Arcs, Circle, arc_to_line
-from qp_twist.paths.arcs import Arc, ArcAxis, check_radius
+from qp_twist.files import LENGTHS, shortened
+from qp_twist.paths.apt_arcs import Circle, arc_to_line
+from qp_twist.paths.apt_cycles import Cycle, cycle_of
+from qp_twist.paths.apt_frames import Frames
+from qp_twist.paths.apt_motions import Motions
+from qp_twist.paths.apt_statements import (
+    NUMBER,
+    Statement,
+    coordinates,
+    nested,
+    not_read,
+    number,
+    statements,
+    taken,
+    unit_vector,
+)
+from qp_twist.paths.apt_words import (
+    BREAKS,
+    CHANGES,
+    DIALECTS,
+    FEED_UNITS,
+    IGNORED,
+    PER_TURN,
+    TEXT,
+    UNITS,
+    changes_nothing,
+)
+from qp_twist.paths.arcs import ArcAxis, check_radius
 from qp_twist.paths.splines import clamped_cubic
-from qp_twist.paths.toolpath import LARGEST_NUMBER, Toolpath
+from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
     ProgramBuilder,
@@ -28,7 +51,6 @@ from qp_twist.paths.toolpath_builder import (
     of_lines,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.paths.turning import vectors_at
 
 _ALONG = re.compile(r"\(?CIRCLE/([^()/]*?)\)?,ON(,2,INTOF)?,\(?LINE/([^()/]*?)\)?")
 _MOVES = frozenset({
@@ -36,88 +58,9 @@ _MOVES = frozenset({
     "CYCLE",
 })  # fmt: skip
 """Words other than GOTO before which a circle ends by its angle."""
-_SHORT = 1e-6
-"""A shorter motion, m, has no direction worth comparing."""
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eEdD][+-]?[0-9]+)?")
 _PLAIN = re.compile(r"[+-]?[0-9]{1,9}(\.[0-9]*)?")
 """A number of which no arithmetic overflows."""
 _WORDS = ProgramWords("an APT file", "i, j, k", "RAPID", "UNITS/MM")
-
-_TEXT = ("PARTNO", "PPRINT", "REMARK", "INSERT", "TPRINT", "MACHIN", "TITLES", "DISPLY", "PAINT",
-         "CSI_")  # fmt: skip
-"""Words followed by free text, or that concern only the operator or the machine."""
-
-_IGNORED = frozenset({
-    *_TEXT, "COOLNT", "LOAD", "SELCTL", "SELECT", "TOOLNO", "SPINDL", "MULTAX",
-    "CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "MCHTOL", "AUTOPS", "PSIS",
-    "MCHFIN", "AUXFUN", "PREFUN", "SEQNO", "OPSKIP", "LEADER", "DELAY", "DWELL", "STOP", "OPSTOP",
-    "CLRSRF", "CLAMP", "SETUP", "HEAD", "PROBE", "VERIFY", "TMARK", "CLDIST", "ARCSLP", "ISN",
-    "END-OF-PATH", "END", "FINI", "NOPOST", "CLPRNT", "PRINT", "AIR", "COUPLE", "PPWORD",
-})  # fmt: skip
-"""Words that do not change the path between two points."""
-
-_BREAKS = frozenset({"GOHOME", "HOME", "RETRCT", "RAPTO", "LOADTL", "UNLOAD", "TURRET"})
-"""Words after which the tool is at an unknown point."""
-
-_CHANGES = {
-    "ARC": "a circular move", "INDIRP": "a move along a surface",
-    "TLLFT": "a move along a surface", "TLRGT": "a move along a surface",
-    "GOBACK": "a move along a surface", "GOLFT": "a move along a surface",
-    "GORGT": "a move along a surface", "GOUP": "a move along a surface",
-    "GODOWN": "a move along a surface",
-    "GOCLER": "a move to a plane", "SPLINE": "a curved move", "TRACUT": "a change of coordinates",
-    "ORIGIN": "a change of coordinates", "TRANS": "a change of coordinates",
-    "ROTATE": "a turn of the part", "ROTABL": "a turn of the part",
-    "COPY": "a repetition", "INDEX": "a repetition", "MIRROR": "a mirrored path",
-    "THREAD": "a thread", "OFSTNO": "a shifted path",
-}  # fmt: skip
-"""Words that change the path in a way that this reader does not support."""
-
-_PER_MINUTE: dict[str, LengthUnit | None] = {
-    "MMPM": "mm", "MMPMIN": "mm", "IPM": "inch", "INPM": "inch", "MPM": "m",
-    "UPM": None, "PERMIN": None,
-}  # fmt: skip
-"""Units of a feed per minute; ``None``: the file's own unit of length."""
-_PER_TURN: dict[str, LengthUnit | None] = {
-    "MMPR": "mm", "IPR": "inch", "UPR": None, "PERREV": None,
-}  # fmt: skip
-"""Units of a feed per turn of the spindle."""
-_FEED_UNITS = {**_PER_MINUTE, **_PER_TURN}
-_UNITS: dict[str, LengthUnit] = {
-    "MM": "mm", "MMS": "mm", "INCHES": "inch", "INCH": "inch", "IN": "inch", "M": "m",
-    "METERS": "m",
-}  # fmt: skip
-
-
-class _Dialect(NamedTuple):
-    """What the files of a CAM system have in common.
-
-    Attributes:
-        name: Of the system.
-        words: Its files have one of these, alone or with its first argument.
-        sense: Of the motion about the axis that a circle states.
-    """
-
-    name: str
-    words: frozenset[str]
-    sense: ArcAxis
-
-
-_DIALECTS = (
-    # Its manual calls the axis that of a clockwise motion.
-    _Dialect("Siemens NX", frozenset({"TOOL PATH"}), "left"),
-    # In public files of 41 parts, straight motions beside a circle continue it without a corner if
-    # it is right-handed, but for 42 of 1,900 in three of them; those looked at turn back there.
-    _Dialect("CAMWorks", frozenset({"UNIT", "TRNTYP"}), "right"),
-    # Autodesk's post turns the axis round for a clockwise motion.
-    _Dialect("ISO 4343", frozenset({"MOVARC CENTER"}), "right"),
-)
-_BORED = frozenset({"DRILL", "DEEP", "DEEP2", "BRKCHP", "CSINK", "FACE", "REAM", "BORE", "THRU"})
-"""Cycles that lead the tool along its axis into a hole and back."""
-_OF_CYCLE = frozenset({
-    "FEDTO", "RAPTO", "RTRCTO", "DWELL", "STEP", "INCR", "1STPECK", "SUBPECK",
-})  # fmt: skip
-"""What a cycle states, each with a number."""
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
@@ -137,18 +80,16 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     """
     if not _has_goto("", lines):
         raise InvalidInput("there is no GOTO in it.")
-    statements = list(_statements(lines))
-    words = {
-        word for of in statements for word in (of.word, " ".join([of.word, *of.arguments[:1]]))
-    }
-    dialect = next((each for each in _DIALECTS if each.words & words), None)
+    found = list(statements(lines))
+    words = {word for of in found for word in (of.word, " ".join([of.word, *of.arguments[:1]]))}
+    dialect = next((each for each in DIALECTS if each.words & words), None)
     by_dialect: ArcAxis = "right" if dialect is None else dialect.sense
     reader = _Reader(options, options.arc_axis or by_dialect)
-    reader.read(statements)
-    arcs, is_open = reader.arcs, options.arc_axis is None and dialect is None
+    reader.read(found)
+    arcs, is_open = reader.to.arcs, options.arc_axis is None and dialect is None
     if is_open and arcs.against_sense and not arcs.for_sense:
         reader = _Reader(options, "left")
-        reader.read(statements)
+        reader.read(found)
     elif is_open and arcs.lines and not reader.out.problems and not arcs.all_fit:
         raise InvalidInput(
             f"CIRCLE ({of_lines(arcs.lines)}) {arcs.question()}", options={"arc_axis": None}
@@ -175,42 +116,6 @@ APT = ToolpathFormat(
 """APT-CL."""
 
 
-class _Statement(NamedTuple):
-    """A statement: its line, its word, what follows ``/``, and the arguments in that."""
-
-    line: int
-    word: str
-    rest: str
-    arguments: list[str]
-
-
-def _statements(lines: Sequence[str]) -> Iterator[_Statement]:
-    """The statements, with the line that each begins in; ``$`` continues one, ``$$`` ends a line.
-
-    Words and arguments are in capitals.
-    """
-    begun, text = 0, ""
-    for number, line in enumerate([*lines, ""], start=1):
-        before, dollar, _ = line.partition("$$")[0].partition("$")
-        begun, text = begun or number, text + before
-        if dollar and number <= len(lines):
-            continue
-        if text.strip():
-            word, _, rest = text.strip().partition("/")
-            words = (part.strip() for part in word.upper().split(","))
-            arguments = [part.strip() for part in rest.upper().split(",")] if rest.strip() else []
-            yield _Statement(begun, ",".join(words), rest, arguments)
-        begun, text = 0, ""
-
-
-class _Cycle(NamedTuple):
-    """A drilling cycle: heights above each point, and the depth below it, along the axis, m."""
-
-    depth: float
-    rapid_to: float
-    retract_to: float
-
-
 class _Spline(NamedTuple):
     """A curve of NURBS, which begins where the tool is."""
 
@@ -224,50 +129,46 @@ class _Reader:
 
     Attributes:
         out: The points so far.
-        arcs: The circles.
+        to: The tool on its way.
         has_axis: Whether the file states a tool axis.
     """
 
     def __init__(self, options: ReadingOptions, sense: ArcAxis) -> None:
         self.out = ProgramBuilder(options, _WORDS)
-        self.arcs = Arcs(self.out, sense)
+        self.to = Motions(self.out, sense)
         self.has_axis = False
-        self._axis: tuple[float, ...] = (0.0, 0.0, 1.0)
-        self._rapid = False
-        self._last: Array | None = None  # where the tool is, m; None if that is not known
-        self._heading: Array | None = None  # direction of the straight cut that led there
+        self._frames = Frames()
         self._tangent: tuple[float, ...] | None = None  # of INDIRV
-        self._in_world = False  # since TRNTYP/WORLD
-        self._cycle: _Cycle | None = None
+        self._cycle: Cycle | None = None
         self._spline: _Spline | None = None
         self._noted: dict[str, list[int]] = {
-            "seventh": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [], "CSYS": [],
+            "seventh": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [],
         }  # fmt: skip
-        self._acts: dict[str, Callable[[_Statement], None]] = {
+        self._acts: dict[str, Callable[[Statement], None]] = {
             "GOTO": self._goto, "GODLTA": self._godlta, "CIRCLE": self._circle,
             "MOVARC": self._circle, "INDIRV": self._indirv, "TLON,GOFWD": self._gofwd,
             "GOFWD": self._gofwd, "TLAXIS": self._tlaxis, "FROM": self._from,
             "RAPID": self._go_rapid, "FEDRAT": self._fedrat, "FEED": self._fedrat,
             "UNITS": self._units, "UNIT": self._units, "CYCLE": self._begin_cycle,
             "NURBS": self._nurbs, "KNOT": self._knot, "CNTRL": self._control,
-            "TRNTYP": self._trntyp, "CSYS": self._csys, "TOOL PATH": self._tool_path,
+            "TRNTYP": self._set_up, "CSYS": self._set_up, "TOOL PATH": self._tool_path,
             "CUTCOM": self._cutcom,
             "SET": self._set, "MODE": self._set, "SPINDL": self._spindl, "MULTAX": self._multax,
-            "MSYS": lambda of: self.out.set_frame("MSYS", tuple(of.arguments)),
+            "MSYS": self._frame, "MCS": self._frame,
         }  # fmt: skip
 
-    def read(self, statements: Sequence[_Statement]) -> None:
+    def read(self, found: Sequence[Statement]) -> None:
         """Read all statements."""
-        self._find_unit(statements)
+        self._find_unit(found)
         try:
-            for of in statements:
+            for of in found:
                 if of.word in _MOVES:
-                    self._end_circle_by_angle()
+                    self.to.end_circle()
                 if of.word not in ("KNOT", "CNTRL"):
                     self._end_spline()
                 with self.out.at(of.line):
                     self._statement(of)
-            self._end_circle_by_angle()
+            self.to.end_circle()
             self._end_spline()
         except TooManyPoints:
             pass  # which is one of the problems
@@ -294,30 +195,35 @@ class _Reader:
                 f"CYCLE ({where['CYCLE']}): the tool goes along its axis down to the depth at once "
                 "and back, without pecking and dwelling."
             )
-        if "CSYS" in where:
+        if self._frames.moved:
             found.append(
-                f"CSYS ({where['CSYS']}) is a frame of the machine's set-up; the points are in the "
-                "part's, as TRNTYP/WORLD states."
+                f"another frame ({of_lines(self._frames.moved)}): the points are moved into the "
+                "first frame of the file, and the tool axes turned."
             )
-        sense = f", {self.arcs.sense}-handed about their axes" if self.arcs.lines else ""
+        if self._frames.set_ups:
+            found.append(
+                f"CSYS ({of_lines(self._frames.set_ups)}) is a frame of the machine's set-up; the "
+                "points are in the part's, as TRNTYP/WORLD states."
+            )
+        sense = f", {self.to.arcs.sense}-handed about their axes" if self.to.arcs.lines else ""
         found += self.out.divided(sense)
         if "FEDRAT" in where:
             unit = self.out.length_unit
             found.append(f"FEDRAT without a unit ({where['FEDRAT']}) is read as {unit} per minute.")
         return found
 
-    def _statement(self, of: _Statement) -> None:
+    def _statement(self, of: Statement) -> None:
         """Process one statement."""
         first = re.split(r"[\s,]", of.word, maxsplit=1)[0]
-        text = next((word for word in _TEXT if first.startswith(word)), "")
+        text = next((word for word in TEXT if first.startswith(word)), "")
         if of.word in self._acts:
             self._acts[of.word](of)
-        elif of.word in _CHANGES and not _changes_nothing(of):
-            raise _not_read(of.word, _CHANGES[of.word])
-        elif of.word in _BREAKS or first in _BREAKS:
+        elif of.word in CHANGES and not changes_nothing(of):
+            raise not_read(of.word, CHANGES[of.word])
+        elif of.word in BREAKS or first in BREAKS:
             self.out.pass_over(first)
-            self._begin_curve()
-        elif of.word in _IGNORED or of.word in _CHANGES or text:
+            self.to.begin_curve()
+        elif of.word in IGNORED or of.word in CHANGES or text:
             if first not in ("END-OF-PATH", "FINI"):
                 self.out.pass_over(text or first)
         else:
@@ -328,49 +234,50 @@ class _Reader:
 
     # ------------------------------------------------------------ moves
 
-    def _goto(self, of: _Statement) -> None:
+    def _goto(self, of: Statement) -> None:
         """GOTO: a straight motion, or the end of a circle."""
-        circle, self.arcs.begun = self.arcs.begun, None
-        scale, last, axis, self._last = self.out.scale(), self._last, self._axis, None
-        numbers = _coordinates(of)
+        circle, self.to.arcs.begun = self.to.arcs.begun, None
+        scale, last, axis, self.to.last = self.out.scale(), self.to.last, self.to.axis, None
+        numbers = coordinates(of)
         if len(numbers) == 6 and not any(numbers[3:]):
             # Report it once: the points for which it would hold keep the previous axis.
             self.out.problem("the axis is zero and has no direction", "i, j, k")
         elif len(numbers) == 6:
-            axis, self.has_axis = numbers[3:], True
+            axis, self.has_axis = self._frames.vector(numbers[3:6]), True
         if len(of.arguments) == 7:
             self._noted["seventh"].append(self.out.line)
-        point, self._last = scale * np.array(numbers[:3]), last
+        point, self.to.last = scale * self._frames.point(np.array(numbers[:3])), last
         if self._cycle is not None:
-            self._bore(self._cycle, point, axis)
+            self.to.bore(self._cycle, point, axis)
             return
         if circle is None:
-            if last is not None and not self._rapid:
-                self.arcs.refuse_open(last, point)
-            self._straight(point, axis)
+            if last is not None and not self.to.rapid:
+                self.to.arcs.refuse_open(last, point)
+            self.to.straight(point, axis)
             return
         assert last is not None
         try:
-            arc = self.arcs.ended_at(circle, last, point, self._straight_heading())
+            arc = self.to.arcs.ended_at(circle, last, point, self.to.straight_heading())
         except InvalidInput as error:
             self.out.refuse(error)
-            self._add([point], [axis])
+            self.to.add([point], [axis])
         else:
-            self._add_arc(arc, axis, circle)
+            self.to.add_arc(arc, axis, circle)
 
-    def _godlta(self, of: _Statement) -> None:
+    def _godlta(self, of: Statement) -> None:
         """GODLTA: a straight motion by a difference of coordinates."""
         if len(of.arguments) != 3:
             raise InvalidInput(f"GODLTA takes dx, dy, dz; got {len(of.arguments)} numbers")
-        numbers = _coordinates(of)
-        if self._last is None:
+        numbers = coordinates(of)
+        if self.to.last is None:
             raise InvalidInput("GODLTA: where the tool is before it is not known")
-        self._straight(self._last + self.out.scale() * np.array(numbers), self._axis)
+        way = self._frames.vector([self.out.scale() * value for value in numbers])
+        self.to.straight(self.to.last + np.array(way), self.to.axis)
 
-    def _circle(self, of: _Statement) -> None:
+    def _circle(self, of: Statement) -> None:
         """A circle that the next GOTO ends: centre, axis, perhaps a radius, an angle, turns."""
         words = [word for word in of.arguments if word not in ("CENTER", "AXIS", "RADIUS")]
-        angle, turns = (_taken(of.word, words, name) for name in ("ANGLE", "TIMES"))
+        angle, turns = (taken(of.word, words, name) for name in ("ANGLE", "TIMES"))
         # After the radius NX states tolerances and the tool's size; SolidWorks leaves it out.
         if not 6 <= len(words) <= (11 if of.word == "CIRCLE" else 7):
             raise InvalidInput(
@@ -380,38 +287,40 @@ class _Reader:
             )
         if turns is not None and not (turns >= 1.0 and turns.is_integer()):
             raise InvalidInput(f"{of.word}, TIMES: expected a number of turns, got {turns:g}")
-        values = [_number(of.word, word) for word in words]
+        values = [number(of.word, word) for word in words]
         scale = self.out.scale()
-        if self._last is None:
+        if self.to.last is None:
             raise InvalidInput(f"{of.word}: where the arc begins is not known; expected a GOTO")
         if angle is not None and not 0.0 < abs(angle) <= 360.0:
             raise InvalidInput(f"{of.word}: expected an angle up to 360 degrees, got {angle:g}")
-        centre, axis = scale * np.array(values[:3]), _unit(of.word, values[3:6])
-        check_radius(float(np.abs(centre - self._last).max()))
-        self.arcs.begun = Circle(
+        centre = scale * self._frames.point(np.array(values[:3]))
+        axis = np.array(self._frames.vector(unit_vector(of.word, values[3:6])))
+        check_radius(float(np.abs(centre - self.to.last).max()))
+        self.to.arcs.begun = Circle(
             self.out.line, of.word, centre, axis,
             scale * values[6] if len(values) > 6
-            else float(np.linalg.norm(np.cross(axis, self._last - centre))),
+            else float(np.linalg.norm(np.cross(axis, self.to.last - centre))),
             None if angle is None else math.radians(angle), int(turns or 1),
         )  # fmt: skip
 
-    def _nurbs(self, of: _Statement) -> None:
+    def _nurbs(self, of: Statement) -> None:
         """NURBS: a cubic spline from where the tool is, by the KNOT and CNTRL that follow."""
-        if self._last is None:
+        if self.to.last is None:
             raise InvalidInput("NURBS: where the curve begins is not known; expected a GOTO")
-        self._spline = _Spline(self.out.line, [], [self._last])
+        self._spline = _Spline(self.out.line, [], [self.to.last])
 
-    def _knot(self, of: _Statement) -> None:
+    def _knot(self, of: Statement) -> None:
         if self._spline is None:
             raise InvalidInput("KNOT: expected NURBS before it")
-        self._spline.knots.extend(_number("KNOT", argument) for argument in of.arguments)
+        self._spline.knots.extend(number("KNOT", argument) for argument in of.arguments)
 
-    def _control(self, of: _Statement) -> None:
+    def _control(self, of: Statement) -> None:
         if self._spline is None:
             raise InvalidInput("CNTRL: expected NURBS before it")
         if len(of.arguments) != 3:
             raise InvalidInput(f"CNTRL takes x, y, z; got {len(of.arguments)} numbers")
-        self._spline.control.append(self.out.scale() * np.array(_coordinates(of)))
+        point = self._frames.point(np.array(coordinates(of)))
+        self._spline.control.append(self.out.scale() * point)
 
     def _end_spline(self) -> None:
         """Add the points of a spline whose last control point has been read."""
@@ -424,47 +333,24 @@ class _Reader:
             points, _ = clamped_cubic(
                 np.array(spline.control), np.array(spline.knots[:-1]), self.out.options.arc_error
             )
-            self._heading = self.arcs.ended = None
-            self._add([*points], [self._axis] * len(points))
+            self.to.heading = self.to.arcs.ended = None
+            self.to.add([*points], [self.to.axis] * len(points))
 
-    def _begin_cycle(self, of: _Statement) -> None:
+    def _begin_cycle(self, of: Statement) -> None:
         """CYCLE: at each point that follows the tool goes into a hole, up to CYCLE/OFF."""
-        kind = (of.arguments or [""])[0]
         self.out.pass_over(of.word)
-        if kind in ("OFF", "CLEAR", "INIT"):
-            self._cycle = None
-            return
-        if kind not in _BORED:
-            raise _not_read(f"CYCLE/{kind}", "a cycle")
-        values = _by_name(f"CYCLE/{kind}", of.arguments[1:], _OF_CYCLE | _FEED_UNITS.keys())
-        if "FEDTO" not in values or "RAPTO" not in values:
-            raise InvalidInput(f"CYCLE/{kind}: expected FEDTO and RAPTO, each with a distance")
-        for unit in _FEED_UNITS.keys() & values:
-            self._set_feed(of.word, values[unit], unit)
-        depth, rapid_to = values["FEDTO"], values["RAPTO"]
-        scale = self.out.scale()
-        # FEDTO is a depth, in some systems with a minus; the tool does not go further out than in.
-        above = max(values.get("RTRCTO", rapid_to), rapid_to)
-        self._cycle = _Cycle(scale * abs(depth), scale * rapid_to, scale * above)
-        self._noted["CYCLE"].append(self.out.line)
+        self._cycle = cycle_of(of)
+        if self._cycle is not None:
+            self._noted["CYCLE"].append(self.out.line)
+            if self._cycle.feed is not None:
+                self._set_feed(of.word, *self._cycle.feed)
 
-    def _bore(self, cycle: _Cycle, point: Array, axis: tuple[float, ...]) -> None:
-        """The motions of a cycle at a point: above it, near it, into it, and back."""
-        out = _unit("GOTO", axis)
-        near, above = (point + height * out for height in (cycle.rapid_to, cycle.retract_to))
-        for place in [above, near] if cycle.retract_to > cycle.rapid_to else [above]:
-            self._rapid = True
-            self._straight(place, axis)
-        self._straight(point - cycle.depth * out, axis)
-        self._rapid = True
-        self._straight(above, axis)
-
-    def _indirv(self, of: _Statement) -> None:
+    def _indirv(self, of: Statement) -> None:
         """INDIRV: the direction in which GOFWD begins."""
         self._tangent = None
-        self._tangent = _coordinates(of)
+        self._tangent = coordinates(of)
 
-    def _gofwd(self, of: _Statement) -> None:
+    def _gofwd(self, of: Statement) -> None:
         """GOFWD: a motion along a circle, begun in the direction of INDIRV, up to a line."""
         heading, self._tangent = self._tangent, None
         match = _ALONG.fullmatch(re.sub(r"\s", "", of.rest.upper()))
@@ -473,90 +359,86 @@ class _Reader:
                 "GOFWD is a move along a surface, of which (CIRCLE/x,y,z,r),ON,(LINE/…) with six "
                 "numbers is read; write the path as GOTO lines (in the CAM system: linear output)"
             )
-        circle, ends = _nested(match[1], (4, 7)), _nested(match[3], (6,))
-        if self._last is None or heading is None:
-            lacking = "a GOTO" if self._last is None else "an INDIRV"
+        circle, ends = nested(match[1], (4, 7)), nested(match[3], (6,))
+        if self.to.last is None or heading is None:
+            lacking = "a GOTO" if self.to.last is None else "an INDIRV"
             raise InvalidInput(f"GOFWD: expected {lacking} before it")
         scale = self.out.scale()
-        centre = scale * np.array(circle[:3])
-        axis = _unit("GOFWD", circle[3:6] if len(circle) == 7 else [0.0, 0.0, 1.0])
+        centre = scale * self._frames.point(np.array(circle[:3]))
+        axis = unit_vector("GOFWD", circle[3:6] if len(circle) == 7 else [0.0, 0.0, 1.0])
+        axis = np.array(self._frames.vector(axis))
         # A circle without an axis is a cylinder along z: the arc is at the height of the tool.
-        centre = centre + axis * float((self._last - centre) @ axis)
-        line = [scale * np.array(ends[k : k + 3]) for k in (0, 3)]
+        centre = centre + axis * float((self.to.last - centre) @ axis)
+        line = [scale * self._frames.point(np.array(ends[k : k + 3])) for k in (0, 3)]
         try:
             arc = arc_to_line(
-                self._last, np.array(heading[:3]), centre, axis, scale * circle[-1], line,
-                2 if match[2] else 1,
+                self.to.last, np.array(self._frames.vector(heading[:3])), centre, axis,
+                scale * circle[-1], line, 2 if match[2] else 1,
             )  # fmt: skip
         except InvalidInput as error:
             raise InvalidInput(f"GOFWD: {error}") from None
-        self._add_arc(arc, self._axis, None)
+        self.to.add_arc(arc, self.to.axis, None)
 
-    def _from(self, of: _Statement) -> None:
-        self._begin_curve()
-        _coordinates(of)
+    def _from(self, of: Statement) -> None:
+        self.to.begin_curve()
+        coordinates(of)
 
-    def _go_rapid(self, of: _Statement) -> None:
-        self._rapid = True
+    def _go_rapid(self, of: Statement) -> None:
+        self.to.rapid = True
 
     # ------------------------------------------------------------ what holds for later moves
 
-    def _tool_path(self, of: _Statement) -> None:
-        self._begin_curve()
+    def _tool_path(self, of: Statement) -> None:
+        self.to.begin_curve()
         self.out.name = of.rest.split(",")[0].strip()
 
-    def _tlaxis(self, of: _Statement) -> None:
+    def _tlaxis(self, of: Statement) -> None:
         """TLAXIS: a tool axis of its own."""
-        numbers = _coordinates(of) if len(of.arguments) == 3 else ()
+        numbers = coordinates(of) if len(of.arguments) == 3 else ()
         if not any(numbers):
             raise InvalidInput("TLAXIS takes i, j, k, not all of them zero")
-        self._axis, self.has_axis = numbers, True
+        self.to.axis, self.has_axis = self._frames.vector(numbers), True
 
-    def _multax(self, of: _Statement) -> None:
+    def _multax(self, of: Statement) -> None:
         self.out.pass_over(of.word)
         if of.arguments[:1] == ["OFF"]:
-            self._axis = (0.0, 0.0, 1.0)
+            self.to.axis = self._frames.vector((0.0, 0.0, 1.0))
 
-    def _cutcom(self, of: _Statement) -> None:
+    def _cutcom(self, of: Statement) -> None:
         self.out.pass_over(of.word)
         if not {"OFF", "ADJUST"} & set(of.arguments):
             self._noted["CUTCOM"].append(self.out.line)
 
-    def _trntyp(self, of: _Statement) -> None:
-        """TRNTYP: the frame of the points that follow."""
+    def _frame(self, of: Statement) -> None:
+        """MSYS, MCS: another frame, whose z is the tool axis unless another one is stated."""
         self.out.pass_over(of.word)
-        if of.arguments[:1] != ["WORLD"]:
-            raise _not_read(f"TRNTYP/{','.join(of.arguments[:1])}", "a change of coordinates")
-        self._in_world = True
+        self._frames.msys(of)
+        if self._frames.moved:
+            self.has_axis, self.to.axis = True, self._frames.vector((0.0, 0.0, 1.0))
 
-    def _csys(self, of: _Statement) -> None:
-        """CSYS: rows of a rotation, each with a part of an origin, of the machine's set-up."""
-        numbers = [_number(of.word, argument) for argument in of.arguments]
+    def _set_up(self, of: Statement) -> None:
+        """TRNTYP, CSYS: whether the points are in the frame of a set-up."""
         self.out.pass_over(of.word)
-        if numbers == np.eye(3, 4).ravel().tolist():
-            return
-        if not self._in_world:
-            raise _not_read("CSYS", "a change of coordinates")
-        self._noted["CSYS"].append(self.out.line)
+        (self._frames.trntyp if of.word == "TRNTYP" else self._frames.csys)(of)
 
-    def _set(self, of: _Statement) -> None:
+    def _set(self, of: Statement) -> None:
         if "INCR" in of.arguments:
-            raise _not_read(f"{of.word}/INCR", "a change to relative coordinates")
+            raise not_read(f"{of.word}/INCR", "a change to relative coordinates")
         self.out.pass_over(of.word)
 
-    def _find_unit(self, statements: Sequence[_Statement]) -> None:
+    def _find_unit(self, found: Sequence[Statement]) -> None:
         """A file without UNITS has the unit of its feeds, if all of these have the same one."""
         words = {
             argument: unit
-            for of in statements
+            for of in found
             if of.word in ("FEDRAT", "CYCLE")
             for argument in of.arguments
-            if (unit := _FEED_UNITS.get(argument)) is not None
+            if (unit := FEED_UNITS.get(argument)) is not None
         }
         units = {*words.values()}
         if len(units) == 1:
             self.out.assume_unit(units.pop(), f"its feeds are in {', '.join(sorted(words))}")
-        points = [of.arguments[:3] for of in statements if of.word == "GOTO"]
+        points = [of.arguments[:3] for of in found if of.word == "GOTO"]
         numbers = [
             [float(word) for word in point]
             for point in points
@@ -565,173 +447,39 @@ class _Reader:
         if not units and numbers:
             self.out.assume_unit_by_extent(float(np.ptp(numbers, axis=0).max()))
 
-    def _units(self, of: _Statement) -> None:
-        if len(of.arguments) == 1 and of.arguments[0] in _UNITS:
-            self.out.set_unit(_UNITS[of.arguments[0]], moved=bool(self.out.rows))
+    def _units(self, of: Statement) -> None:
+        if len(of.arguments) == 1 and of.arguments[0] in UNITS:
+            self.out.set_unit(UNITS[of.arguments[0]], moved=bool(self.out.rows))
             return
         # The unit of the points is then unknown; a missing unit would be the same problem.
         self.out.unit = self.out.length_unit
         raise InvalidInput(f"UNITS/{shortened(','.join(of.arguments))}: expected MM or INCHES")
 
-    def _fedrat(self, of: _Statement) -> None:
+    def _fedrat(self, of: Statement) -> None:
         """FEDRAT: a feed, a number and its unit, in either order."""
         words = [argument for argument in of.arguments if argument[:1].isalpha()]
         numbers = [argument for argument in of.arguments if not argument[:1].isalpha()]
         unit = words[0] if words else ""
-        if len(numbers) != 1 or len(words) > 1 or (unit and unit not in _FEED_UNITS):
+        if len(numbers) != 1 or len(words) > 1 or (unit and unit not in FEED_UNITS):
             raise InvalidInput(
                 f"{of.word}/{shortened(','.join(of.arguments))}: expected a number and its unit, "
-                f"one of {', '.join(_FEED_UNITS)}"
+                f"one of {', '.join(FEED_UNITS)}"
             )
         if not words:
             self._noted["FEDRAT"].append(self.out.line)
-        self._set_feed(of.word, _number(of.word, numbers[0]), unit)
+        self._set_feed(of.word, number(of.word, numbers[0]), unit)
 
     def _set_feed(self, word: str, value: float, unit: str) -> None:
         if value <= 0.0:
             raise InvalidInput(f"{word}: expected a feed above 0, got {value:g}")
-        scale = LENGTHS[_FEED_UNITS.get(unit) or self.out.length_unit]
-        self.out.feeds.set(scale * value, per_turn=unit in _PER_TURN)
+        scale = LENGTHS[FEED_UNITS.get(unit) or self.out.length_unit]
+        self.out.feeds.set(scale * value, per_turn=unit in PER_TURN)
 
-    def _spindl(self, of: _Statement) -> None:
+    def _spindl(self, of: Statement) -> None:
         """SPINDL: turns per minute, if the statement has them."""
         self.out.pass_over(of.word)
-        numbers = [argument for argument in of.arguments if _NUMBER.fullmatch(argument)]
+        numbers = [argument for argument in of.arguments if NUMBER.fullmatch(argument)]
         if {"OFF", "SFM", "SMM"} & set(of.arguments):
             self.out.feeds.turns_per_minute = math.nan  # a speed of the surface: any turns
         elif len(numbers) == 1:
-            self.out.feeds.turns_per_minute = _number(of.word, numbers[0])
-
-    # ------------------------------------------------------------ motions
-
-    def _begin_curve(self) -> None:
-        """Begin another curve: where the tool is, is not known."""
-        self.out.begin_curve()
-        self._last = self._heading = self.arcs.begun = self.arcs.ended = None
-
-    def _straight_heading(self) -> Array | None:
-        """Direction of the straight cut that led to where the tool is, if a cut follows it."""
-        return None if self._rapid else self._heading
-
-    def _straight(self, point: Array, axis: tuple[float, ...]) -> None:
-        """Add a straight motion."""
-        way = None if self._last is None or self._rapid else point - self._last
-        length = 0.0 if way is None else float(np.linalg.norm(way))
-        self._heading = way / length if way is not None and length > _SHORT else None
-        if self.arcs.ended is not None and self._last is not None:
-            self.arcs.weigh(self.arcs.ended, self._last, self._heading)
-        self.arcs.ended = None
-        self._add([point], [axis])
-
-    def _add(self, points: Sequence[Array], axes: Sequence[Sequence[float]]) -> None:
-        """Add points with the feed in force; after RAPID the motion to all of them is rapid."""
-        rapid, self._rapid = self._rapid, False
-        self._last, self._axis = points[-1], tuple(axes[-1])
-        self.out.add(points, axes, rapid=rapid)
-
-    def _end_circle_by_angle(self) -> None:
-        """End a circle that no GOTO follows."""
-        circle, self.arcs.begun = self.arcs.begun, None
-        if circle is None:
-            return
-        assert self._last is not None
-        with self.out.at(circle.line):
-            arc = self.arcs.by_angle(circle, self._last, self._straight_heading())
-            self._add_arc(arc, self._axis, circle)
-
-    def _add_arc(self, arc: Arc, tool_axis: tuple[float, ...], circle: Circle | None) -> None:
-        """Add the chords of an arc; the tool axis turns in proportion to the angle."""
-        points, shares = self.out.divide_arc(arc)
-        begin, finish = (np.array(v) / np.linalg.norm(v) for v in (self._axis, tool_axis))
-        if float(begin @ finish) < -1.0 + 1e-9:
-            self.out.problem("the tool axis is turned round over an arc; which way is open")
-            begin = finish
-        axes = vectors_at(begin, finish, shares).tolist()
-        self._heading, self.arcs.ended = None, circle
-        self._add([*points], [*axes[:-1], tool_axis])
-
-
-def _by_name(word: str, words: Sequence[str], names: AbstractSet[str]) -> dict[str, float]:
-    """Numbers by the name before each.
-
-    Raises:
-        InvalidInput: If a name is another one, or no number follows it.
-    """
-    found: dict[str, float] = {}
-    for name, number in zip_longest(words[::2], words[1::2], fillvalue=""):
-        if name in _BORED:  # a second word of the kind, as in DRILL, DEEP
-            return _by_name(word, [other for other in words if other != name], names)
-        if name not in names:
-            raise InvalidInput(f"{word}: {shortened(name)!r} is not known in a cycle")
-        found[name] = _number(f"{word}, {name}", number)
-    return found
-
-
-def _taken(word: str, words: list[str], name: str) -> float | None:
-    """The number after a name, both taken out of the words; ``None`` without the name."""
-    if name not in words:
-        return None
-    at = words.index(name)
-    number = _number(f"{word}, {name}", (words[at + 1 :] or [""])[0])
-    words[at : at + 2] = []
-    return number
-
-
-def _coordinates(of: _Statement) -> tuple[float, ...]:
-    """Three or six numbers; a seventh, a feed in some systems, is left out."""
-    if len(of.arguments) not in (3, 6, 7):
-        raise InvalidInput(
-            f"{of.word} takes x, y, z or x, y, z, i, j, k; got {len(of.arguments)} numbers"
-        )
-    pairs = zip("xyzijk", of.arguments, strict=False)
-    return tuple(_number(f"{of.word}, {name}", argument) for name, argument in pairs)
-
-
-def _nested(text: str, counts: tuple[int, ...]) -> list[float]:
-    """Numbers of a nested definition."""
-    words = text.split(",")
-    if len(words) not in counts:
-        raise InvalidInput(
-            f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {shortened(text)!r}"
-        )
-    return [_number("GOFWD", word) for word in words]
-
-
-def _unit(word: str, vector: Sequence[float]) -> Array:
-    """The direction of an axis."""
-    axis = np.array(vector)
-    length = float(np.linalg.norm(axis))
-    if length < 1e-9:
-        raise InvalidInput(f"{word}: the axis is zero and has no direction")
-    return np.asarray(axis / length)
-
-
-def _number(place: str, argument: str) -> float:
-    compact = argument.replace(" ", "")
-    if not argument:
-        raise InvalidInput(f"{place}: it is missing")
-    if not _NUMBER.fullmatch(compact):
-        raise InvalidInput(f"{place}: expected a number, got {shortened(argument)!r}")
-    value = float(compact.replace("D", "E").replace("d", "e"))
-    if not abs(value) <= LARGEST_NUMBER:
-        raise InvalidInput(f"{place}: {shortened(argument)!r} is too large")
-    return value
-
-
-def _not_read(word: str, what: str) -> InvalidInput:
-    return InvalidInput(
-        f"{word} is {what}, which is not read; write the path as GOTO lines (in the CAM system: "
-        "linear output, no cycles)"
-    )
-
-
-def _changes_nothing(of: _Statement) -> bool:
-    """Whether a word that may change the path does not: a cycle's end, a shift by zero."""
-    if of.word == "OFSTNO":
-        return "OFF" in of.arguments
-    if of.word == "TRACUT":
-        return of.arguments == ["NOMORE"]
-    if of.word in ("ORIGIN", "TRANS") and of.arguments:
-        numbers = [_NUMBER.fullmatch(argument) for argument in of.arguments]
-        return all(numbers) and not any(_number(of.word, a) for a in of.arguments)
-    return False
+            self.out.feeds.turns_per_minute = number(of.word, numbers[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from corpus import Array, TruePath, arc, case, mm
 
@@ -41,3 +42,29 @@ def quarter() -> list[TruePath]:
     # NX writes the axis about which the tool goes clockwise.
     points = arc(np.array([0, 0, 0.01]), np.array([0.02, 0, 0.01]), -UP, 1.5 * np.pi)
     return [TruePath(points, up(points))]
+
+
+def msys(origin: Array, turn: Rotation) -> str:
+    """The line MSYS of a frame: its origin, mm, and its x and y axes."""
+    x, y, _ = turn.as_matrix().T
+    return "MSYS/" + ",".join(f"{value:.7f}" for value in (*origin, *x, *y))
+
+
+FIRST = (np.array([5.0, -3.0, 2.0]), Rotation.from_euler("z", 30, degrees=True))
+SECOND = (np.array([40.0, 10.0, -6.0]), Rotation.from_euler("ZYX", [70, 20, -35], degrees=True))
+
+
+@case("Siemens NX", "two_frames.cls", HEAD.replace(HEAD.split("\n")[2], msys(*FIRST))
+      + "GOTO/20.,30.,10.\n" + END + HEAD.replace(HEAD.split("\n")[2], msys(*SECOND))
+      + "GOTO/20.,20.,10.\nCIRCLE/0.,20.,10.,0.,0.,1.,20.\nGOTO/0.,0.,10.\n" + END)  # fmt: skip
+def two_frames() -> list[TruePath]:
+    # Points of the second operation in the frame of the first one.
+    first = mm((20, 0, 10), (20, 30, 10))
+    local = np.vstack([mm((20, 0, 10)),
+                       arc(1e-3 * np.array([0, 20, 10]), 1e-3 * np.array([20, 20, 10]), -UP,
+                           0.5 * np.pi)])  # fmt: skip
+    turn = FIRST[1].inv() * SECOND[1]
+    shift = 1e-3 * FIRST[1].inv().apply(SECOND[0] - FIRST[0])
+    second = turn.apply(local) + shift
+    return [TruePath(first, up(first)),
+            TruePath(second, np.tile(turn.apply(UP), (len(second), 1)))]  # fmt: skip

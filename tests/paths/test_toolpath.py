@@ -383,7 +383,6 @@ def test_harmless_apt_words_are_passed_over_and_counted(tmp_path: Path) -> None:
         ("CYCLE/TAP,FEDTO,5,RAPTO,2", "CYCLE/TAP is a cycle"),
         ("MODE/INCR", "MODE/INCR is a change to"),
         ("SET/MODE,INCR", "SET/INCR is a change to relative coordinates"),
-        ("MSYS/0,0,9,1,0,0,0,1,0", "MSYS is another frame than before"),
         ("TLAXIS/0,0,0", "TLAXIS takes i, j, k, not all of them zero"),
         ("TLAXIS/SAME", "TLAXIS takes i, j, k"),
         ("TLLFT,GOFWD/C1", "'TLLFT,GOFWD' is not known"),
