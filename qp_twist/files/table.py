@@ -29,9 +29,9 @@ class Problems:
     def __init__(self) -> None:
         self._found: list[InvalidInput] = []
 
-    def __bool__(self) -> bool:
-        """Whether there is one."""
-        return bool(self._found)
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._found)
 
     def add(
         self,

@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Literal
 
-import mink
 import numpy as np
 
 from qp_twist.checks import Array
 
-Rotary = Literal[
-    "vector",
+Machine = Literal[
     "head-ac", "head-bc", "head-ab", "head-ba",
     "table-ac", "table-bc", "table-ab", "table-ba",
     "head-a-table-c", "head-b-table-c",
     "table-ac-reversed", "table-bc-reversed", "table-ab-reversed", "table-ba-reversed",
     "head-a-table-c-reversed", "head-b-table-c-reversed",
 ]  # fmt: skip
+"""Where the rotary axes of a machine are, and how they turn."""
+Rotary = Literal["vector", Machine]
 """Where the tool axis of a program is from: I, J, K on straight motions, or rotary axes."""
 Rollover = Literal["shortest", "as-written"]
 """How a rotary axis turns in a cut by more than 180° and less than a full turn."""
 ROLLOVER: Rollover = "shortest"
 """Unless another is chosen."""
-
-_AXES = {"A": (1.0, 0.0, 0.0), "B": (0.0, 1.0, 0.0), "C": (0.0, 0.0, 1.0)}
 
 
 def rotary_letters(rotary: Rotary) -> tuple[str, str]:
@@ -70,11 +69,55 @@ def tool_axis(rotary: Rotary, angles: dict[str, float]) -> Array:
     Returns:
         Unit vector from the tip to the holder, (3,).
     """
-    axis = np.array([0.0, 0.0, 1.0])
+    axis = [0.0, 0.0, 1.0]
+    for letter, _, sign in _chain(rotary):
+        axis = _turned(axis, letter, sign * angles[letter])
+    return np.array(axis)
+
+
+def tip(
+    machine: Rotary, pivots: Sequence[Sequence[float]], axes: Sequence[float],
+    angles: dict[str, float],
+) -> list[float]:  # fmt: skip
+    r"""The tool's tip in the part's frame, where X, Y, Z are positions of the machine's axes.
+
+    .. math:: \mathbf H_i = \mathrm{Trans}(\mathbf p_i)\,\mathbf R_i(\pm\theta_i)\,
+        \mathrm{Trans}(-\mathbf p_i)
+
+    On a head, H turns the tip about the pivot p, relative to the tip with all rotary axes at zero;
+    on a table, it turns the part's frame, p in the frame of the program. First those of the head,
+    then X, Y, Z, then those of the table.
+
+    Args:
+        machine: The machine.
+        pivots: A point of the first and of the second rotary axis, m, (2, 3).
+        axes: X, Y, Z of the block, m.
+        angles: Of the rotary axes by letter, degrees.
+    """
+    found, moved = [0.0, 0.0, 0.0], False
+    for (letter, on_table, sign), pivot in zip(_chain(machine), pivots, strict=True):
+        if on_table and not moved:
+            found, moved = [a + b for a, b in zip(found, axes, strict=True)], True
+        arm = [a - b for a, b in zip(found, pivot, strict=True)]
+        turned = _turned(arm, letter, sign * angles[letter])
+        found = [a + b for a, b in zip(turned, pivot, strict=True)]
+    return found if moved else [a + b for a, b in zip(found, axes, strict=True)]
+
+
+def _chain(rotary: Rotary) -> list[tuple[str, bool, float]]:
+    """Letter, whether it is on the table, and sign of both axes, from the tool on."""
     first, second = rotary_letters(rotary)
-    reversed_table = rotary.endswith("-reversed")
-    for letter, on_table in ((first, rotary.startswith("table")), (second, "table" in rotary)):
-        sign = -1.0 if reversed_table and on_table else 1.0
-        turn = np.radians(sign * angles[letter]) * np.array(_AXES[letter])
-        axis = mink.SO3.exp(turn).apply(axis)
-    return axis
+    table = -1.0 if rotary.endswith("-reversed") else 1.0
+    on_table = rotary.startswith("table")
+    return [(first, on_table, table if on_table else 1.0),
+            (second, "table" in rotary, table if "table" in rotary else 1.0)]  # fmt: skip
+
+
+def _turned(vector: Sequence[float], letter: str, angle: float) -> list[float]:
+    """A vector turned right-handed about x (A), y (B) or z (C), degrees."""
+    k = "ABC".index(letter)
+    u, v = (k + 1) % 3, (k + 2) % 3
+    cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    found = list(vector)
+    found[u], found[v] = cos * vector[u] - sin * vector[v], sin * vector[u] + cos * vector[v]
+    return found

@@ -13,10 +13,12 @@ from pydantic import Field
 
 from qp_twist.files import AngleUnit, FeedUnit, LengthUnit
 from qp_twist.paths.arcs import ARC_ERROR, ArcAxis
-from qp_twist.paths.rotary_axes import Rollover, Rotary
+from qp_twist.paths.rotary_axes import Machine, Rollover, Rotary
 from qp_twist.paths.section import Positive, Section
 from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
 
+_NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]{0,9}|\.[0-9]{1,9})\s*"
+_PIVOT = rf"^{_NUMBER}(,{_NUMBER}){{2}}((,{_NUMBER}){{3}})?$"
 Format = Literal["csv", "apt", "gcode", "heidenhain"]
 
 
@@ -57,6 +59,17 @@ class ReadingOptions(Section):
         description="how the rotary axes A, B, C of a G-code file turn the tool or the part; or "
         "vector, the tool axis is I, J, K of straight motions; reversed, a table that turns "
         "right-handed, against ISO 841",
+    )
+    machine: Machine | None = Field(
+        default=None,
+        description="machine whose axes X, Y, Z, A, B, C of a G-code file are without control of "
+        "the tool's tip; as rotary",
+    )
+    pivot: Annotated[str, Field(pattern=_PIVOT)] | None = Field(
+        default=None,
+        description="where the rotary axes of that machine are with all at zero, as X,Y,Z, or six "
+        "numbers for both, in the unit of the file: on a table in its frame, the origin if "
+        "omitted; on a head from the tool's tip",
     )
     rollover: Rollover | None = Field(
         default=None,

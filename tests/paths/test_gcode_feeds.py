@@ -74,6 +74,11 @@ def test_a_unit_is_assumed_where_only_one_fits_an_arm(tmp_path: Path) -> None:
     toolpath = read(tmp_path, "G90 G0 X0 Y0 Z0 (X9000)\nG1 X1400 F600\n")
     assert (toolpath.unit, toolpath.unit_in_file) == ("mm", False)
     assert "as inches it would be 35.6 m long; --unit inch reads it so." in toolpath.notes[0]
-    for extent in (300, 20_000):  # either may be; neither can be
+    # Either may be: mm unless a comment says inches; neither can be: asked.
+    toolpath = read(tmp_path, "G90 G0 X0 Y0 Z0\nG1 X300 F600\n")
+    assert toolpath.curves[0].positions[1, 0] == pytest.approx(0.3)
+    toolpath = read(tmp_path, "(UNITS: INCH)\nG90 G0 X0 Y0 Z0\nG1 X30 F600\n")
+    assert toolpath.curves[0].positions[1, 0] == pytest.approx(0.762)
+    for text in ("G0 X0 Y0 Z0\nG1 X20000. F600\n", "(INCH or MM)\nG0 X0 Y0 Z0\nG1 X3 F600\n"):
         with pytest.raises(InvalidInput, match="no unit of length before the first point"):
-            read(tmp_path, f"G90 G0 X0 Y0 Z0\nG1 X{extent} F600\n")
+            read(tmp_path, text)
