@@ -129,6 +129,8 @@ class Table:
         self.width = len(_stripped(dialect.split(lines[first])))
         at, names = -1, list[str]()
         for index in range(first - 1, -1, -1) if texts else range(first):
+            if index + 1 == self.counts:
+                continue
             comment = _is_comment(lines[index])
             text = _COMMENT.sub("", lines[index], count=1) if comment else lines[index]
             found = _stripped(dialect.names(text))

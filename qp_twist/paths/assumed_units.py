@@ -13,6 +13,8 @@ _ROOM = 100.0
 """Size of a path beside which an arm may drive, m."""
 _SHORT = 2.0
 """Paths of fewer mm are no paths of a robot."""
+_HUGE = 1e100
+"""Of numbers beyond it the square may be none."""
 _ROUNDED = 1e-3
 """Error of angles that are written with three decimals, rad."""
 _FINE = 0.01
@@ -34,6 +36,7 @@ def assumed_length_unit(
     """
     if not len(positions):
         return None
+    positions = np.clip(positions, -_HUGE, _HUGE)
     extent = float(np.ptp(positions, axis=0).max())
     size = max(extent, float(np.abs(positions).max()))
     step = float(np.median(np.linalg.norm(np.diff(positions, axis=0), axis=1))) if extent else 0.0
@@ -44,8 +47,8 @@ def assumed_length_unit(
         return None
     if size > _REACH:
         return "mm", f"nothing states it; in m it would reach {size:.4g} m, farther than any arm"
-    if max(extent, size if extent == 0.0 else 0.0) <= _SHORT:
-        return "m", f"nothing states it; in mm it would be {extent:.3g} mm across"
+    if (extent or size) <= _SHORT:
+        return "m", f"nothing states it; in mm it would be {extent or size:.3g} mm across"
     if 0.0 < step < _FINE:
         return "m", f"nothing states it; in mm its points would be {step:.2g} mm apart"
     return None

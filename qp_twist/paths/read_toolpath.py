@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
+from qp_twist.paths.bag_poses import bag_lines
 from qp_twist.paths.csv_toolpath import CSV
 from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
+from qp_twist.paths.point_cloud import cloud_lines, order_note
+from qp_twist.paths.pose_records import pose_lines
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
@@ -64,8 +70,17 @@ def read_toolpath(
     options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
     with of_file(path):
-        lines = text_lines(content)
-        return _read(path, lines, options)
+        if cloud := cloud_lines(content):
+            toolpath = _read(path, cloud, options)
+            note = order_note(np.concatenate([curve.positions for curve in toolpath.curves]))
+            return replace(toolpath, assumptions=(note, *toolpath.assumptions))
+        found, text = bag_lines(content), list[str]()
+        if found is None:
+            text = text_lines(content)
+            found = pose_lines(path.suffix.lower(), text)
+        lines, notes = found or (text, [])
+        toolpath = _read(path, lines, options)
+        return replace(toolpath, assumptions=(*notes, *toolpath.assumptions))
 
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:

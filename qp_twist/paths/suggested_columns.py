@@ -54,7 +54,7 @@ class Suggestion:
 
 def have_length_1(values: Array) -> bool:
     """Whether each row (N, columns) has the length 1, as directions and quaternions have."""
-    lengths = np.linalg.norm(values, axis=1)
+    lengths = np.linalg.norm(np.clip(values, -2.0, 2.0), axis=1)
     return bool(len(lengths)) and bool((np.abs(lengths - 1.0) <= _UNIT).all())
 
 
@@ -68,7 +68,7 @@ def suggested(values: Array) -> Suggestion | None:
 
     It is settled if every other column counts, is a time, is 0 or has gaps, and the direction has
     one reading: not for angles other than 0, of which each maker has its own, and for a quaternion
-    only if :func:`_order` tells where its scalar is.
+    only if :func:`quaternion_order` tells where its scalar is.
 
     Args:
         values: Some rows of the table, (N, columns); NaN where there is no number.
@@ -97,7 +97,10 @@ def suggested(values: Array) -> Suggestion | None:
         return None
     position, key, at = choice
     over = {*others} - {*position, *at}
-    reasons = [f"column {k + 1} counts the rows" for k in counting if k not in position]
+    reasons = [
+        f"column {k + 1} {'has times' if _is_epoch(values[:, k]) else 'counts the rows'}"
+        for k in counting if k not in position
+    ]  # fmt: skip
     settled, unit = True, None
     if key == "rpy":
         unit = "deg" if np.abs(values[:, at]).max() > 2.0 * np.pi else "rad"
@@ -109,7 +112,7 @@ def suggested(values: Array) -> Suggestion | None:
     elif key:
         timed = position.start == 1 and values.shape[1] == 8
         timed &= _rises(values[:, 0]) or _is_epoch(values[:, 0])
-        order, why = _order(values[:, position], values[:, at], timed=timed)
+        order, why = quaternion_order(values[:, position], values[:, at], timed=timed)
         key, settled = order or key, order is not None
         what = f"have the length 1{why or ' (or quaternion_xyzw)'}"
         over -= {0} if timed else set()
@@ -127,7 +130,7 @@ def _matrices(values: Array) -> Suggestion | None:
     at, size = values.shape[1] % 4, values.shape[1] // 4
     if at > 1 or size not in (3, 4) or not np.isfinite(values).all() or not len(values):
         return None
-    turns = values[:, at : at + 12].reshape(-1, 3, 4)[:, :, :3]
+    turns = np.clip(values[:, at : at + 12].reshape(-1, 3, 4)[:, :, :3], -2.0, 2.0)
     off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
     if off > _UNIT or (np.linalg.det(turns) < 0.0).any():
         return None
@@ -137,7 +140,9 @@ def _matrices(values: Array) -> Suggestion | None:
     return Suggestion(columns, ("the rows are pose matrices",), settled=True)
 
 
-def _order(positions: Array, quaternions: Array, *, timed: bool) -> tuple[str | None, str]:
+def quaternion_order(
+    positions: Array, quaternions: Array, *, timed: bool
+) -> tuple[str | None, str]:
     """Where a quaternion's scalar is, and why; ``None`` if both orders are possible.
 
     Smoothness says nothing: it is the same for both. Frames little turned with the scalar last

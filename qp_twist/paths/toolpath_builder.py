@@ -507,7 +507,7 @@ def _curve(
     elif orientation == "rotation_vector":
         rotations = Rotation.from_rotvec(values).as_matrix()
     elif orientation == "matrix":
-        rotations = values.reshape(-1, 3, 3)
+        rotations = np.clip(values.reshape(-1, 3, 3), -2.0, 2.0)
         turned = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         wrong = (turned > 0.01) | (np.linalg.det(rotations) < 0.0)
         for k in np.flatnonzero(wrong):

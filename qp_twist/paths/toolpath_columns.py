@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeVar, cast
 
 import numpy as np
@@ -300,6 +301,7 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
     return found
 
 
+@lru_cache(maxsize=1000)
 def _meant(name: str) -> tuple[str, int] | None:
     """The group and place of a name, or of its end behind words that say where it is from.
 

@@ -6,6 +6,8 @@ products of rotations about single axes, and rotations from quaternions and vect
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -186,4 +188,172 @@ def descartes() -> list[TruePath]:
 
 @case("MATLAB", "up.csv", rows(1e3 * BENT, UPRIGHT))
 def scalar_last_of_little_turned_frames() -> list[TruePath]:
+    return [TruePath(BENT, rotations=zyx(SLOPE))]
+
+
+# ---------------------------------------------------------------- point clouds
+
+
+def ply(kind: str, names: str, types: str, body: bytes, count: int = 12) -> bytes:
+    """A PLY file with the header of CloudCompare."""
+    fields = "".join(
+        f"property {form} {name}\n" for form, name in zip(types.split(), names.split(), strict=True)
+    )
+    head = f"ply\nformat {kind} 1.0\ncomment made by hand\nelement vertex {count}\n{fields}"
+    return f"{head}end_header\n".encode() + body
+
+
+def packed(types: str, *columns: Array) -> bytes:
+    """Records of some numpy types, one after the other."""
+    table = np.column_stack(columns)
+    form = np.dtype([(f"f{k}", one) for k, one in enumerate(types.split())])
+    return np.array([tuple(row) for row in table], form).tobytes()
+
+
+NAMES = "x y z nx ny nz"
+FLOATS = "float float float float float float"
+FIELDS = f"x y z {' '.join(f'normal_{c}' for c in 'xyz')} curvature"
+
+
+@case("PLY", "text.ply", ply("ascii", NAMES, FLOATS, rows(1e3 * BENT, NORMALS, mark=" ").encode())
+      .decode() + "\n")  # fmt: skip
+def ply_text() -> list[TruePath]:
+    return [TruePath(BENT, NORMALS)]
+
+
+@case("PLY", "little.ply", ply(
+    "binary_little_endian", f"{NAMES} red", "double double double float float float uchar",
+    packed("<f8 <f8 <f8 <f4 <f4 <f4 u1", 1e3 * BENT, NORMALS, 200.0 * T)))  # fmt: skip
+def ply_little() -> list[TruePath]:
+    return [TruePath(BENT, NORMALS)]
+
+
+@case("PLY", "big.ply", ply("binary_big_endian", NAMES, FLOATS,
+                            packed(">f4 >f4 >f4 >f4 >f4 >f4", BENT, NORMALS)))  # fmt: skip
+def ply_big() -> list[TruePath]:
+    return [TruePath(BENT, NORMALS)]
+
+
+def pcd(kind: str, body: bytes, count: int = 12) -> bytes:
+    """A PCD file with the header of the Point Cloud Library."""
+    return (
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS {FIELDS}\n"
+        f"SIZE 4 4 4 4 4 4 4\nTYPE F F F F F F F\nCOUNT 1 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA {kind}\n"
+    ).encode() + body
+
+
+@case("PCD", "text.pcd", pcd("ascii", (
+    "nan nan nan nan nan nan nan\n" + rows(BENT, NORMALS, 0.0 * T, mark=" ")).encode(), 13)
+    .decode())  # fmt: skip
+def pcd_text() -> list[TruePath]:
+    # A point that is not a number is none.
+    return [TruePath(BENT, NORMALS)]
+
+
+@case("PCD", "binary.pcd", pcd("binary", packed("<f4 " * 7, BENT, NORMALS, T)))
+def pcd_binary() -> list[TruePath]:
+    return [TruePath(BENT, NORMALS)]
+
+
+def lzf(data: bytes) -> bytes:
+    """Data packed by LZF without a copy, but for zeros: one, and a copy of it as far as they go."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        run = len(data[at : at + 100]) - len(data[at : at + 100].lstrip(b"\0"))
+        if run > 9:
+            out += bytes([0, 0, 7 << 5, run - 1 - 9, 0])
+            at += run
+        else:
+            part = data[at : at + 8]
+            out += bytes([len(part) - 1]) + part
+            at += len(part)
+    return bytes(out)
+
+
+FIELD_AFTER_FIELD = np.column_stack([BENT, NORMALS, 0.0 * T]).T.astype("<f4").tobytes()
+
+
+@case("PCD", "compressed.pcd", pcd("binary_compressed", np.array(
+    [len(lzf(FIELD_AFTER_FIELD)), len(FIELD_AFTER_FIELD)], "<u4").tobytes()
+    + lzf(FIELD_AFTER_FIELD)))  # fmt: skip
+def pcd_compressed() -> list[TruePath]:
+    return [TruePath(BENT, NORMALS)]
+
+
+# ---------------------------------------------------------------- YAML and JSON
+
+
+def pose_yaml(at: Array, turn: Array, indent: str = "") -> str:
+    """A pose as ROS prints it."""
+    lines = ["position:", *(f"  {c}: {v:.12f}" for c, v in zip("xyz", at, strict=True))]
+    lines += ["orientation:", *(f"  {c}: {v:.12f}" for c, v in zip("xyzw", turn, strict=True))]
+    return "".join(f"{indent}{line}\n" for line in lines)
+
+
+HEADER = "header:\n  stamp:\n    sec: 12\n    nanosec: 5\n  frame_id: part\n"
+
+
+@case(
+    "YAML",
+    "array.yaml",
+    HEADER
+    + "poses:\n"
+    + "".join("- " + pose_yaml(at, turn, "  ")[2:] for at, turn in zip(BENT, XYZW, strict=True))
+    + "---\n",
+)
+def pose_array() -> list[TruePath]:
+    return poses()
+
+
+@case(
+    "YAML",
+    "stamped.txt",
+    "".join(
+        f"{HEADER}pose:\n{pose_yaml(at, turn, '  ')}---\n"
+        for at, turn in zip(BENT, XYZW, strict=True)
+    ),
+)
+def stamped_poses() -> list[TruePath]:
+    return poses()
+
+
+@case("YAML", "path.yml", HEADER + "poses:\n" + "".join(
+    "- header:\n    frame_id: part\n  pose:\n" + pose_yaml(at, turn, "    ")
+    for at, turn in zip(BENT, XYZW, strict=True)))  # fmt: skip
+def path_message() -> list[TruePath]:
+    return poses()
+
+
+@case("YAML", "rasters.yaml", "tool_paths:\n" + "".join(
+    "- poses:\n" + "".join(
+        "  - " + pose_yaml(at, turn, "    ")[4:]
+        for at, turn in zip(BENT[part], XYZW[part], strict=True))
+    for part in (slice(0, 6), slice(6, 12))))  # fmt: skip
+def rasters() -> list[TruePath]:
+    return [TruePath(BENT[part], rotations=zyx(DOWN)[part]) for part in (slice(0, 6), slice(6, 12))]
+
+
+@case("JSON", "points.json", json.dumps({"name": "edge", "points": (1e3 * BENT).tolist()}))
+def json_points() -> list[TruePath]:
+    return [TruePath(BENT)]
+
+
+@case("JSON", "waypoints.json", json.dumps([
+    {"id": k, "position": at.tolist(), "rpy": angles.tolist(), "speed_mm/s": 20.0}
+    for k, (at, angles) in enumerate(zip(1e3 * BENT, DOWN, strict=True))], indent=2))  # fmt: skip
+def json_waypoints() -> list[TruePath]:
+    return [TruePath(BENT, rotations=zyx(DOWN), feed=0.02)]
+
+
+@case("JSON", "frames.json", json.dumps({f"target_{k}": np.vstack(
+    [np.column_stack([turn, 1e3 * at]), [0, 0, 0, 1]]).tolist()
+    for k, (turn, at) in enumerate(zip(zyx(DOWN), BENT, strict=True))}))  # fmt: skip
+def json_matrices() -> list[TruePath]:
+    return poses()
+
+
+@case("JSON", "lists.json", json.dumps(
+    {"poses": np.column_stack([1e3 * BENT, UPRIGHT]).tolist()}, indent="\t"))  # fmt: skip
+def json_lists_of_seven() -> list[TruePath]:
     return [TruePath(BENT, rotations=zyx(SLOPE))]

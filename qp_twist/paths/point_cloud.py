@@ -1,0 +1,179 @@
+"""Point clouds as tables: PLY (Stanford polygon format) and PCD (Point Cloud Library)."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.files import text_lines
+
+_PLY_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_PCD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:VERSION|FIELDS)\b.*?^DATA\s+\w+[^\n]*\n", re.S | re.M)
+_LOOKED_AT = 5000
+_SCATTERED, _WIDE = 3.0, 0.06
+"""Steps as many times as long as to neighbours, and of this share of the extent, are no path's."""
+
+
+def cloud_lines(content: bytes) -> list[str] | None:
+    """The lines of a table with a header; ``None`` if the file is no cloud.
+
+    Those of a text have the numbers that they have in the file. Points that are not finite, which
+    scanners write where they see nothing, are left out.
+
+    Raises:
+        InvalidInput: If the cloud is a mesh, or damaged.
+    """
+    if content[:3] == b"ply":
+        return _ply(content)
+    header = _PCD.match(content)
+    return None if header is None else _pcd(content, header.end())
+
+
+def order_note(positions: Array) -> str:
+    """What is assumed about the order of a cloud's points, m, (N, 3)."""
+    points = positions[:_LOOKED_AT]
+    near = np.median(KDTree(points).query(points, k=2)[0][:, 1]) if len(points) > 2 else 0.0
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    usual = float(np.quantile(steps, 0.25)) if len(steps) else 0.0
+    wide = len(steps) > 0 and steps.mean() > _WIDE * np.ptp(points, axis=0).max()
+    why = ""
+    if wide and usual > _SCATTERED * near > 0.0:
+        why = f", which is no path's: steps are {usual / near:.0f} times as long as to neighbours"
+    return f"the points of the cloud are passed in the order of the file{why}."
+
+
+def _ply(content: bytes) -> list[str]:
+    end = re.search(rb"^end_header[ \t]*\r?\n?", content, re.M)
+    if end is None:
+        raise InvalidInput("the header of the PLY file has no end_header; it is damaged.")
+    kind, elements = "", list[tuple[str, int, list[tuple[str, str]]]]()
+    header = content[: end.end()].decode("latin-1").splitlines()
+    for number, line in enumerate(header, start=1):
+        match line.split():
+            case ["format", kind, *_]:
+                pass
+            case ["element", name, size] if size.isdecimal():
+                elements.append((name, int(size), []))
+            case ["property", "list", *_, name] if elements:
+                elements[-1][2].append((name, ""))
+            case ["property", form, name] if elements and form in _PLY_TYPES:
+                elements[-1][2].append((name, _PLY_TYPES[form]))
+            case ["ply" | "comment" | "obj_info" | "end_header", *_] | []:
+                pass
+            case _:
+                raise InvalidInput(
+                    f"a header line of PLY that is not known: {line!r}.", line=number
+                )
+    faces = [count for name, count, _ in elements if name in ("face", "tristrips") and count]
+    if faces:
+        raise InvalidInput(
+            f"it is a mesh of {faces[0]} faces, and no path: its vertices are in no order. Give "
+            "the points in the order in which the tool passes them, as CAM or noether write them."
+        )
+    at = next((k for k, element in enumerate(elements) if element[0] == "vertex"), None)
+    if at is None or any(not form for k in range(at + 1) for _, form in elements[k][2]):
+        raise InvalidInput(
+            "the PLY file has no element vertex of single numbers; expected x, y, z."
+        )
+    before, count, fields = elements[:at], elements[at][1], elements[at][2]
+    if kind == "ascii":
+        skipped = sum(element[1] for element in before)
+        return _text(content, len(header), skipped, count, [name for name, _ in fields])
+    order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(kind)
+    if order is None:
+        raise InvalidInput(f"the format of the PLY file is {kind!r}; expected ascii or binary.")
+    types = [np.dtype([(n, order + f) for n, f in fields]) for _, _, fields in elements[: at + 1]]
+    start = end.end() + sum(
+        element[1] * form.itemsize for element, form in zip(before, types, strict=False)
+    )
+    return _records(content[start:], types[-1], count)
+
+
+def _pcd(content: bytes, end: int) -> list[str]:
+    header = content[:end].decode("latin-1").splitlines()
+    found = {words[0]: words[1:] for words in map(str.split, header) if words}
+    fields, kinds, sizes = (found.get(key, []) for key in ("FIELDS", "TYPE", "SIZE"))
+    counts = [int(count) for count in found.get("COUNT", ["1"] * len(fields))]
+    total, kind = int(found["POINTS"][0]), found["DATA"][0]
+    if not {*kinds} <= {*"IUF"}:
+        raise InvalidInput(f"TYPE {' '.join(kinds)} of the PCD file; expected I, U or F.")
+    if kind == "ascii":
+        names = [n if c == 1 else f"{n}_{k}" for n, c in zip(fields, counts, strict=True)
+                 for k in range(c)]  # fmt: skip
+        return _text(content, len(header), 0, total, names)
+    forms = [
+        (f"{name}{'' if name != '_' else k}", f"<{letter.lower()}{size}", count)
+        for k, (name, letter, size, count)
+        in enumerate(zip(fields, kinds, sizes, counts, strict=True))
+    ]  # fmt: skip
+    dtype = np.dtype([(n, f) if c == 1 else (n, f, (c,)) for n, f, c in forms])
+    data = content[end:]
+    if kind == "binary_compressed":
+        packed, size = struct.unpack_from("<II", data)
+        data = _unpacked(data[8 : 8 + packed], size)
+        if size < total * dtype.itemsize:
+            raise InvalidInput("the PCD file is shorter than its header says; it is damaged.")
+        points, at = np.empty(total, dtype), 0
+        for name, form, count in forms:  # field after field
+            found_ = np.frombuffer(data, form, total * count, at)
+            points[name] = found_.reshape(points[name].shape)
+            at += found_.nbytes
+        return _rows(points)
+    if kind != "binary":
+        raise InvalidInput(f"DATA {kind} of the PCD file is not known; expected ascii or binary.")
+    return _records(data, dtype, total)
+
+
+def _unpacked(data: bytes, size: int) -> bytes:
+    """Data packed by LZF: runs of up to 32 bytes, and copies of what is already unpacked."""
+    out, at = bytearray(), 0
+    while at < len(data) and len(out) <= size:
+        control = data[at]
+        at += 1
+        if control < 32:
+            out += data[at : at + control + 1]
+            at += control + 1
+            continue
+        length = (control >> 5) + 2
+        if length == 9:
+            length, at = length + data[at], at + 1
+        begin = len(out) - ((control & 31) << 8) - data[at] - 1
+        at += 1
+        for k in range(begin, begin + length):
+            out.append(out[k])
+    return bytes(out)
+
+
+def _text(content: bytes, header: int, skipped: int, count: int, names: Sequence[str]) -> list[str]:
+    """The lines of a cloud in text, with its header as a comment above the names."""
+    lines = text_lines(content)
+    first = header + skipped
+    rows = ["#" if "nan" in line.lower() else line for line in lines[first : first + count]]
+    if len(rows) < count or not all(row.strip() for row in rows):
+        raise InvalidInput(f"the header says {count} points, and there are fewer; it is damaged.")
+    return ["#"] * (header - 1) + [" ".join(names)] + ["#"] * skipped + rows
+
+
+def _records(data: bytes, form: npt.DTypeLike, count: int) -> list[str]:
+    dtype = np.dtype(form)
+    if len(data) < count * dtype.itemsize:
+        raise InvalidInput(f"the header says {count} points, and there are fewer; it is damaged.")
+    return _rows(np.frombuffer(data, dtype, count))
+
+
+def _rows(points: npt.NDArray[np.void]) -> list[str]:
+    names = [n for n in points.dtype.names or () if points[n].ndim == 1]
+    values = np.column_stack([points[n].astype(np.float64) for n in names])
+    values = values[np.isfinite(values).all(axis=1)]
+    return [",".join(names), *(",".join(map(repr, row)) for row in values.tolist())]

@@ -1,0 +1,210 @@
+"""Poses in YAML and JSON as tables: messages of ROS, waypoints, lists of poses."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.suggested_columns import have_length_1, quaternion_order
+from qp_twist.paths.toolpath_columns import usual
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_SUFFIXES = ".yaml", ".yml", ".json"
+_BEGINS = re.compile(
+    r"\s*(?:#[^\n]*\n\s*|---\s*)*(?:[\[{]|(?:- )?(?:header|poses?|position|waypoints|points):)"
+)
+_MOST_NODES = 10_000_000
+"""A text whose references stand for more entries is refused."""
+_MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z")
+_COUNTS = 3, 4, 6, 7, 12, 16
+_OPEN = ("first", "second", "third", "fourth")
+"""Names of the numbers of a quaternion whose order nothing states."""
+
+
+class _Pose(NamedTuple):
+    values: dict[str, str]
+    line: int
+    group: int
+
+
+def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]] | None:
+    """The lines of a table, one pose each, and notes; ``None`` if the text is no YAML and no JSON.
+
+    A pose is the smallest mapping, or list of numbers, that has one position: with the keys x, y,
+    z, or a key for it (``position``, ``translation``), or 12 or 16 numbers of a pose matrix. The
+    poses of a list are a curve, as are those that are in no list. If each begins in a line of its
+    own, it keeps it.
+
+    Raises:
+        InvalidInput: If there is no pose, an entry of a list of poses is none, or the text is
+            damaged.
+    """
+    text = "\n".join(lines).replace("\t", " ")
+    if suffix not in _SUFFIXES and not _BEGINS.match(text):
+        return None
+    try:
+        documents = list(yaml.compose_all(text, Loader=_LOADER))
+    except yaml.YAMLError as error:
+        if suffix not in _SUFFIXES:
+            return None
+        mark = getattr(error, "problem_mark", None)
+        raise InvalidInput(
+            f"the text is no YAML: {getattr(error, 'problem', None) or 'it cannot be read'}.",
+            line=None if mark is None else mark.line + 1,
+        ) from error
+    walk = _Walk()
+    poses = [pose for document in documents if document for pose in walk.poses(document, 0)]
+    if not poses:
+        raise InvalidInput(
+            "there is no pose in it; expected lists or mappings with a position x, y, z and, if "
+            "there is one, an orientation. Positions of joints are no toolpath."
+        )
+    names = list(dict.fromkeys(name for pose in poses for name in pose.values))
+    rows = [[pose.values.get(name, "") for name in names] for pose in poses]
+    names, notes = _ordered(names, rows)
+    return _table(names, rows, poses), notes
+
+
+class _Walk:
+    """Finds the poses among the nodes of a text."""
+
+    def __init__(self) -> None:
+        self._nodes = self._lists = 0
+
+    def poses(self, node: yaml.Node, group: int) -> Iterator[_Pose]:
+        """The poses of a node."""
+        if isinstance(node, yaml.ScalarNode):
+            return
+        values = self._flat(node, "")
+        places = usual(list(values)).get("position", {})
+        whole = len(places) == 3 and all(len(columns) == 1 for columns in places.values())
+        if isinstance(node, yaml.SequenceNode) and not whole:
+            self._lists += 1
+            yield from self._entries(node.value, self._lists, group)
+            return
+        lists = [found for part in self._lists_in(node) for found in self.poses(part, group)]
+        if lists or not isinstance(node, yaml.MappingNode):
+            yield from lists or [_Pose(values, node.start_mark.line, group)]
+        elif whole:
+            yield _Pose(values, node.start_mark.line, group)
+        else:
+            parts = [child for _, child in node.value if not isinstance(child, yaml.ScalarNode)]
+            yield from self._entries(parts, group, group)
+
+    def _entries(self, nodes: list[yaml.Node], group: int, outer: int) -> Iterator[_Pose]:
+        """The poses of a list (a group of its own) or of a mapping's values.
+
+        If an entry of a list has some, or two values of a mapping, each has to. A single pose, as
+        each message of a topic may have one, is no curve of its own.
+        """
+        entries = [[*self.poses(node, group)] for node in nodes]
+        strict = sum(map(bool, entries)) > (group == outer)
+        alone = sum(map(len, entries)) == 1
+        for node, entry in zip(nodes, entries, strict=True):
+            if strict and not entry:
+                line = node.start_mark.line + 1
+                raise InvalidInput("among poses, an entry without one: x, y, z.", line=line)
+            for pose in entry:
+                yield pose._replace(group=outer) if alone else pose
+
+    def _lists_in(self, node: yaml.Node) -> Iterator[yaml.SequenceNode]:
+        """The lists in a mapping, and in the mappings in it, that are no numbers of one value."""
+        for _, child in node.value if isinstance(node, yaml.MappingNode) else ():
+            if isinstance(child, yaml.SequenceNode) and not _numbers(child):
+                yield child
+            elif isinstance(child, yaml.MappingNode):
+                yield from self._lists_in(child)
+
+    def _flat(self, node: yaml.Node, name: str) -> dict[str, str]:
+        """The numbers of a node by their keys, joined by points."""
+        self._nodes += 1
+        if self._nodes > _MOST_NODES:
+            raise InvalidInput(f"the text has more than {_MOST_NODES} entries; divide it.")
+        if isinstance(node, yaml.ScalarNode):
+            return {name: node.value} if not node.style and _is_number(node.value) else {}
+        if isinstance(node, yaml.SequenceNode):
+            numbers = _numbers(node)
+            names = _names(name, len(numbers)) if len(numbers) in _COUNTS else []
+            return dict(zip(names, numbers, strict=False))
+        found: dict[str, str] = {}
+        for key, child in node.value:
+            found |= self._flat(child, f"{name}.{key.value}".strip("."))
+        return found
+
+
+def _names(name: str, count: int) -> list[str]:
+    """Names of the numbers of a list that say what they are; none if nothing does."""
+    key = re.sub(r"^(xyz|p|t|)$", "position", name.rpartition(".")[2].lower())
+    order = re.search("wxyz|xyzw", key)
+    if count == 3 and re.search("rpy|euler", key):
+        return ["roll", "pitch", "yaw"]
+    if count == 4 and order:
+        return [f"orientation.{letter}" for letter in order[0]]
+    letters = {3: [*"xyz"], 4: [*_OPEN], 6: ["x", "y", "z", "rx", "ry", "rz"], 7: [*"xyz", *_OPEN]}
+    prefix = f"{key if count < 6 else name}." if name or count < 6 else ""
+    known = count != 6 or re.search(r"pose|tcp|target", name.lower())  # or values of joints
+    return [f"{prefix}{letter}" for letter in letters.get(count, _MATRIX) if known]
+
+
+def _numbers(node: yaml.SequenceNode) -> list[str]:
+    """The numbers of a list, or of a matrix of three or four rows; none if anything else is."""
+    found = list[str]()
+    for child in node.value:
+        if isinstance(child, yaml.SequenceNode) and len(node.value) in (3, 4):
+            row = _numbers(child) if len(child.value) == 4 else []
+        else:
+            number = isinstance(child, yaml.ScalarNode) and _is_number(child.value)
+            row = [child.value] if number else []
+        if not row:
+            return []
+        found += row
+    return found
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _ordered(names: list[str], rows: list[list[str]]) -> tuple[list[str], list[str]]:
+    """The names with the order of a quaternion that its numbers show, and a note on it."""
+    at = [k for k, name in enumerate(names) if name.rpartition(".")[2] in _OPEN]
+    where = [columns[0] for _, columns in sorted(usual(names)["position"].items())]
+    if len(at) != 4 or not all(row[k] for row in rows for k in (*at, *where)):
+        return names, []
+    values = np.array([[float(row[k]) for k in (*where, *at)] for row in rows])
+    if not have_length_1(values[:, 3:]):
+        raise InvalidInput(
+            "lists whose last four numbers are no quaternion, since their length is not 1; joint "
+            "positions are no toolpath."
+        )
+    order, why = quaternion_order(values[:, :3], values[:, 3:], timed=False)
+    if order is None:
+        return names, []
+    for k, letter in zip(at, order.rpartition("_")[2], strict=True):
+        names[k] = f"orientation.{letter}"
+    return names, [f"lists of four numbers are read as {order.replace('_', ' ')}{why}."]
+
+
+def _table(names: list[str], rows: list[list[str]], poses: list[_Pose]) -> list[str]:
+    at = [pose.line for pose in poses]
+    new = [False, *(a.group != b.group for a, b in pairwise(poses))]
+    keep = at[0] > 0 and all(
+        b - a > other for a, b, other in zip(at[:-1], at[1:], new[1:], strict=True)
+    )
+    lines = ["#"] * (at[0] if keep else 1)
+    lines[-1] = ";".join(names)
+    for line, other, row in zip(at, new, rows, strict=True):
+        lines += [""] * other
+        lines += ["#"] * (line - len(lines)) if keep else []
+        lines.append(";".join(row))
+    return lines
