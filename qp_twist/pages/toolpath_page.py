@@ -19,6 +19,7 @@ from qp_twist.files import LENGTHS, write_atomically
 from qp_twist.pages.page import fill_template, image_html
 from qp_twist.pages.recordings import DrawnLines, recorded_lines
 from qp_twist.paths import Toolpath
+from qp_twist.paths.toolpath import SAME_DIRECTION
 from qp_twist.paths.toolpath_summary import ToolMotion, ToolpathSummary, summarize, tool_motion
 
 _DRAWN = 20_000
@@ -111,8 +112,8 @@ def toolpath_facts(toolpath: Toolpath, summary: ToolpathSummary) -> dict[str, st
     if summary.longest_step is not None:
         step = summary.longest_step
         found["longest step"] = f"{length(step.value)}, to line {step.line}"
-    if summary.largest_turn is not None:
-        turn = summary.largest_turn
+    turn = summary.largest_turn
+    if turn is not None and turn.value > SAME_DIRECTION:
         found["largest turn of the axis"] = (
             f"{np.degrees(turn.value):.3g}° from a point to the next, to line {turn.line}"
         )
