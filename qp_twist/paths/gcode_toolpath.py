@@ -32,7 +32,7 @@ from qp_twist.paths.toolpath_builder import (
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
 
-SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".ngc", ".cnc")
+SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".spf", ".ngc", ".cnc", ".eia", ".min")
 """Suffixes of files that are read as G-code; others are, if their blocks evidently are."""
 
 _BARE = frozenset({11, 22, 23, 25, 26, 29, 32, 34, 50})
