@@ -16,6 +16,8 @@ from qp_twist.paths.toolpath_builder import ProgramBuilder, times
 
 _ON = 2e-5
 """How near to a circle a point is on it, m."""
+_NO_MATTER = 5e-5
+"""How far from its chord an arc may be, m, where the file leaves open which of both it means."""
 _SMOOTH = math.cos(math.radians(3.0))
 """Cosine of the angle up to which two motions join without a corner."""
 _ANGLE_ROUNDING = math.radians(0.01)
@@ -57,6 +59,8 @@ class Arcs:
         ended: The circle that the last GOTO ended.
         sense: The sense of rotation.
         lines: Lines of circles whose sense of rotation the file leaves open.
+        seconds: Points on a circle that ends before them: their lines, those of the circles, and
+            how far their chords are from the arcs, m.
         for_sense: How often what stands beside an arc, or its angle, fits this sense.
         against_sense: How often it fits the other sense.
     """
@@ -65,6 +69,7 @@ class Arcs:
         self.begun: Circle | None = None
         self.ended: Circle | None = None
         self.lines: list[int] = []
+        self.seconds: list[tuple[int, int, float]] = []
         self.for_sense = self.against_sense = 0
         self._out, self.sense = out, sense
 
@@ -123,8 +128,8 @@ class Arcs:
         """Whether something fits this sense, and nothing the other one."""
         return bool(self.for_sense) and not self.against_sense
 
-    def refuse_open(self, last: Array, point: Array) -> None:
-        """Refuse a second GOTO on a circle: it may be a point of the arc, or end a chord.
+    def weigh_second(self, last: Array, point: Array) -> None:
+        """Remember a second GOTO on a circle: it may be a point of the arc, or end a chord.
 
         Where the arc goes on for so little that it is within ``arc_error`` of its chord, it is the
         chord either way.
@@ -139,12 +144,26 @@ class Arcs:
             return
         if abs(float(np.linalg.norm(off)) - circle.radius) >= 2e-6:
             return
-        if self._off_chord(circle, last, point) >= self._out.options.arc_error:
-            self._out.problem(
-                f"the point is on the circle of line {circle.line} too, and whether the motion to "
-                "it is the arc or its chord is open; have the CAM system write one GOTO for each "
-                "circle, or linear moves"
-            )
+        apart = self._off_chord(circle, last, point)
+        if apart >= self._out.options.arc_error:
+            self.seconds.append((self._out.line, circle.line, apart))
+
+    def refuse_open(self) -> None:
+        """Refuse second GOTOs on circles, unless most circles of the file end with their first one.
+
+        Systems that write several points of an arc do so for every arc. Up to 0.05 mm it does not
+        matter: the chord is taken.
+        """
+        if 4 * len(self.seconds) <= len(self.lines):
+            return
+        for line, circle, apart in self.seconds:
+            if apart >= max(_NO_MATTER, self._out.options.arc_error):
+                self._out.problems.add(
+                    line,
+                    f"the point is on the circle of line {circle} too, and whether the motion to "
+                    "it is the arc or its chord is open; have the CAM system write one GOTO for "
+                    "each circle, or linear moves",
+                )
 
     def question(self) -> str:
         """Ask in a message for the sense of rotation."""

@@ -52,6 +52,8 @@ def cycle_of(of: Statement) -> Cycle | None:
     values = _by_name(f"CYCLE/{kind}", of.arguments[1:], _STATED | FEED_UNITS.keys())
     if "DEPTH" in values and "FEDTO" not in values:
         values["FEDTO"], values["RAPTO"] = values["DEPTH"], values.get("CLEAR", 0.0)
+    if "RAPTO" not in values and "CLEAR" in values and "RTRCTO" not in values:
+        values["RAPTO"] = values["CLEAR"]  # beside RTRCTO, CLEAR is an absolute height of CAMplete
     if "FEDTO" not in values or "RAPTO" not in values:
         raise InvalidInput(f"CYCLE/{kind}: expected FEDTO and RAPTO, each with a distance")
     feeds = [(values[unit], unit) for unit in FEED_UNITS if unit in values]
@@ -73,5 +75,6 @@ def _by_name(word: str, words: Sequence[str], names: AbstractSet[str]) -> dict[s
             return _by_name(word, [other for other in words if other != name], names)
         if name not in names:
             raise InvalidInput(f"{word}: {shortened(name)!r} is not known in a cycle")
-        found[name] = number(f"{word}, {name}", text)
+        if (name, text) != ("RTRCTO", "AUTO"):  # back to where the feed begins, or further
+            found[name] = number(f"{word}, {name}", text)
     return found

@@ -82,6 +82,8 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         raise InvalidInput("there is no GOTO in it.")
     found = list(statements(lines))
     words = {word for of in found for word in (of.word, " ".join([of.word, *of.arguments[:1]]))}
+    if any(line.startswith(("$$->", "$$ ->")) for line in lines):
+        words.add("$$->")
     dialect = next((each for each in DIALECTS if each.words & words), None)
     by_dialect: ArcAxis = "right" if dialect is None else dialect.sense
     reader = _Reader(options, options.arc_axis or by_dialect)
@@ -142,7 +144,7 @@ class _Reader:
         self._cycle: Cycle | None = None
         self._spline: _Spline | None = None
         self._noted: dict[str, list[int]] = {
-            "seventh": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [],
+            "seventh": [], "zero": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [], "CALSUB": [],
         }  # fmt: skip
         self._acts: dict[str, Callable[[Statement], None]] = {
             "GOTO": self._goto, "GODLTA": self._godlta, "CIRCLE": self._circle,
@@ -172,6 +174,11 @@ class _Reader:
             self._end_spline()
         except TooManyPoints:
             pass  # which is one of the problems
+        self.to.arcs.refuse_open()
+        if self._noted["zero"] and self.has_axis:
+            self.out.problems.add(
+                self._noted["zero"][0], "the axis is zero and has no direction", "i, j, k"
+            )
 
     def left_out(self) -> list[str]:
         """What was passed over beside single words."""
@@ -205,6 +212,15 @@ class _Reader:
                 f"CSYS ({of_lines(self._frames.set_ups)}) is a frame of the machine's set-up; the "
                 "points are in the part's, as TRNTYP/WORLD states."
             )
+        if "CALSUB" in where:
+            found.append(
+                f"CALSUB ({where['CALSUB']}) calls a routine of the machine, which is not run here."
+            )
+        if seconds := [line for line, *_ in self.to.arcs.seconds]:
+            found.append(
+                f"a point behind an arc is on its circle, too ({of_lines(seconds)}): the motion to "
+                "it is read as a straight one."
+            )
         sense = f", {self.to.arcs.sense}-handed about their axes" if self.to.arcs.lines else ""
         found += self.out.divided(sense)
         if "FEDRAT" in where:
@@ -224,6 +240,8 @@ class _Reader:
             self.out.pass_over(first)
             self.to.begin_curve()
         elif of.word in IGNORED or of.word in CHANGES or text:
+            if first == "CALSUB":
+                self._noted["CALSUB"].append(of.line)
             if first not in ("END-OF-PATH", "FINI"):
                 self.out.pass_over(text or first)
         else:
@@ -240,8 +258,7 @@ class _Reader:
         scale, last, axis, self.to.last = self.out.scale(), self.to.last, self.to.axis, None
         numbers = coordinates(of)
         if len(numbers) == 6 and not any(numbers[3:]):
-            # Report it once: the points for which it would hold keep the previous axis.
-            self.out.problem("the axis is zero and has no direction", "i, j, k")
+            self._noted["zero"].append(self.out.line)  # the previous axis holds
         elif len(numbers) == 6:
             axis, self.has_axis = self._frames.vector(numbers[3:6]), True
         if len(of.arguments) == 7:
@@ -252,7 +269,7 @@ class _Reader:
             return
         if circle is None:
             if last is not None and not self.to.rapid:
-                self.to.arcs.refuse_open(last, point)
+                self.to.arcs.weigh_second(last, point)
             self.to.straight(point, axis)
             return
         assert last is not None

@@ -17,6 +17,7 @@ IGNORED = frozenset({
     "CUTTER", "TLDATA", "INTOL", "OUTTOL", "TOLER", "LINTOL", "MCHTOL", "AUTOPS", "PSIS",
     "MCHFIN", "AUXFUN", "PREFUN", "SEQNO", "OPSKIP", "LEADER", "DELAY", "DWELL", "STOP", "OPSTOP",
     "CLRSRF", "CLAMP", "SETUP", "HEAD", "PROBE", "VERIFY", "TMARK", "CLDIST", "ARCSLP", "ISN",
+    "REWIND", "SWITCH", "SELECTL", "OUTOL", "SEQUENCE", "CALSUB",
     "END-OF-PATH", "END", "FINI", "NOPOST", "CLPRNT", "PRINT", "AIR", "COUPLE", "PPWORD",
 })  # fmt: skip
 """Words that do not change the path between two points."""
@@ -74,6 +75,10 @@ DIALECTS = (
     # In public files of 41 parts, straight motions beside a circle continue it without a corner if
     # it is right-handed, but for 42 of 1,900 in three of them; those looked at turn back there.
     Dialect("CAMWorks", frozenset({"UNIT", "TRNTYP"}), "right"),
+    # Autodesk's post keeps the axis for a clockwise motion, and turns it round for the other.
+    Dialect("CAMplete", frozenset({"MCS"}), "left"),
+    # Creo Manufacturing, CL Output for Circular Interpolation.
+    Dialect("Creo", frozenset({"$$->"}), "right"),
     # Autodesk's post turns the axis round for a clockwise motion.
     Dialect("ISO 4343", frozenset({"MOVARC CENTER"}), "right"),
 )
