@@ -14,27 +14,34 @@ from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
 from qp_twist.paths.bag_poses import bag_lines
 from qp_twist.paths.csv_toolpath import CSV
+from qp_twist.paths.fanuc_toolpath import LS
 from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
+from qp_twist.paths.krl_toolpath import KRL
 from qp_twist.paths.point_cloud import cloud_lines, order_note
 from qp_twist.paths.pose_records import pose_lines
+from qp_twist.paths.rapid_toolpath import RAPID
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_options import Format, ReadingOptions
+from qp_twist.paths.urscript_toolpath import URSCRIPT
 
 FORMATS: dict[Format, ToolpathFormat] = {
     "apt": APT,
     "heidenhain": HEIDENHAIN,
     "gcode": GCODE,
+    "rapid": RAPID,
+    "urscript": URSCRIPT,
+    "krl": KRL,
+    "ls": LS,
     "csv": CSV,
 }
 """The formats; a file is of the first one that it matches."""
 _OTHER_PROGRAMS = {
-    "a RAPID program (ABB)": r"%%%$|\s*(?:LOCAL\s+)?MODULE\s+\w+",
-    "a URScript program (Universal Robots)": r"\s*def\s+\w+\s*\(.*\)\s*:\s*$",
-    "a KRL program (KUKA)": r"\s*(?:&ACCESS\b|DEFDAT\s+\w+|(?:GLOBAL\s+)?DEF\s+\w+\s*\()",
-    "a TP program (FANUC)": r"\s*/PROG\b",
+    "a job (Yaskawa)": r"\s*/JOB\s*$",
+    "an AS program (Kawasaki)": r"\s*\.PROGRAM\b",
+    "a VAL3 program (Stäubli)": r"\s*<(?:Database|Programs?)\b.*(?:staubli|ProgramNameSpace)",
 }
 """Programs that are no toolpaths, by a line with which they begin."""
 _BEGIN = 50
@@ -44,7 +51,7 @@ _BEGIN = 50
 def read_toolpath(
     file: str | Path, options: ReadingOptions | None = None, **given: object
 ) -> Toolpath:
-    """Read a toolpath from a table (CSV), APT-CL, G-code or Klartext.
+    """Read a toolpath from a table (CSV), APT-CL, G-code, Klartext or the program of a robot.
 
     Information in the file (names and units in its header, ``UNITS/MM``) need not be passed.
 

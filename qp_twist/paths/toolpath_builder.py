@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -51,12 +51,13 @@ STATED_BY_PROGRAMS: dict[tuple[str, ...], str] = {
 
 
 class ProgramWords(NamedTuple):
-    """What messages call a machine tool's program, its tool axis, rapid motion and units."""
+    """What messages call a program, its tool axis, rapid motion and units; what its axes are."""
 
     title: str
     axis: str
     rapid: str
     units: str
+    direction: Literal["axis", "quaternion"] = "axis"
 
 
 class Row(NamedTuple):
@@ -194,10 +195,10 @@ class ProgramBuilder:
     """
 
     def __init__(self, options: ReadingOptions, words: ProgramWords) -> None:
-        if options.orientation not in (None, "axis", "none"):
+        if options.orientation not in (None, words.direction, "none"):
             raise InvalidInput(
                 f"orientation is {options.orientation!r}, but {words.title} has tool axes; leave it"
-                ' out or say "axis" or "none".'
+                f' out or say "{words.direction}" or "none".'
             )
         self.options, self.words = options, words
         self.problems, self.feeds = Problems(), Feeds()
@@ -364,7 +365,7 @@ class ProgramBuilder:
         no_axis = "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
         return toolpath_of(
             path,
-            orientation or "axis",
+            orientation or self.words.direction,
             curves,
             self.words.axis,
             self.problems,

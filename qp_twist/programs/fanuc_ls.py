@@ -118,7 +118,7 @@ def _remarks(line: str) -> list[str]:
 
 
 _SECTION = re.compile(r"/(PROG\b.*|ATTR|APPL|MN|POS|END)\s*", re.ASCII)
-_POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
+POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
 _FIELD = re.compile(
     rf"GP(\d)\s*:|(UF|UT)\s*:\s*\w+|([JE]\d)\s*=\s*({NUMBER}|\*+)\s*(\w*)", re.ASCII
 )
@@ -126,7 +126,7 @@ _MOVE = (
     rf"J\s+P\[\s*(\d+)\s*(?::[^\]]*)?\]\s+({NUMBER})\s*(%|sec|msec)\s+(FINE|CNT\s*\d+)"
     r"(\s+ACC\s*\d+)?"
 )
-_NOTED = {
+NOTED = {
     "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
     "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),
     "setting": (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]"),
@@ -151,7 +151,7 @@ class _Tp(Program):
     """
 
     reads = "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other"
-    noted = _NOTED
+    noted = NOTED
 
     def __init__(self, beside: Beside) -> None:
         super().__init__()
@@ -253,7 +253,7 @@ class _Tp(Program):
 def _points(tail: str, first: int) -> dict[int, dict[str, float]]:
     """The angles of the axes of the points by number, external ones included."""
     found: dict[int, dict[str, float]] = {}
-    for match in _POINT.finditer(tail):
+    for match in POINT.finditer(tail):
         point, inside = int(match[1]), match[2]
         try:
             if point in found:
@@ -262,7 +262,7 @@ def _points(tail: str, first: int) -> dict[int, dict[str, float]]:
         except InvalidInput as error:
             error.line = first + tail.count("\n", 0, match.start())
             raise
-    if left := _POINT.sub("", tail).strip():
+    if left := POINT.sub("", tail).strip():
         raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
     return found
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from qp_twist import __version__
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Dialect, JointMoves
 
@@ -41,6 +40,8 @@ def header_lines(
         equations: What each axis shows.
         task: Name of the task, if known.
     """
+    from qp_twist import __version__  # whose package has all modules, those of paths too
+
     assert moves.durations is not None
     total = float(moves.durations.sum())
     return (

@@ -73,12 +73,12 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 _NAME = r"[A-Za-z]\w*"
 _TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
-_DECLARED = [
+DECLARED = [
     rf"(?:GLOBAL\s+)?{word}(?P<kind>{kinds})\s+(?P<name>{_NAME})(?P<part>(?:\s*\[[\d\s,]*\])?"
     rf"(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(?P<value>.*))?"
     for word, kinds in ((r"DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?", _NAME), ("", _TYPES))
 ]
-_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(?P<value>.*)"
+ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(?P<value>.*)"
 _AXES = ("AXIS", "E6AXIS")
 """Types of the data that say where an axis move leads."""
 _WHERE_IT_IS = ("$AXIS_ACT", "$AXIS_ACT_MEAS", "$POS_ACT")
@@ -88,7 +88,7 @@ _TRIGGER = (
     r"(TRIGGER)\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*=\s*[-\d.]+\s+DO"
     rf"\s+(?:\$OUT\s*\[\w+\]\s*=\s*\w+|{_PULSE})"
 )
-_NOTED = {
+NOTED = {
     # outputs, flags, timers, names for them, and how far from a point rounding begins
     "passed": (
         r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART"
@@ -111,7 +111,7 @@ _NOTED = {
     ),
     "pause": (r"(WAIT)\s+(?:SEC|FOR)\b(.*)", r"(HALT)"),
 }
-_BEGIN = (
+BEGIN = (
     r"GLOBAL INTERRUPT DECL 3 WHEN \$STOPMESS\s*==\s*TRUE DO IR_STOPM\s*\(\s*\)"
     r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
 )
@@ -157,8 +157,8 @@ class _Krl(Program):
 
     reads = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
     begins = rf"(?:GLOBAL\s+)?DEF\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)"
-    data = *_DECLARED, _ASSIGNMENT
-    noted = _NOTED
+    data = *DECLARED, ASSIGNMENT
+    noted = NOTED
     reserved = frozenset({"BAS", "SET_CD_PARAMS", "IR_STOPM", "FDAT_ACT", "PDAT_ACT", "LDAT_ACT"})
 
     def __init__(self) -> None:
@@ -174,7 +174,7 @@ class _Krl(Program):
             (r"PTP_SPLINE(?:\s+WITH\s+(.*))?", self._begin_spline),
             (rf"WAIT\s+SEC\s+({NUMBER})", self.wait),
             (r"RETURN", self.leave),
-            (_BEGIN, lambda number, match: None),
+            (BEGIN, lambda number, match: None),
             *self.noting(),
             *((pattern, self._assign) for pattern in self.data),
             (

@@ -62,11 +62,11 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 _NAME = r"[A-Za-z]\w*"
 _TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*(?:\[([^\[\]]*)\]|(\w+))\s*\]", re.ASCII)
-_DATA = (
+DATA = (
     rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+(?P<kind>{_NAME})\s+(?P<name>{_NAME})"
     r"(?P<part>(?:\s*\{[\d\s,]*\})?)\s*(?::=(?P<value>.*))?"
 )
-_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(?P<value>.*)"
+ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(?P<value>.*)"
 _BLOCK = re.compile(
     rf"MODULE\s+{_NAME}\s*(?:\(.*\))?|(?:LOCAL\s+)?PROC\s+{_NAME}\s*\(.*\)|END(?:MODULE|PROC)",
     re.IGNORECASE | re.ASCII,
@@ -83,7 +83,7 @@ _INSTRUCTIONS = {
     "speed": ("VelSet", "AccSet", "PathAccLim", "WorldAccLim"),
     "setting": ("GripLoad",),
 }  # fmt: skip
-_BEGINNING = {kind: rf"({'|'.join(names)})\b(.*)" for kind, names in _INSTRUCTIONS.items()}
+BEGINNING = {kind: rf"({'|'.join(names)})\b(.*)" for kind, names in _INSTRUCTIONS.items()}
 _TARGETS = ("jointtarget", "extjoint")
 """Types of the data that say where a move leads."""
 _OPTIONS = (("id", "noeoffs"), ("v", "t"), ("z", "inpos"), ("wobj", "tload"))
@@ -104,8 +104,8 @@ class _Module(Program):
     reads = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
     begins = rf"(?:LOCAL\s+)?PROC\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)"
     ends = "ENDPROC"
-    data = _DATA, _ASSIGNMENT
-    noted = {kind: (pattern,) for kind, pattern in _BEGINNING.items()}  # noqa: RUF012
+    data = DATA, ASSIGNMENT
+    noted = {kind: (pattern,) for kind, pattern in BEGINNING.items()}  # noqa: RUF012
     reserved = frozenset({
         *(word.lower() for words in _INSTRUCTIONS.values() for word in words),
         "moveabsj", "exit", "return",
@@ -137,7 +137,7 @@ class _Module(Program):
         module = self.procedures[""].statements or [(1, "")]
         whole = _MODULE.fullmatch(module[0][1]) and module[-1][1].upper() == "ENDMODULE"
         for number, statement in module[1:-1] if whole else module:
-            if not re.fullmatch(_DATA, statement, self.flags):
+            if not re.fullmatch(DATA, statement, self.flags):
                 raise refuse(
                     number, statement,
                     "expected one MODULE with data and procedures (PROC … ENDPROC), and moves in "
@@ -164,7 +164,7 @@ class _Module(Program):
 
     def check(self, number: int, statement: str, text: str) -> None:
         """Options of instructions are given by ``:=``."""
-        if any(re.match(pattern, statement, self.flags) for pattern in _BEGINNING.values()):
+        if any(re.match(pattern, statement, self.flags) for pattern in BEGINNING.values()):
             text = text.replace(":=", "=")
         super().check(number, statement, text)
 
@@ -235,7 +235,7 @@ def _statements(text: str, comments: list[str]) -> Statements:
     found: Statements = []
     rest, begun = "", 0
     lines = text.split("\n")
-    for number, line in enumerate(lines[_heading(lines) :], start=_heading(lines) + 1):
+    for number, line in enumerate(lines[heading(lines) :], start=heading(lines) + 1):
         code, comment = without_texts(number, line, '"', "!")
         if comment:
             comments.append(comment)
@@ -254,7 +254,7 @@ def _statements(text: str, comments: list[str]) -> Statements:
     return found
 
 
-def _heading(lines: Sequence[str]) -> int:
+def heading(lines: Sequence[str]) -> int:
     """Number of lines of a controller's heading: its version and language between two %%%."""
     code = [k for k, line in enumerate(lines) if line.strip()]
     if not code or lines[code[0]].strip() != "%%%":

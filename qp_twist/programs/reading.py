@@ -60,7 +60,8 @@ def six(line: int, texts: Sequence[str]) -> list[float]:
 def split(text: str) -> list[str]:
     """Arguments at commas outside brackets; one empty text for nothing."""
     parts, depth, start = [], 0, 0
-    for place, mark in enumerate(text):
+    for found in re.finditer(r"[,\[\](){}]", text):
+        mark, place = found[0], found.start()
         depth += (mark in "[({") - (mark in "])}")
         if mark == "," and depth == 0:
             parts.append(text[start:place].strip())
@@ -81,6 +82,8 @@ def without_texts(line: int, text: str, quotes: str, comment: str) -> tuple[str,
         InvalidInput: If a text has no end, or what is no comment has other characters than ASCII.
     """
     code, place = "", 0
+    if not {*quotes, comment} & set(text):
+        code, place = text, len(text)
     while place < len(text):
         mark = text[place]
         if mark == comment:

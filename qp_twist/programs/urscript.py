@@ -137,8 +137,8 @@ _FUNCTIONS = {
     ),
     "pause": ("sync", "popup"),
 }  # fmt: skip
-_CALLS = {kind: (rf"({'|'.join(names)})\s*\((.*)\)",) for kind, names in _FUNCTIONS.items()}
-_ASSIGNMENT = (
+CALLS = {kind: (rf"({'|'.join(names)})\s*\((.*)\)",) for kind, names in _FUNCTIONS.items()}
+ASSIGNMENT = (
     rf"(?:(?:global|local)\s+)?(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\])*)\s*=(?!=)"
     r"(?P<value>.+)"
 )
@@ -215,7 +215,7 @@ class _OwnScript(_Calculating):
     """
 
     reads = "start, the moves and finish, as they were written, with outputs between them"
-    noted = {"passed": _CALLS["passed"]}  # noqa: RUF012
+    noted = {"passed": CALLS["passed"]}  # noqa: RUF012
 
     def __init__(self, name: str, kind: str) -> None:
         super().__init__()
@@ -283,8 +283,8 @@ class _Script(_Calculating):
 
     begins = rf"def\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)\s*:"
     ends, nested = "end", True
-    data = (_ASSIGNMENT,)
-    noted = _CALLS
+    data = (ASSIGNMENT,)
+    noted = CALLS
 
     def __init__(self) -> None:
         super().__init__()
@@ -301,7 +301,7 @@ class _Script(_Calculating):
             (r"(halt)(?:\s*\(\s*\))?", self.end),
             (r"(stopj)\s*\((.*)\)", self._stop),
             *self.noting(),
-            (_ASSIGNMENT, self._assign),
+            (ASSIGNMENT, self._assign),
             (rf"({_NAME})\s*\(\s*\)", self.calling("calls something that the file does not have.")),
         )
 

@@ -510,17 +510,14 @@ def test_an_arc_that_goes_on_further_or_all_around_is_refused(
 @pytest.mark.parametrize(
     ("name", "text", "called"),
     [
-        ("a.mod", "%%%\n  VERSION:1\n%%%\nMODULE M\nCONST robtarget p1:=[[600,0,400],[0,0,1,0],"
-         "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\nENDMODULE\n", "RAPID program"),
-        ("a.src", "&ACCESS RVP\nDEF a()\nLIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\nEND\n", "KRL program"),
-        ("a.ls", "/PROG A\n/MN\n1: J P[1] 100% FINE;\n/POS\n/END\n", "TP program"),
-        ("a.script", "def a():\n  movel(p[0.1,0.2,0.3,0,0,0])\nend\n", "URScript program"),
+        ("a.jbi", "/JOB\n//NAME A\n//INST\nNOP\nMOVL C00001 V=100.0\nEND\n", "job"),
+        ("a.as", ".PROGRAM a()\nLMOVE p1\n.END\n", "AS program"),
     ],
 )  # fmt: skip
 def test_a_program_that_is_no_toolpath_is_called_by_its_name(
     tmp_path: Path, name: str, text: str, called: str
 ) -> None:
-    with pytest.raises(InvalidInput, match=f"this is a {called}.*not read as a toolpath"):
+    with pytest.raises(InvalidInput, match=f"this is an? {called}.*not read as a toolpath"):
         read_toolpath(write(tmp_path, text, name))
 
 

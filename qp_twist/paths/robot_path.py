@@ -1,0 +1,173 @@
+"""Moves of a robot program as points of a toolpath."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import mink
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.arcs import Arc
+from qp_twist.paths.toolpath import SAME_POINT, Toolpath
+from qp_twist.paths.toolpath_builder import ProgramBuilder, ProgramWords, of_lines
+from qp_twist.paths.toolpath_options import ReadingOptions
+
+REFUSED: dict[tuple[str, ...], str] = {
+    (name,): f"a robot program states it itself; leave {name} out."
+    for name in ("columns", "feed_unit", "angle_unit", "arc_axis", "rotary", "rollover")
+}
+"""Options that robot programs have no use for."""
+_ON_A_LINE = 1e-9
+"""Sine of the angle between the chords of an arc below which its points are on a line."""
+
+
+class SeveralFrames(InvalidInput):
+    """A program moves in several frames, all of which it states."""
+
+
+class RobotPath:
+    """The path of a program's moves.
+
+    Attributes:
+        out: The points so far.
+        frame: Name of the frame in force, and its pose in the robot's base if the file states it.
+        feed: In force, m/s.
+        assumed: What was taken for granted.
+        unknown: Lines of the words that are not known, and taken to move nothing.
+    """
+
+    def __init__(self, options: ReadingOptions, words: ProgramWords, *, in_base: bool) -> None:
+        self.out = ProgramBuilder(options, words)
+        self.out.set_unit("m" if words.units == "m" else "mm", moved=False)
+        self.frame: tuple[str, mink.SE3 | None] = "", None
+        self.feed = math.nan
+        self.assumed: dict[str, None] = {}
+        self.unknown: dict[str, list[int]] = {}
+        self._in_base = in_base
+        self._used: tuple[str, mink.SE3 | None] | None = None
+        self._at: mink.SE3 | None = None
+        self._waiting: list[tuple[int, str, mink.SE3]] = []
+        self._elsewhere: list[int] = []
+        self._arcs = self._moved = False
+
+    def joint(self, line: int, pose: mink.SE3 | None) -> None:
+        """A joint move: to a pose, or to one that the program does not state."""
+        self._moved = True
+        if pose is None:
+            self._waiting, self._at = [], None
+            self._elsewhere.append(line)
+            self.out.begin_curve()
+        else:
+            name, pose = self._expressed(pose)
+            self._waiting.append((line, name, pose))
+
+    def line(self, line: int, pose: mink.SE3) -> None:
+        """A straight move at the feed in force."""
+        pose = self._begin(line, pose)
+        self._add(line, [pose])
+
+    def arc(self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None) -> None:
+        """A move along the circle through a point, to its end or, with an angle, as far as that."""
+        pose, via = self._begin(line, pose), self._expressed(via)[1]
+        if self._at is None:
+            raise InvalidInput("where the arc begins is not in the file")
+        self._arcs = True
+        begin, points = self._at, [pose.translation()]
+        shares = np.ones(1)
+        arc = _arc(begin.translation(), via.translation(), points[0], sweep_deg)
+        if arc is not None:
+            points, shares = self.out.divide_arc(arc)  # type: ignore[assignment]
+        turn = (begin.rotation().inverse() @ pose.rotation()).log()
+        turns = [begin.rotation() @ mink.SO3.exp(share * turn) for share in shares]
+        self._add(line, [
+            mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
+        ])  # fmt: skip
+
+    def toolpath(self, path: Path, passed: Iterable[tuple[int, str]]) -> Toolpath:
+        """The toolpath.
+
+        Raises:
+            InvalidInput: If the program has no straight moves and no arcs.
+        """
+        out = self.out
+        if not out.rows:
+            raise InvalidInput(
+                "there are only joint moves in it, and how they lead the tool is not known without "
+                "the robot; qp-twist check PROGRAM TASK checks them against a task."
+                if self._moved
+                else "there is no move in it."
+            )
+        for out.line, word in passed:
+            out.pass_over(word)
+        assert self._used is not None
+        notes = [f"coordinates are in {self._used[0] or 'the frame in force at its begin'}."]
+        notes.append(f"orientations are those of {out.words.axis}; z is taken as the tool's axis.")
+        if self._elsewhere:
+            notes.append(
+                "joint moves to where the file does not state the tool "
+                f"({of_lines(self._elsewhere)}): another curve begins after each."
+            )
+        if self.unknown:
+            words = ", ".join(f"{name} ({of_lines(at)})" for name, at in self.unknown.items())
+            notes.append(f"not known here, and taken to move nothing: {words}.")
+        if self._arcs:
+            notes.append("on arcs the orientation turns in proportion, from begin to end.")
+        return out.toolpath(path, [*notes, *self.assumed, *out.divided()], [], has_axis=True)
+
+    def _expressed(self, pose: mink.SE3) -> tuple[str, mink.SE3]:
+        """A pose of the frame in force, and the frame in which it is expressed."""
+        name, frame = self.frame
+        return ("the robot's base", frame @ pose) if self._in_base and frame else (name, pose)
+
+    def _begin(self, line: int, pose: mink.SE3) -> mink.SE3:
+        """The end of a move in the frame of all; joint moves before it in that frame are added."""
+        if self.feed <= 0.0:
+            raise InvalidInput(f"a speed of {self.feed:g} m/s; expected one above 0")
+        name, pose = self._expressed(pose)
+        before, self._used = self._used, (name, self.frame[1])
+        if before is not None and before[0] != name:
+            known = before[1] is not None and self.frame[1] is not None and not self._in_base
+            raise (SeveralFrames if known else InvalidInput)(
+                f"it moves in {name or 'the frame of the controller'}, before in "
+                f"{before[0] or 'that of the controller'}, and where both are, is not in the file; "
+                "write each frame's paths into a file of their own"
+            )
+        for at, frame, waiting in self._waiting:
+            if frame == name:
+                self._add(at, [waiting], rapid=True)
+            else:
+                self.out.begin_curve()
+                self._at = None
+        self._waiting = []
+        return pose
+
+    def _add(self, line: int, poses: Sequence[mink.SE3], *, rapid: bool = False) -> None:
+        self.out.line, self._at = line, poses[-1]
+        self.out.feeds.set(60.0 * self.feed, per_turn=False)
+        directions = [pose.rotation().wxyz.tolist() for pose in poses]
+        self.out.add([pose.translation() for pose in poses], directions, rapid=rapid)
+
+
+def _arc(a: Array, b: Array, c: Array, sweep_deg: float | None) -> Arc | None:
+    """The arc from a through b to c, or by an angle; ``None`` if it is a straight line."""
+    u, v = b - a, c - b
+    normal, sizes = np.cross(u, v), float(np.linalg.norm(u) * np.linalg.norm(v))
+    if sizes < SAME_POINT**2 or np.linalg.norm(c - a) < SAME_POINT:
+        raise InvalidInput("two points of the arc are the same, so that its circle is not known")
+    if np.linalg.norm(normal) < _ON_A_LINE * sizes:
+        if u @ v < 0.0 or sweep_deg is not None:
+            raise InvalidInput("the points of the arc are on a line, and not in its order")
+        return None
+    # The centre is equally far from the three points, in their plane.
+    right = [u @ (a + b) / 2.0, v @ (b + c) / 2.0, normal @ a]
+    centre = np.linalg.solve(np.array([u, v, normal]), right)
+    axis = normal / np.linalg.norm(normal)
+    if sweep_deg is None:
+        return Arc.between(a, c, centre, axis)
+    turn = Rotation.from_rotvec(math.radians(sweep_deg) * axis)
+    return Arc(a, centre + turn.apply(a - centre), centre, axis, math.radians(sweep_deg))

@@ -1,0 +1,174 @@
+"""Variables of a robot program, and its expressions as far as the program states their values."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from functools import lru_cache
+from typing import Any
+
+import mink
+import numpy as np
+
+from qp_twist.errors import InvalidInput
+from qp_twist.programs.reading import NUMBER, shown
+
+_OPERATORS: dict[type, Callable[..., Any]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Mod: operator.mod,
+    ast.Div: operator.truediv, ast.FloorDiv: operator.floordiv, ast.MatMult: operator.matmul,
+    ast.USub: operator.neg, ast.UAdd: operator.pos,
+}  # fmt: skip
+
+
+class Unknown(InvalidInput):
+    """The program does not state a value: an input, a register, data of another file."""
+
+
+class Pose(list[Any]):
+    """A pose of URScript, ``p[x, y, z, rx, ry, rz]``, which a list of joint positions is not."""
+
+
+class Values:
+    """Variables, and expressions of a language, evaluated as Python's after a translation.
+
+    Attributes:
+        key: A variable's name as a name of Python.
+        functions: By name.
+        literal: The value of what is only numbers; ``None`` for other expressions.
+        names: Values of variables; :class:`Unknown` where the program does not state one.
+    """
+
+    def __init__(
+        self,
+        key: Callable[[str], str],
+        translate: Callable[[str], str],
+        functions: Mapping[str, Callable[..., Any]],
+        literal: Callable[[str], Any],
+    ) -> None:
+        self.key, self._translate, self.functions = key, translate, functions
+        self._literal = literal
+        self.names: dict[str, Any] = {}
+
+    def value(self, text: str) -> Any:
+        """The value of an expression.
+
+        Raises:
+            Unknown: If something in it has no value, or it is not understood.
+        """
+        text = text.strip()
+        if re.fullmatch(NUMBER, text, re.ASCII):
+            return float(text)
+        literal = self._literal(text)
+        if literal is not None:
+            return literal
+        try:
+            return self._of(_parsed(self._translate(self.key(text))))
+        except InvalidInput:
+            raise
+        except Exception as error:  # of Python's parser and operators
+            raise Unknown(f"the file does not state {shown(text)}") from error
+
+    def assign(self, line: int, target: str, text: str) -> None:
+        """Assign to a variable or a component; what has no value is remembered as such."""
+        try:
+            value, node = deepcopy(self.value(text)), _parsed(self._translate(self.key(target)))
+            if isinstance(node, ast.Subscript):
+                if isinstance(node.value, ast.Name) and isinstance(
+                    self.names.get(node.value.id), Unknown | None
+                ):
+                    self.names[node.value.id] = {}  # an array that is only declared
+                self._of(node.value)[self._place(node)] = value
+            else:
+                self.names[ast.unparse(node)] = value
+        except Exception as error:  # a component that the variable does not have is one, too
+            why = error.sentence if isinstance(error, Unknown) else "it is not understood"
+            self.forget(target, f"{target} of line {line}: {why}")
+
+    def forget(self, target: str, why: str) -> None:
+        """A variable has no value any more that the file states."""
+        self.names[self.key(re.findall(r"[\w$]+", target)[0])] = Unknown(why)
+
+    def _of(self, node: ast.AST) -> Any:
+        match node:
+            case ast.Constant(value):
+                return float(value) if type(value) is int else value
+            case ast.Name(name) if name in self.names:
+                if isinstance(self.names[name], Unknown):
+                    raise self.names[name]
+                return self.names[name]
+            case ast.List(elements) | ast.Tuple(elements):
+                return [self._of(element) for element in elements]
+            case ast.UnaryOp(sign, operand):
+                return _OPERATORS[type(sign)](self._of(operand))
+            case ast.BinOp(left, sign, right):
+                return _OPERATORS[type(sign)](self._of(left), self._of(right))
+            case ast.Subscript(ast.Name("p"), ast.Tuple(elements)):
+                return Pose(self._of(element) for element in elements)
+            case ast.Subscript(array):
+                return self._of(array)[self._place(node)]
+            case ast.Call(ast.Name(name), arguments, keywords) if name in self.functions:
+                words = {str(word.arg): self._of(word.value) for word in keywords}
+                return self.functions[name](*map(self._of, arguments), **words)
+        raise Unknown(f"the file does not state {ast.unparse(node)}")
+
+    def _place(self, node: ast.Subscript) -> Any:
+        place = self._of(node.slice)
+        return int(place) if isinstance(place, float) else place
+
+
+@lru_cache(maxsize=4096)
+def _parsed(text: str) -> ast.AST:
+    return ast.parse(text.strip(), mode="eval").body
+
+
+IN_DEGREES: dict[str, Callable[..., Any]] = {
+    "sin": lambda a: math.sin(math.radians(a)), "cos": lambda a: math.cos(math.radians(a)),
+    "tan": lambda a: math.tan(math.radians(a)), "sqrt": math.sqrt, "abs": abs,
+}  # fmt: skip
+"""Functions of languages whose angles are degrees."""
+
+
+def pose_of(position: Sequence[float], wxyz: Sequence[float], scale: float = 1e-3) -> mink.SE3:
+    """A pose from a position, in units of ``scale`` m, and a quaternion.
+
+    Raises:
+        Unknown: If they are no three and four finite numbers.
+        InvalidInput: If the quaternion's length is not 1 within 1 %.
+    """
+    numbers = [*map(float, wxyz), *map(float, position)]
+    if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
+        raise Unknown(f"{numbers} is no pose")
+    length = math.hypot(*numbers[:4])
+    if abs(length - 1.0) > 0.01:
+        raise InvalidInput(f"its quaternion has the length {length:.4g} instead of 1")
+    return mink.SE3(
+        np.array([*(q / length for q in numbers[:4]), *(scale * x for x in numbers[4:])])
+    )
+
+
+def zyx_quaternion(*angles_deg: float) -> tuple[float, float, float, float]:
+    """The quaternion (w, x, y, z) of R_z(a) R_y(b) R_x(c), as half the angles make it."""
+    (cz, sz), (cy, sy), (cx, sx) = (
+        (math.cos(half), math.sin(half)) for half in (math.radians(a) / 2.0 for a in angles_deg)
+    )
+    return (
+        cz * cy * cx + sz * sy * sx, cz * cy * sx - sz * sy * cx,
+        cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx,
+    )  # fmt: skip
+
+
+def list_literal(text: str) -> Any:
+    """A list of numbers and lists; of URScript also a pose; ``None`` if it is none."""
+    is_pose = text[:2] == "p["
+    if not (is_pose or text[:1] == "["):
+        return None
+    try:
+        found = json.loads(text[is_pose:], parse_int=float)
+    except (ValueError, RecursionError):  # .5 and 5. are no numbers of JSON
+        return None
+    return (Pose(found) if is_pose else found) if isinstance(found, list) else None
