@@ -22,6 +22,8 @@ _TIP = re.compile(r"(?<![A-Z])(?:G43\.[45]|G234|TRAORI|M428)(?![0-9])")
 _TRUNNION = re.compile(r"XYZ[AB]C\b|(?<![A-Z])M428(?![0-9])")
 _EXTRUDES = re.compile(rf"^[^\n]*G0*[123](?![0-9.])[^\n]*(?<![A-Z])E\s*{NUMBER}", re.MULTILINE)
 _INCH = re.compile(r"\bINCH(?:ES)?\b|\bIMPERIAL\b|\bIN/MIN\b")
+_INCHES = re.compile(r"(?<![A-Z])G(?:20|70|700)(?![0-9.])")
+_MILLIMETRES = re.compile(r"(?<![A-Z])G(?:21|71|710)(?![0-9.])")
 _METRIC = re.compile(r"\bMM\b|\bMILLIM|\bMETRIC\b")
 _GCODE = re.compile(rf"[%/:]|(?:[/N][0-9]*\s*)?(?:[A-Z]\s*=?\s*{NUMBER}\s*)+$|[(;]|$")
 _CUT = re.compile(rf"(?<![A-Z])G0*[0-3](?![0-9.]).*[XYZ]\s*=?\s*{NUMBER}", re.IGNORECASE)
@@ -43,6 +45,7 @@ class Facts:
         extrudes: Whether cuts have E, a 3-D printer's filament.
         tip: Whether the program switches control of the tool's tip on.
         trunnion: Whether it names LinuxCNC's table xyzac or xyzbc, or its switch M428.
+        later: The unit that a word names, perhaps after the first motion; ``None`` if none or both.
         unit: The unit that comments name; ``None`` if they name none or both.
         units: Whether comments name both.
     """
@@ -56,6 +59,7 @@ class Facts:
     extrudes: bool
     tip: bool
     trunnion: bool
+    later: LengthUnit | None
     unit: LengthUnit | None
     units: bool
 
@@ -85,7 +89,8 @@ class Facts:
             _EXTRUDES.search(text) is not None,
             _TIP.search(plain) is not None,
             _TRUNNION.search(text) is not None,
-            None if inch == metric else "inch" if inch else "mm",
+            _either(_INCHES.search(plain) is not None, _MILLIMETRES.search(plain) is not None),
+            _either(inch, metric),
             inch and metric,
         )
 
@@ -111,6 +116,8 @@ class Facts:
 
     def likely_unit(self) -> tuple[LengthUnit, str] | None:
         """The unit that is assumed, if the program states none, and why; ``None`` if it is open."""
+        if self.later is not None:
+            return self.later, "a word after the first motion says so"
         if self.unit == "inch":
             return "inch", "its comments say so, and no G20 or G21 does"
         if self.extrudes:
@@ -120,6 +127,10 @@ class Facts:
             return None
         inches = extent * LENGTHS["inch"]
         return "mm", f"nothing states it; as inches it would be {inches:.3g} m long"
+
+
+def _either(inch: bool, metric: bool) -> LengthUnit | None:
+    return None if inch == metric else "inch" if inch else "mm"
 
 
 def is_gcode(lines: Sequence[str]) -> bool:

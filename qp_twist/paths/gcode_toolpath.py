@@ -244,7 +244,7 @@ class _Reader:
                 f"{text} has no decimal point, and others do; on some machines a number without "
                 "one counts thousandths. Write all with a point, or none"
             )
-        elif text and facts.pointed:
+        elif text and facts.pointed and not (facts.fine or facts.extrudes):
             self._note(
                 f"numbers without a decimal point, as {text}, are read like those with one; on "
                 "machines that count thousandths, write a point"
@@ -347,7 +347,8 @@ class _Reader:
         if code in _MODAL:
             self._mode(*_MODAL[code])
         elif code in _UNITS:
-            self.out.set_unit(_UNITS[code], moved=bool(self.out.rows or self.at))
+            moved = bool(self.out.rows or self.at) and self.out.length_unit != _UNITS[code]
+            self.out.set_unit(_UNITS[code], moved=moved)
         elif code in _OFFSETS:
             self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
         elif code in CYCLES:
@@ -484,6 +485,8 @@ class _Reader:
         """A motion in the mode in force."""
         words, modes = block.words, self.modes
         cut = modes.motion != 0 and self._deposits(block)
+        if not cut and modes.motion and not {"X", "Y", "Z"}.isdisjoint(words):
+            self._note("motions that deposit no filament (E) are rapid")
         if modes.cycle is not None:
             self._drill(block)
             return
@@ -499,7 +502,10 @@ class _Reader:
         if not tip and self.axis.turned and self.axis.rotary is not None:
             self.axis.assume_machine()
         unread = not tip and self.axis.turned and not self.axis.machine
-        if cut and len(self.at) < 3 and set("XYZ") & words.keys() and not unread:
+        if cut and self._gone - self.at.keys() and modes.motion == 1 and not unread:
+            self._note("cuts are left out while the tool comes from a position of the machine")
+            self.out.begin_curve()
+        elif cut and len(self.at) < 3 and set("XYZ") & words.keys() and not unread:
             for axis in "XYZ":
                 if axis not in self.at:
                     self._assume_zero(axis)

@@ -26,7 +26,7 @@ _CALL = (
 )
 _PARTS = re.compile(
     rf"\"[^\"]*(?:\"|$)|{_CALL}\s*\([^)]*(?:\)|$)|(?P<kind>(?:AC|IC|DC)\s*\()"
-    r"|(?P<comment>;.*|\([^)]*(?:\)|(?P<open>$)))",
+    r"|(?P<comment>;.*|\((?:[^()]|\([^()]*\))*(?:\)|(?P<open>$)))",
     re.IGNORECASE,
 )
 """Quoted texts, calls, and comments."""

@@ -66,6 +66,14 @@ def test_modes_hold_and_points_are_complete_before_they_count(tmp_path: Path) ->
         assert said in notes
 
 
+def test_cuts_from_a_position_of_the_machine_are_left_out(tmp_path: Path) -> None:
+    """Some CAM systems write rapid motions as fast cuts: those before Z is known, too."""
+    text = HEAD + "G53 G0 Z0.\nG1 X5. Y6. F5000.\nG43 H1 Z3.\nZ0. F100.\nX9.\nM30\n"
+    toolpath = read(tmp_path, text)
+    assert millimetres(toolpath) == pytest.approx(np.array([[5, 6, 3], [5, 6, 0], [9, 6, 0]]))
+    assert any("cuts are left out while" in note for note in toolpath.notes)
+
+
 def test_inches_and_feeds_per_turn(tmp_path: Path) -> None:
     text = "G20\nG0 X0 Y0 Z0\nG1 X1 F10\nG95 S1200 X2 F.01\nG94 X3 F20\n"
     [curve] = read(tmp_path, text, "a.tap").curves
@@ -386,7 +394,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G2 X2 I.5 P3", "P: several turns are not read"),
         ("G2 I0 J0", "has the radius zero"), ("G19 G2 Y2 I1", "has its centre in J and K"),
         ("G90.1 G2 X2 I1.5", "G90.1: the centre needs both I and J"),
-        ("G28 Z0\nG1 X5", "line 5: G1: where the tool is in Z is not known"),
+        ("G28 Z0\nG17 G2 X5 R9", "line 5: G2: where the tool is in Z is not known"),
         ("G28\nG91 X5", "line 5: X is relative .G91. to a position that is not known"),
         ("G53 Z0\nG2 X2 I.5", "line 5: G2: where the tool is in Z is not known"),
     ],
