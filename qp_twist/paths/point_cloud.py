@@ -174,6 +174,7 @@ def _records(data: bytes, form: npt.DTypeLike, count: int) -> list[str]:
 
 def _rows(points: npt.NDArray[np.void]) -> list[str]:
     names = [n for n in points.dtype.names or () if points[n].ndim == 1]
-    values = np.column_stack([points[n].astype(np.float64) for n in names])
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        values = np.column_stack([points[n].astype(np.float64) for n in names])
     values = values[np.isfinite(values).all(axis=1)]
     return [",".join(names), *(",".join(map(repr, row)) for row in values.tolist())]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -17,8 +18,13 @@ from qp_twist.paths.toolpath_columns import usual
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _SUFFIXES = ".yaml", ".yml", ".json"
 _BEGINS = re.compile(
-    r"\s*(?:#[^\n]*\n\s*|---\s*)*(?:[\[{]|(?:- )?(?:header|poses?|position|waypoints|points):)"
+    r"\s*(?:#[^\n]*\n\s*|---\s*)*"
+    r"(?:[\[{]|(?:- )?(?:header|poses?|position|waypoints|points):)"
 )
+_OF_OTHERS = re.compile(
+    r"rot|offset|size|dim|scale|grav|inert|com$|limit|min|max|vel|acc|force|gain"
+)
+"""Parts of keys whose x, y, z are no position."""
 _MOST_NODES = 10_000_000
 """A text whose references stand for more entries is refused."""
 _MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z")
@@ -46,8 +52,13 @@ def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]]
             damaged.
     """
     text = "\n".join(lines).replace("\t", " ")
-    if suffix not in _SUFFIXES and not _BEGINS.match(text):
+    if suffix not in _SUFFIXES and not _BEGINS.match(text) and "transforms:" not in text[:99]:
         return None
+    if re.search(r"^[\s-]*child_frame_id:", text, re.MULTILINE) and "transforms:" in text:
+        raise InvalidInput(
+            "transforms (TF) are those of all frames of a robot, and no path; write the poses of "
+            "one frame, as PoseStamped."
+        )
     try:
         documents = list(yaml.compose_all(text, Loader=_LOADER))
     except yaml.YAMLError as error:
@@ -68,22 +79,28 @@ def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]]
     names = list(dict.fromkeys(name for pose in poses for name in pose.values))
     rows = [[pose.values.get(name, "") for name in names] for pose in poses]
     names, notes = _ordered(names, rows)
+    if walk.named:
+        notes.append("poses with names are passed in the order of the file.")
     return _table(names, rows, poses), notes
 
 
 class _Walk:
-    """Finds the poses among the nodes of a text."""
+    """Finds the poses among the nodes of a text.
+
+    Attributes:
+        named: Whether some are values of one mapping, each with a key of its own.
+    """
 
     def __init__(self) -> None:
         self._nodes = self._lists = 0
+        self.named = False
 
     def poses(self, node: yaml.Node, group: int) -> Iterator[_Pose]:
         """The poses of a node."""
         if isinstance(node, yaml.ScalarNode):
             return
         values = self._flat(node, "")
-        places = usual(list(values)).get("position", {})
-        whole = len(places) == 3 and all(len(columns) == 1 for columns in places.values())
+        whole = _have_position(tuple(values))
         if isinstance(node, yaml.SequenceNode) and not whole:
             self._lists += 1
             yield from self._entries(node.value, self._lists, group)
@@ -94,8 +111,16 @@ class _Walk:
         elif whole:
             yield _Pose(values, node.start_mark.line, group)
         else:
-            parts = [child for _, child in node.value if not isinstance(child, yaml.ScalarNode)]
-            yield from self._entries(parts, group, group)
+            yield from self._entries(
+                [
+                    child
+                    for key, child in node.value
+                    if not isinstance(child, yaml.ScalarNode)
+                    and not _OF_OTHERS.search(str(key.value).lower())
+                ],
+                group,
+                group,
+            )
 
     def _entries(self, nodes: list[yaml.Node], group: int, outer: int) -> Iterator[_Pose]:
         """The poses of a list (a group of its own) or of a mapping's values.
@@ -105,6 +130,7 @@ class _Walk:
         """
         entries = [[*self.poses(node, group)] for node in nodes]
         strict = sum(map(bool, entries)) > (group == outer)
+        self.named |= strict and group == outer
         alone = sum(map(len, entries)) == 1
         for node, entry in zip(nodes, entries, strict=True):
             if strict and not entry:
@@ -136,6 +162,13 @@ class _Walk:
         for key, child in node.value:
             found |= self._flat(child, f"{name}.{key.value}".strip("."))
         return found
+
+
+@lru_cache(maxsize=1000)
+def _have_position(names: tuple[str, ...]) -> bool:
+    """Whether some names have one x, y and z."""
+    places = usual(names).get("position", {})
+    return len(places) == 3 and all(len(columns) == 1 for columns in places.values())
 
 
 def _names(name: str, count: int) -> list[str]:

@@ -17,6 +17,8 @@ _EVEN = 0.05
 """Relative tolerance of equal steps of a clock."""
 _EPOCH = 1e8
 """Numbers above it that rise are times since 1970, in s (here: since 1973), ms, µs or ns."""
+_LEANS = 40.0
+"""Angle, degrees, by which a tool that points down may lean."""
 _UPRIGHT = 0.9
 """Scalar of a quaternion from which a frame counts as little turned: by less than 52 degrees."""
 
@@ -67,8 +69,9 @@ def suggested(values: Array) -> Suggestion | None:
     normal, four a quaternion; the last three after a position may be angles.
 
     It is settled if every other column counts, is a time, is 0 or has gaps, and the direction has
-    one reading: not for angles other than 0, of which each maker has its own, and for a quaternion
-    only if :func:`quaternion_order` tells where its scalar is.
+    one reading: not for angles, of which each maker has its own, unless they are 0 or those of a
+    tool that points down, and for a quaternion only if :func:`quaternion_order` tells where its
+    scalar is. Two more columns, speeds for example, may stand beside columns of length 1.
 
     Args:
         values: Some rows of the table, (N, columns); NaN where there is no number.
@@ -93,36 +96,70 @@ def suggested(values: Array) -> Suggestion | None:
             left = sum(unexplained[k] for k in others if k not in {*position, *at})
             if own + price + left < best - 1e-9:
                 best, choice = own + price + left, (position, key, at)
-    if choice is None:
-        return None
-    position, key, at = choice
-    over = {*others} - {*position, *at}
+    return None if choice is None else _explained(values, *choice, others, counting, clock)
+
+
+def _explained(
+    values: Array,
+    position: range,
+    key: str,
+    at: Sequence[int],
+    others: list[int],
+    counting: list[int],
+    clock: int | None,
+) -> Suggestion:
+    """The columns that are chosen, why, and whether anything is open."""
+    left = {*others} - {*position, *at}
     reasons = [
         f"column {k + 1} {'has times' if _is_epoch(values[:, k]) else 'counts the rows'}"
         for k in counting if k not in position
     ]  # fmt: skip
-    settled, unit = True, None
+    settled, unit, spare = True, None, 0
     if key == "rpy":
-        unit = "deg" if np.abs(values[:, at]).max() > 2.0 * np.pi else "rad"
-        what = f"look like {'degrees' if unit == 'deg' else 'radians'}"
-        settled = not values[:, at].any()
+        key, at, unit, settled, what = _angles(values, at)
     elif key == "normal":
-        what = "have the length 1 (or axis)"
-        over = {k for k in over if not _is_colour(values[:, k])}
+        what, spare = "have the length 1 (or axis)", 2
+        left = {k for k in left if not _is_colour(values[:, k])}
     elif key:
         timed = position.start == 1 and values.shape[1] == 8
         timed &= _rises(values[:, 0]) or _is_epoch(values[:, 0])
         order, why = quaternion_order(values[:, position], values[:, at], timed=timed)
-        key, settled = order or key, order is not None
+        key, settled, spare = order or key, bool(order), 2
         what = f"have the length 1{why or ' (or quaternion_xyzw)'}"
-        over -= {0} if timed else set()
     if key:
-        reasons.append(f"columns {at[0] + 1} to {at[-1] + 1} {what}")
-    elif clock in over and len(others) < 5:
+        reasons.append(f"columns {min(at) + 1} to {max(at) + 1} {what}")
+    elif clock in left and len(others) < 5:
         settled = False  # x, y, z and a speed, with x in even steps, would be read as t, x, y, z
-    settled &= all(k == clock or not values[:, k].any() for k in over)
+    settled &= sum(k != clock and bool(values[:, k].any()) for k in left) <= spare
     columns = {"position": _numbers(position), **({key: _numbers(at)} if key else {})}
     return Suggestion(columns, tuple(reasons), unit, settled)
+
+
+def _angles(values: Array, at: Sequence[int]) -> tuple[str, Sequence[int], str | None, bool, str]:
+    """Key, columns in their order, unit, whether they are settled, and why, of three angles."""
+    angles = values[:, at]
+    unit = "deg" if np.abs(angles).max() > 2.0 * np.pi else "rad"
+    if unit == "rad" and are_vectors(angles):
+        why = "are no longer than half a turn, and nearly all close to it"
+        return "rotation_vector", at, None, True, why
+    why = f"look like {'degrees' if unit == 'deg' else 'radians'}"
+    down, level = (np.abs(np.abs(angles) - t).max(axis=0) < _LEANS for t in (180.0, 0.0))
+    if level[1] and down[0] != down[2]:
+        order = "x, y, z (FANUC)" if down[0] else "z, y, x (KUKA)"
+        why += f", and about {order} the tool points down"
+        return "rpy", at if down[0] else at[::-1], unit, True, why
+    return "rpy", at, unit, not angles.any(), why
+
+
+def are_vectors(values: Array) -> bool:
+    """Whether three numbers, rad, are rotation vectors rather than angles.
+
+    Controllers write vectors no longer than half a turn. A tool that points down, and is turned
+    about its axis, has vectors of nearly half a turn; as roll, pitch, yaw it would have longer.
+    """
+    lengths, turned = np.linalg.norm(values, axis=1), np.linalg.norm(values[:, 1:], axis=1)
+    near = lengths.max() <= 1.001 * np.pi and np.median(lengths) > 0.9 * np.pi
+    return bool(near and np.median(turned) > 0.3)
 
 
 def _matrices(values: Array) -> Suggestion | None:
@@ -187,7 +224,7 @@ def _spans(whole: Sequence[int], size: int) -> list[range]:
     return [at for at in spans if {*at} <= {*whole}]
 
 
-def _numbers(at: range) -> tuple[int, ...]:
+def _numbers(at: Sequence[int]) -> tuple[int, ...]:
     """Columns counted from 1."""
     return tuple(k + 1 for k in at)
 

@@ -24,7 +24,13 @@ from qp_twist.files import (
     split_unit,
 )
 from qp_twist.paths.section import Section
-from qp_twist.paths.suggested_columns import LOOKED_AT, Suggestion, have_length_1, suggested
+from qp_twist.paths.suggested_columns import (
+    LOOKED_AT,
+    Suggestion,
+    are_vectors,
+    have_length_1,
+    suggested,
+)
 
 Orientation = Literal["axis", "normal", "quaternion", "rpy", "rotation_vector", "matrix", "none"]
 Unit = TypeVar("Unit", bound=str)
@@ -380,7 +386,8 @@ def column_roles(
     [feed] = chosen.get("feed") or groups.get("feed") or [None]
     assert naming.means is not None
     words = {*re.findall("[a-z]+", " ".join(table.names).lower())}
-    in_ros = {"position", "orientation"} <= words or {"actual", "tcp", "pose"} <= words
+    in_ros = {"position", "orientation"} <= words or {"transform", "translation"} <= words
+    in_ros |= {"actual", "tcp", "pose"} <= words
     by_rule: LengthUnit | None = "m" if in_ros or any("TUM" in note for note in notes) else None
     where = ColumnRoles(
         position, naming.means, direction, curve, feed, length_unit=by_rule, notes=notes
@@ -573,10 +580,8 @@ _ASSUMED: dict[Orientation, str] = {
 def _evident(table: Table, angles: tuple[int, ...]) -> Orientation | None:
     """What columns rx, ry, rz are by their numbers; ``None`` if they may be either.
 
-    Nobody writes rotation vectors in degrees, and controllers write them no longer than half a
-    turn, so that in radians longer ones are angles. A tool that points down, and is turned about
-    its axis, has rotation vectors of nearly half a turn; as roll, pitch, yaw it would have longer
-    ones.
+    Nobody writes rotation vectors in degrees, and in radians those longer than half a turn are
+    angles.
     """
     if not all(re.search(r"r(ot(ation)?)?[\W_]*[xyz]$", name) for name in _bare_of(table, angles)):
         return None
@@ -587,10 +592,7 @@ def _evident(table: Table, angles: tuple[int, ...]) -> Orientation | None:
         return "rpy"
     if unit is None and lengths.max() > 1.001 * np.pi:
         return "rpy"
-    turned = np.linalg.norm(values[:, 1:], axis=1)
-    if np.median(lengths) > 0.9 * np.pi and np.median(turned) > 0.3:
-        return "rotation_vector"
-    return None
+    return "rotation_vector" if are_vectors(values) else None
 
 
 def _bare_of(table: Table, columns: Sequence[int]) -> list[str]:

@@ -110,6 +110,21 @@ def abb_targets() -> list[TruePath]:
     return poses()
 
 
+@case("FANUC", "bare.txt", rows(1e3 * BENT, DOWN, mark=" "))
+def angles_about_x_y_z_of_a_tool_that_points_down() -> list[TruePath]:
+    return poses()
+
+
+@case("KUKA", "bare.txt", rows(1e3 * BENT, DOWN[:, ::-1], mark=" "))
+def angles_about_z_y_x_of_a_tool_that_points_down() -> list[TruePath]:
+    return poses()
+
+
+@case("Universal Robots", "bare.txt", rows(BENT, Rotation.from_matrix(zyx(DOWN)).as_rotvec()))
+def vectors_of_a_tool_that_points_down() -> list[TruePath]:
+    return poses()
+
+
 @case("FANUC", "points.csv", "X,Y,Z,W,P,R\n" + rows(1e3 * BENT, DOWN))
 def fanuc_points() -> list[TruePath]:
     return poses()
