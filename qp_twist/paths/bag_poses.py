@@ -28,8 +28,13 @@ _SINGLE: dict[str, Callable[[Any], Iterable[Any]]] = {
 """Messages that are a point of a path, likewise."""
 
 
-def bag_lines(content: bytes) -> tuple[list[str], list[str]] | None:
-    """The lines of a table, and notes; ``None`` if the file is no bag.
+def is_bag(content: bytes) -> bool:
+    """Whether a file is a bag of ROS."""
+    return content.startswith(tuple(_BAGS))
+
+
+def bag_lines(content: bytes) -> tuple[list[str], list[str]]:
+    """The lines of a table, and notes.
 
     Poses of ROS are in metres (REP 103). Of several messages that are a path each, the last counts.
 
@@ -37,9 +42,7 @@ def bag_lines(content: bytes) -> tuple[list[str], list[str]] | None:
         InvalidInput: If it is another bag than MCAP, has no poses or those of several topics, or
             the library is not installed.
     """
-    kind = next((kind for magic, kind in _BAGS.items() if content.startswith(magic)), None)
-    if kind is None:
-        return None
+    kind = next(kind for magic, kind in _BAGS.items() if content.startswith(magic))
     text = "ros2 topic echo --csv TOPIC writes its poses as text while the bag is played"
     if kind:
         raise InvalidInput(f"this is {kind}.")

@@ -25,8 +25,13 @@ _SCATTERED, _WIDE = 3.0, 0.06
 """Steps as many times as long as to neighbours, and of this share of the extent, are no path's."""
 
 
-def cloud_lines(content: bytes) -> list[str] | None:
-    """The lines of a table with a header; ``None`` if the file is no cloud.
+def is_cloud(content: bytes) -> bool:
+    """Whether a file is PLY or PCD."""
+    return content[:3] == b"ply" or _PCD.match(content) is not None
+
+
+def cloud_lines(content: bytes) -> list[str]:
+    """The lines of a table with a header.
 
     Those of a text have the numbers that they have in the file. Points that are not finite, which
     scanners write where they see nothing, are left out.
@@ -34,10 +39,8 @@ def cloud_lines(content: bytes) -> list[str] | None:
     Raises:
         InvalidInput: If the cloud is a mesh, or damaged.
     """
-    if content[:3] == b"ply":
-        return _ply(content)
     header = _PCD.match(content)
-    return None if header is None else _pcd(content, header.end())
+    return _ply(content) if header is None else _pcd(content, header.end())
 
 
 def order_note(positions: Array) -> str:

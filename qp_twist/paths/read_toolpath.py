@@ -12,13 +12,13 @@ import numpy as np
 from qp_twist.errors import InvalidInput
 from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
-from qp_twist.paths.bag_poses import bag_lines
+from qp_twist.paths.bag_poses import bag_lines, is_bag
 from qp_twist.paths.csv_toolpath import CSV
 from qp_twist.paths.fanuc_toolpath import LS
 from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
 from qp_twist.paths.krl_toolpath import KRL
-from qp_twist.paths.point_cloud import cloud_lines, order_note
+from qp_twist.paths.point_cloud import cloud_lines, is_cloud, order_note
 from qp_twist.paths.pose_records import pose_lines
 from qp_twist.paths.rapid_toolpath import RAPID
 from qp_twist.paths.section import validated
@@ -77,17 +77,22 @@ def read_toolpath(
     options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
     with of_file(path):
-        if cloud := cloud_lines(content):
-            toolpath = _read(path, cloud, options)
-            note = order_note(np.concatenate([curve.positions for curve in toolpath.curves]))
-            return replace(toolpath, assumptions=(note, *toolpath.assumptions))
-        found, text = bag_lines(content), list[str]()
-        if found is None:
-            text = text_lines(content)
-            found = pose_lines(path.suffix.lower(), text)
-        lines, notes = found or (text, [])
+        lines, notes = _text(path.suffix.lower(), content)
         toolpath = _read(path, lines, options)
+        if is_cloud(content):
+            points = np.concatenate([curve.positions for curve in toolpath.curves])
+            notes.append(order_note(points))
         return replace(toolpath, assumptions=(*notes, *toolpath.assumptions))
+
+
+def _text(suffix: str, content: bytes) -> tuple[list[str], list[str]]:
+    """The lines of a file, those of a table for clouds, bags and poses, and notes on these."""
+    if is_cloud(content):
+        return cloud_lines(content), []
+    if is_bag(content):
+        return bag_lines(content)
+    lines = text_lines(content)
+    return pose_lines(suffix, lines) or (lines, [])
 
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:
