@@ -10,7 +10,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.gcode_expressions import LOCALS, Variables
 
-MOST_BLOCKS = 200_000
+MOST_BLOCKS = 100_000
 """Of blocks that run; beyond it, a loop does not end."""
 _DEEPEST = 50
 """Of calls within calls."""

@@ -52,9 +52,8 @@ class ToolAxis:
         self.angles: dict[str, float] = {}
         self.vectors = False
         self._vector: tuple[float, ...] = (0.0, 0.0, 1.0)
-        self._refused = self._refused_tip = False
-        self._rolled_over: list[int] = []
-        self._long_turns: list[int] = []
+        self._refused: set[str] = set()
+        self._turns: dict[str, list[int]] = {"rolled over": [], "long": []}
 
     def _assume_rotary(self) -> None:
         """By ISO 841, A and C, and B and C, turn the tool alike on heads and on tables.
@@ -106,8 +105,8 @@ class ToolAxis:
 
     def refuse_without_tip(self) -> None:
         """Add the problem, once, of a cut whose X, Y, Z depend on the machine."""
-        if not self._refused_tip:
-            self._refused_tip = True
+        if "tip" not in self._refused:
+            self._refused.add("tip")
             self._out.problem(
                 "the rotary axes are turned without control of the tool's tip (G43.4, G43.5, G234 "
                 "or TRAORI), so X, Y, Z depend on the dimensions of the machine; say which machine "
@@ -144,10 +143,11 @@ class ToolAxis:
         """Read A, B and C of a block; the angles from which they turn, degrees."""
         begin = dict(self.angles)
         for letter in sorted({"A", "B", "C"} & block.words.keys()):
-            value = block.words[letter] + (self.angles.get(letter, 0.0) if relative else 0.0)
+            more = block.kinds.get(letter, "IC" if relative else "AC") == "IC"
+            value = block.words[letter] + (self.angles.get(letter, 0.0) if more else 0.0)
             known = self.rotary is not None and letter in rotary_letters(self.rotary)
             if value and not known and not self._refused:
-                self._refused = True
+                self._refused.add(letter)
                 self._refuse(letter)
             if known and letter not in self.angles and self._out.rows and value:
                 raise InvalidInput(
@@ -180,9 +180,9 @@ class ToolAxis:
             for letter, angle in begin.items()
         }
         if found != begin:
-            self._rolled_over.append(self._out.line)
+            self._turns["rolled over"].append(self._out.line)
         if any(abs(self.angles[letter] - angle) > 180.0 for letter, angle in found.items()):
-            self._long_turns.append(self._out.line)
+            self._turns["long"].append(self._out.line)
         return found
 
     def read_vector(self, block: Block) -> None:
@@ -251,12 +251,12 @@ class ToolAxis:
             )
         default = " (the default; as-written: the long way)"
         turns = "a rotary axis turns by more than 180 degrees in a cut"
-        if self._rolled_over:
+        if self._turns["rolled over"]:
             found.append(
-                f"{turns} ({of_lines(self._rolled_over)}), as where it rolls over from 360 to 0: it"
+                f"{turns} ({of_lines(self._turns['rolled over'])}), as where it rolls over from 360 to 0: it"
                 ' takes the short way by rollover = "shortest"'
                 f"{default if self._out.options.rollover is None else ''}."
             )
-        if self._long_turns:
-            found.append(f"{turns} ({of_lines(self._long_turns)}): all the way, as written.")
+        if self._turns["long"]:
+            found.append(f"{turns} ({of_lines(self._turns['long'])}): all the way, as written.")
         return found

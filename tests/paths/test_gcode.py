@@ -377,7 +377,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("X[2 FOO 3]", "is not computed"), ("X[[-1]**.5]", "is not computed|has no value"),
         ("IF [1 EQ 1] GOTO 10", "GOTO 10 is not in this file"),
         ("O<there> CALL", "O<there> calls a subprogram that is not in this file"),
-        ("N7 GOTO 7", "more than 200000 blocks run; a loop does not end"),
+        ("N7 GOTO 7", "more than 100000 blocks run; a loop does not end"),
         ("R1=5", "R1 is no word that is known"), ("X=ACP(5)", "is not read"),
         ("L9000", "L calls or repeats a subprogram"),
         ("U5", "U is no word that is known"),
