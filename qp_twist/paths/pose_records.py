@@ -43,7 +43,8 @@ def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]]
     """The lines of a table, one pose each, and notes; ``None`` if the text is no YAML and no JSON.
 
     A pose is the smallest mapping, or list of numbers, that has one position: with the keys x, y,
-    z, or a key for it (``position``, ``translation``), or 12 or 16 numbers of a pose matrix. The
+    z, or a key for it (``position``, ``translation``), or 12 or 16 numbers of a pose matrix; x, y
+    and z that are lists are those of many. The
     poses of a list are a curve, as are those that are in no list. If each begins in a line of its
     own, it keeps it.
 
@@ -105,6 +106,12 @@ class _Walk:
             self._lists += 1
             yield from self._entries(node.value, self._lists, group)
             return
+        if isinstance(node, yaml.MappingNode) and (columns := _columns(node)):
+            self._lists += 1
+            for row in zip(*columns.values(), strict=True):
+                values = dict(zip(columns, row, strict=True))
+                yield _Pose(values, node.start_mark.line, self._lists)
+            return
         lists = [found for part in self._lists_in(node) for found in self.poses(part, group)]
         if lists or not isinstance(node, yaml.MappingNode):
             yield from lists or [_Pose(values, node.start_mark.line, group)]
@@ -162,6 +169,27 @@ class _Walk:
         for key, child in node.value:
             found |= self._flat(child, f"{name}.{key.value}".strip("."))
         return found
+
+
+def _columns(node: yaml.MappingNode) -> dict[str, list[str]]:
+    """The columns of a mapping of lists, among them x, y and z; none without these.
+
+    Raises:
+        InvalidInput: If they have different lengths.
+    """
+    found = {
+        str(key.value): _numbers(child)
+        for key, child in node.value
+        if isinstance(child, yaml.SequenceNode)
+    }
+    if not _have_position(tuple(found)):
+        return {}
+    columns = {name: column for name, column in found.items() if column}
+    if len({*map(len, columns.values())}) > 1:
+        sizes = ", ".join(f"{name} {len(column)}" for name, column in columns.items())
+        line = node.start_mark.line + 1
+        raise InvalidInput(f"lists of different lengths beside x, y, z: {sizes}.", line=line)
+    return columns
 
 
 @lru_cache(maxsize=1000)

@@ -81,11 +81,11 @@ _POSITIONS = (
     "{} p{} t{} pos{} {}pos position{} {}position coord{} {}coord coordinate{} {}coordinate "
     "translation{} location{}"
 )
-_QUATERNIONS = "q{} quat{} quaternion{} orientation{}"
+_QUATERNIONS = "q{} quat{} quaternion{} orientation{} ori{} orient{}"
 NAMINGS = {
     "position": Naming(_names("xyz", _POSITIONS) | _names("012", "tcppose{}")),
     "axis": Naming(_names("ijk") | _names("xyz", "a{} axis{} {}axis toolaxis{}"), "axis"),
-    "normal": Naming(_names("xyz", "n{} norm{} {}norm normal{} {}normal"), "normal"),
+    "normal": Naming(_names("xyz", "n{} norm{} {}norm normal{} normals{} {}normal"), "normal"),
     "quaternion": Naming(_names("wxyz", _QUATERNIONS), "quaternion", 4),
     "numbered quaternion": Naming(
         _names("0123456789", _QUATERNIONS), "quaternion", 4, length="mm",
@@ -487,6 +487,9 @@ def _measured(table: Table, columns: list[int]) -> list[int]:
 
     Beside them it records the target, from which the motion differs by the error of control.
     """
+    plain = [i for i in columns if not re.fullmatch(r"t[\W_]*[xyz]", table.names[i].lower())]
+    if plain:  # tx, ty, tz beside x, y, z are a tangent
+        columns = plain
     actual = [i for i in columns if re.search("actual|rist", table.names[i].lower())]
     target = [i for i in columns if re.search("target|rsol", table.names[i].lower())]
     return actual if actual and len(actual) + len(target) == len(columns) else columns

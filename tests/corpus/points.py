@@ -368,6 +368,13 @@ def json_matrices() -> list[TruePath]:
     return poses()
 
 
+@case("JSON", "columns.json", json.dumps({"path": dict(zip(
+    ["x", "y", "z", "qx", "qy", "qz", "qw"], np.column_stack([BENT, XYZW]).T.tolist(),
+    strict=True)), "source": "planner"}))  # fmt: skip
+def json_columns() -> list[TruePath]:
+    return poses()
+
+
 @case("JSON", "lists.json", json.dumps(
     {"poses": np.column_stack([1e3 * BENT, UPRIGHT]).tolist()}, indent="\t"))  # fmt: skip
 def json_lists_of_seven() -> list[TruePath]:

@@ -29,6 +29,7 @@ JOINTS = "waypoints:\n- {x: 1, y: 2, z: 3}\n- {config: [0.1, 0.2, 0.3, 0.4, 0.5,
         ("a.pcd", PCD + "DATA octal\n1 2 3\n", "DATA octal of the PCD file is not known"),
         ("a.yaml", JOINTS, "line 3: among poses, an entry without one"),
         ("a.yaml", "joints: [1, 2, 3, 4, 5, 6]\n", "there is no pose in it"),
+        ("a.json", '{"x": [1, 2], "y": [1, 2], "z": [1, 2, 3]}', "lengths beside x, y, z: x 2, y 2,"),
         ("a.json", "[[1, 2, 3, 4, 5, 6, 7]]", "last four numbers are no quaternion"),
         ("a.json", "[[1, 2, 3, 1, 0, 0, 0]]", "have the length 1 in each row and may state an or"),
         ("a.yaml", "a: [1, 2\nb: 3\n", "line 2: the text is no YAML"),
@@ -103,6 +104,16 @@ def test_a_bag_has_its_only_path(tmp_path: Path) -> None:
     assert curve.rotations is not None
     assert curve.rotations[0] @ [0, 0, 1] == pytest.approx([0.0, -0.96, 0.28])
     assert "the path is the topic /tool_path, the last of 2 messages." in toolpath.assumptions
+
+
+def test_a_tangent_is_no_second_position(tmp_path: Path) -> None:
+    path = tmp_path / "edge.csv"
+    rows = "".join(f"{10 * k},0,4,0,0,1,1,0,0\n" for k in range(3))
+    path.write_text(f"x,y,z,nx,ny,nz,tx,ty,tz\n{rows}", encoding="utf-8")
+    toolpath = read_toolpath(path)
+    assert toolpath.meaning == "normal"
+    assert toolpath.passed_over == ("not used: column 'tx', column 'ty', column 'tz'.",)
+    assert toolpath.curves[0].positions[2] == pytest.approx(np.array([0.02, 0.0, 0.004]))
 
 
 def test_a_speed_holds_until_the_next_one(tmp_path: Path) -> None:
