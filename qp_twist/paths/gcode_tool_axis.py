@@ -53,7 +53,7 @@ class ToolAxis:
         self.vectors = False
         self._vector: tuple[float, ...] = (0.0, 0.0, 1.0)
         self._refused: set[str] = set()
-        self._turns: dict[str, list[int]] = {"rolled over": [], "long": []}
+        self._turns: dict[str, list[int]] = {"rolls": [], "long": []}
 
     def _assume_rotary(self) -> None:
         """By ISO 841, A and C, and B and C, turn the tool alike on heads and on tables.
@@ -180,7 +180,7 @@ class ToolAxis:
             for letter, angle in begin.items()
         }
         if found != begin:
-            self._turns["rolled over"].append(self._out.line)
+            self._turns["rolls"].append(self._out.line)
         if any(abs(self.angles[letter] - angle) > 180.0 for letter, angle in found.items()):
             self._turns["long"].append(self._out.line)
         return found
@@ -251,9 +251,9 @@ class ToolAxis:
             )
         default = " (the default; as-written: the long way)"
         turns = "a rotary axis turns by more than 180 degrees in a cut"
-        if self._turns["rolled over"]:
+        if self._turns["rolls"]:
             found.append(
-                f"{turns} ({of_lines(self._turns['rolled over'])}), as where it rolls over from 360 to 0: it"
+                f"{turns} ({of_lines(self._turns['rolls'])}), as where it rolls over from 360 to 0: it"
                 ' takes the short way by rollover = "shortest"'
                 f"{default if self._out.options.rollover is None else ''}."
             )
