@@ -10,6 +10,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.arcs import Arc, centre_of_radius, rounded_corner
+from qp_twist.paths.gcode_facts import Facts
 from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
 from qp_twist.paths.gcode_words import Block as TurnedBlock
 from qp_twist.paths.heidenhain_blocks import Words
@@ -42,8 +43,8 @@ class Motions:
         heading: Direction at the end of the last cut, (3,), if there is one.
     """
 
-    def __init__(self, out: ProgramBuilder) -> None:
-        self.out, self.axis, self.frame = out, ToolAxis(out), Frame()
+    def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
+        self.out, self.axis, self.frame = out, ToolAxis(out, facts), Frame()
         self.at: dict[str, float] = {}
         self.tip = False
         self.by_normal: list[int] = []
@@ -266,6 +267,8 @@ class Motions:
             turned = {}
         for name in [name for name in turned if name[0] == "I"]:
             turned[name[1]] = turned.pop(name) + self.axis.angles.get(name[1], 0.0)
+        if of.rapid:  # from where they turn does not matter
+            self.axis.angles = turned | self.axis.angles
         return self.axis.turn(TurnedBlock(words=turned), relative=False, cut=not of.rapid)
 
     def _take_vector(self, vector: list[float]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
+from qp_twist.paths.gcode_facts import Facts
 from qp_twist.paths.heidenhain_blocks import BEGIN, NO_MOTION, Block, Words, blocks, number, words
 from qp_twist.paths.heidenhain_cycles import Hole, hole_of
 from qp_twist.paths.heidenhain_frame import is_immediate
@@ -42,8 +43,8 @@ _JUMP = re.compile(
     r'(?P<kind>9|1[0-2]) ?: ?IF (?P<one>\S+) (?:EQU|NE|GT|LT) (?P<two>\S+) GOTO LBL "?(?P<to>.*?)"?'
 )
 """FN 9 to FN 12."""
-_MOST_BLOCKS = 2_000_000
-"""Of a program, those of repeated parts counted each time."""
+_MOST_REPEATED = 200_000
+"""Blocks that a program may run beside those of its file."""
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
@@ -56,8 +57,12 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         InvalidInput: If a block is invalid, changes the path in a way that is not read, or a tool
             axis is open.
     """
-    reader = _Reader(ProgramBuilder(options, _WORDS))
-    reader.read([*blocks(lines)])
+    program = [*blocks(lines)]
+    # Which rotary axes there are is the same question as in G-code, but for M functions.
+    moved = [re.sub(r"M ?[0-9]+", "", block.text).replace(",", ".") for block in program
+             if block.keyword in ("L", "LN", "LP") and "M91" not in block.text]  # fmt: skip
+    reader = _Reader(ProgramBuilder(options, _WORDS), Facts.of(moved))
+    reader.read(program)
     return reader.out.toolpath(
         path, reader.assumptions(), reader.left_out(), has_axis=reader.has_axis
     )
@@ -78,9 +83,9 @@ class _Reader:
         out: The points so far.
     """
 
-    def __init__(self, out: ProgramBuilder) -> None:
+    def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
         self.out = out
-        self._motions = Motions(out)
+        self._motions = Motions(out, facts)
         self._parameters: dict[str, float] = {}
         self._cycle: Hole | None = None
         self._noted: dict[str, list[int]] = {}
@@ -111,8 +116,10 @@ class _Reader:
             while at < len(program):
                 block, at, done = program[at], at + 1, done + 1
                 with self.out.at(block.line):
-                    if done > _MOST_BLOCKS:
-                        raise TooManyPoints(f"the program runs more than {_MOST_BLOCKS} blocks")
+                    if done > len(program) + _MOST_REPEATED:
+                        raise TooManyPoints(
+                            f"subprograms and repetitions run more than {_MOST_REPEATED} blocks"
+                        )
                     if block.keyword == "CALL LBL":
                         at = self._call(block, at, labels, calls, left)
                     elif block.keyword == "FN" and (jump := _JUMP.fullmatch(block.text)):

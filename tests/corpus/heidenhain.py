@@ -78,7 +78,7 @@ def leaning(b: float, c: float) -> Array:
 
 @case("Heidenhain", "five_axes.h", "0 BEGIN PGM FIVE MM\n1 TOOL CALL 5 Z S8000\n2 M128\n"
       "3 L X+0.5 Y-10.25 Z+5 B+10 C-20 FMAX\n4 L Z-1.000 F500\n5 L X+20.000 B+25 C+40\n"
-      "6 M129\n" + END, rotary="head-bc")  # fmt: skip
+      "6 M129\n" + END)  # fmt: skip
 def five_axes() -> list[TruePath]:
     shares = np.linspace(0.0, 1.0, 601)[:, None]
     straight = mm((0.5, -10.25, -1)) + shares * mm((19.5, 0, 0))
