@@ -57,7 +57,7 @@ from oracles.step_referee import (
 from scipy.optimize import linprog
 
 import qp_twist as qt
-from qp_twist.control.controller import SINGULARITY
+from qp_twist.control.step_settings import SINGULARITY
 from qp_twist.files import write_atomically
 
 Array = np.ndarray

@@ -226,26 +226,21 @@ def read_only(array: Array) -> Array:
 class _Checked:
     """A property whose getter is implemented in C, for attributes read at every step."""
 
-    def __init__(self, check: Callable[[Any, str, Any], Any], inside: str) -> None:
-        self._check, self._inside = check, inside
+    def __init__(self, check: Callable[[Any, str, Any], Any]) -> None:
+        self._check = check
 
     def __set_name__(self, owner: type, name: str) -> None:
-        check, inside, kept = self._check, self._inside, name if self._inside else f"_{name}"
+        kept, check = f"_{name}", self._check
 
         def assign(instance: Any, value: Any) -> None:
-            holder = getattr(instance, inside) if inside else instance
-            setattr(holder, kept, check(instance, name, value))
+            setattr(instance, kept, check(instance, name, value))
 
-        path = f"{inside}.{kept}" if inside else kept
-        setattr(owner, name, property(operator.attrgetter(path), assign))
+        setattr(owner, name, property(operator.attrgetter(kept), assign))
 
 
-def checked(check: Callable[[Any, str, Any], Any], inside: str = "") -> Any:
-    """An attribute that stores ``check(instance, name, value)`` of assigned values.
-
-    It is stored under the same name in the instance's attribute ``inside``, if there is one.
-    """
-    return _Checked(check, inside)
+def checked(check: Callable[[Any, str, Any], Any]) -> Any:
+    """An attribute that stores ``check(instance, name, value)`` of assigned values."""
+    return _Checked(check)
 
 
 class Revised:

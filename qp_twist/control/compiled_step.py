@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mink
 import mujoco
@@ -57,10 +58,14 @@ class CompiledStep:
     the costs of other tasks are evaluated in Python. :meth:`__call__` returns ``None`` if the
     composition is no longer supported, or if the kernel could not solve or verify the step; the
     reference then computes it.
+
+    Attributes:
+        free: Lock of the arrays, which only one thread may use at a time.
     """
 
     def __init__(self, composed: Controller) -> None:
         """Allocate the arrays for a composition that ``composition_known`` accepts."""
+        self.free = threading.Lock()
         self._limits = list(composed.limits)
         self._secondary, self._metric = composed.secondary, composed.metric
         self._twist_space = twist_space(composed)
@@ -94,12 +99,8 @@ class CompiledStep:
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        if composed.revision != self._revision or composed.limits != self._limits:
-            if not self._is_of(composed):
-                return None
-            self._arrays.take_settings(composed)
-            self._revision = composed.revision
-        if not self._update_tasks():
+        changed = composed.revision != self._revision or composed.limits != self._limits
+        if (changed and not self._update_settings(composed)) or not self._update_tasks():
             return None
         rows = self._evaluated(composed, configuration, dt) if self._evaluates else _NO_ROWS
         if rows is None:
@@ -125,20 +126,20 @@ class CompiledStep:
             )
         if status == REFUSED or (rows and self._relaxes_a_band(status, rows, composed)):
             return None
-        views = arrays.views
-        known: dict[str, Any] = {
-            "velocity": views.velocity.copy(), "scale": 1.0, "status": _SOLVED,
-            "solver": COMPILED,
-        }  # fmt: skip
-        lost = tuple if status == DONE else self._describe(status, known, composed, configuration)
+        views, as_posed = arrays.views, status in _AS_POSED
+        lost = tuple if status == DONE else self._losses(composed, configuration)
+        # A ``KernelResult``, made when somebody asks.
+        result = views.result.tobytes(), arrays.size, self._labels, rows, as_posed, lost
+        step = Step.with_later(attribute_of, result)
+        known = step.__dict__
+        known["velocity"], known["scale"] = views.velocity.copy(), 1.0
+        known["status"], known["solver"] = _SOLVED, COMPILED
+        if status != DONE:
+            self._describe(status, known)
         if rows:
             outside = (getattr(source, "recovering", ()) for source in rows)
             known["recovering"] = tuple(chain.from_iterable(outside))
-        # A ``KernelResult``, made when somebody asks.
-        numbers, as_posed = views.result.tobytes(), status in _AS_POSED
-        return Step.of(
-            attribute_of, (numbers, arrays.size, self._labels, rows, as_posed, lost), known
-        )
+        return step
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
@@ -148,14 +149,19 @@ class CompiledStep:
     def _live_step(self) -> Callable[..., int]:
         return bound(live_step, *self._arrays.memory, 1.0, True, self._twist_space)
 
-    def _is_of(self, composed: Controller) -> bool:
-        return (
-            composed.limits == self._limits
-            and composed.secondary is self._secondary
-            and composed.metric is self._metric
-            and twist_space(composed) == self._twist_space
-            and composed.solver == COMPILED
-        )
+    def _update_settings(self, composed: Controller) -> bool:
+        """Write the controller's settings, unless it is composed differently; return whether."""
+        if (
+            composed.limits != self._limits
+            or composed.secondary is not self._secondary
+            or composed.metric is not self._metric
+            or twist_space(composed) != self._twist_space
+            or composed.solver != COMPILED
+        ):
+            return False
+        self._arrays.take_settings(composed)
+        self._revision = composed.revision
+        return True
 
     def _update_tasks(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""
@@ -210,18 +216,18 @@ class CompiledStep:
             and any(isinstance(source, BandRows) for source in rows)
         )
 
-    def _describe(
-        self,
-        status: int,
-        known: dict[str, Any],
-        composed: Controller,
-        configuration: mink.Configuration,
-    ) -> Callable[[], tuple[LostDirection, ...]]:
-        """Write what a step does not meet; return what computes the directions that it lacks."""
-        program, tasks = self._arrays.views.program, composed.twist_tasks
+    def _describe(self, status: int, known: dict[str, object]) -> None:
+        """Write what a step does not meet."""
+        program = self._arrays.views.program
         known["status"], known["scale"] = _STATUSES[status], program.sensitivity.item(0)
-        if len(composed.levels) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
+        if len(program.levels.gaps) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
             known["gaps"] = tuple(program.levels.gaps.tolist())
+
+    def _losses(
+        self, composed: Controller, configuration: mink.Configuration
+    ) -> Callable[[], tuple[LostDirection, ...]]:
+        """What computes the directions in which the step delivers less than is asked."""
+        program, tasks = self._arrays.views.program, composed.twist_tasks
         if program.lacks[0] <= 0.0:
             return tuple
         first, nv = self._labels.first, composed.model.nv

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
-import threading
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal
 
 import mink
 import mujoco
@@ -22,20 +22,12 @@ from qp_twist.checks import (
     instance,
     largest,
     number,
-    one_of,
-    read_only,
     refusing_unknown_names,
 )
-from qp_twist.constraints import (
-    Constraint,
-    MotionLimit,
-    PositionLimit,
-    check_constraint,
-    check_model,
-    couplings_of,
-)
+from qp_twist.constraints import MotionLimit, PositionLimit, couplings_of
 from qp_twist.control.clear_velocity import step_clear
 from qp_twist.control.composition import composition_known
+from qp_twist.control.part_of import part_of
 from qp_twist.control.posing import (
     EVERYTHING,
     FASTEST,
@@ -46,87 +38,33 @@ from qp_twist.control.posing import (
 )
 from qp_twist.control.solving import solved_step
 from qp_twist.control.sorted_limits import SortedLimits
+from qp_twist.control.stated_tasks import StatedTasks, all_of, check_constraints
 from qp_twist.control.step import Step
+from qp_twist.control.step_settings import TIE_BREAK, UNSEEN_WEIGHT, StepSettings
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import (
     SecondaryObjective,
     TwistTask,
     check_configuration,
-    frame_pose,
     same_structure,
 )
-from qp_twist.qp import NoSolutionFound, check_solver
+from qp_twist.qp import NoSolutionFound
 
 if TYPE_CHECKING:
     from qp_twist.control.compiled_step import CompiledStep
 
-TIE_BREAK = 1e-9
-"""Default ρ in joint space if other mink tasks have costs; ρ then only makes the result unique."""
-UNSEEN_WEIGHT = 1e-2
-"""Default ρ in twist space, where it applies only to motion that the twist cost does not see."""
-SMALLEST_WEIGHT, LARGEST_WEIGHT = 1e-12, 1e12
-"""Range of ρ and the entries of M: beyond it, they or other costs are lost to rounding."""
-SINGULARITY = 1e-3
-"""Singular value of the task rows, m/rad or 1, below which a direction is slowed down."""
-SMOOTH_SINGULARITY = 5e-3
-"""The same of smooth steps: an arm that is stretched stays near enough to a bent one to return."""
-LARGEST_FREE_COST = 1e6
-"""Largest root of w: beyond it other costs are lost to rounding."""
-SMALLEST_SINGULARITY = 1e-9
-"""A smaller ``singularity`` counts as 0."""
 _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for the last checked (configuration, model, data) that no argument equals."""
 
 
-def _metric(controller: Any, name: str, value: npt.ArrayLike) -> Array:
-    """The diagonal of M, read-only: only an assignment can change it, which steps detect."""
-    metric = finite_array(name, value, (controller.model.nv,))
-    if not ((metric >= SMALLEST_WEIGHT) & (metric <= LARGEST_WEIGHT)).all():
-        raise InvalidInput(
-            f"metric: every entry must be above 0, from {SMALLEST_WEIGHT:g} to {LARGEST_WEIGHT:g}."
-        )
-    return read_only(metric)
-
-
-def _weight(_: Any, name: str, value: Any) -> float:
-    return number(name, value, at_least=SMALLEST_WEIGHT, at_most=LARGEST_WEIGHT)
-
-
-def _mode(_: Any, name: str, value: Any) -> str:
-    return one_of(name, value, ("scale", "relax", "raise"))
-
-
-def _flag(_: Any, name: str, value: Any) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise InvalidInput(f"{name}: expected True or False, got {value!r}.")
-    return bool(value)
-
-
-def _free_twist_costs(_: Any, name: str, value: tuple[float, float]) -> tuple[float, float]:
-    """Roots of w for the linear and the angular rows of 1 − T."""
-    linear, angular = finite_array(name, value, (2,)).tolist()
-    if not 0.0 <= min(linear, angular) <= max(linear, angular) <= LARGEST_FREE_COST:
-        raise InvalidInput(f"{name}: expected two numbers from 0 to {LARGEST_FREE_COST:g}.")
-    return linear, angular
-
-
-def _fixed(controller: Any, name: str, value: tuple[Any, ...]) -> tuple[Any, ...]:
-    """What a controller is made with, for good."""
-    if hasattr(controller, f"_{name}"):
-        raise InvalidInput(
-            "a controller keeps the tasks that it was made with; make another Controller.", key=name
-        )
-    return value
-
-
 def _secondaries(controller: Any, name: str, value: Any) -> tuple[SecondaryObjective, ...]:
-    return tuple(_all_of(controller.model, name, SecondaryObjective, value))
+    return tuple(all_of(controller.model, name, SecondaryObjective, value))
 
 
 def _limits(controller: Any, name: str, value: Any) -> list[mink.Limit]:
-    limits = list(_all_of(controller.model, name, mink.Limit, value))
-    _check_constraints(controller.model, limits)
+    limits = list(all_of(controller.model, name, mink.Limit, value))
+    check_constraints(controller.model, limits)
     return limits
 
 
@@ -183,20 +121,21 @@ class Controller(Revised):
         ('SOLVED', (6,))
     """
 
-    metric: Array = checked(_metric)
-    joint_weight: float = checked(_weight)
-    free_twist_costs: tuple[float, float] = checked(_free_twist_costs)
-    on_infeasible: str = checked(_mode)
-    levels: tuple[tuple[LevelItem, ...], ...] = checked(_fixed)
-    tasks: tuple[mink.tasks.BaseTask, ...] = checked(_fixed)
-    twist_tasks: tuple[TwistTask, ...] = checked(_fixed)
-    soft_tasks: tuple[mink.tasks.BaseTask, ...] = checked(_fixed)
+    levels: tuple[tuple[LevelItem, ...], ...] = part_of("_stated.levels")
+    tasks: tuple[mink.tasks.BaseTask, ...] = part_of("_stated.tasks")
+    twist_tasks: tuple[TwistTask, ...] = part_of("_stated.twist_tasks")
+    soft_tasks: tuple[mink.tasks.BaseTask, ...] = part_of("_stated.soft_tasks")
     secondary: Sequence[SecondaryObjective] = checked(_secondaries)
     limits: list[mink.Limit] = checked(_limits)
-    secondary_space: str = checked(lambda _, name, value: one_of(name, value, ("joint", "twist")))
-    solver: str = checked(lambda _, name, value: check_solver(value))
-    smooth: bool = checked(_flag)
-    braking: bool = checked(_flag)
+    metric: Array = part_of("_settings.metric")
+    joint_weight: float = part_of("_settings.joint_weight")
+    secondary_space: str = part_of("_settings.secondary_space")
+    free_twist_costs: tuple[float, float] = part_of("_settings.free_twist_costs")
+    solver: str = part_of("_settings.solver")
+    on_infeasible: str = part_of("_settings.on_infeasible")
+    smooth: bool = part_of("_settings.smooth")
+    braking: bool = part_of("_settings.braking")
+    singularity: float = part_of("_settings.singularity")
 
     @refusing_unknown_names
     def __init__(
@@ -239,31 +178,22 @@ class Controller(Revised):
         """
         instance("model", model, mujoco.MjModel)
         self.model = model
-        self.levels = _levels(_sequence("tasks", tasks), levels)
-        self.tasks = tuple(
-            item for level in self.levels for item in level if not isinstance(item, mink.Limit)
-        )
-        self.twist_tasks = tuple(t for t in self.tasks if isinstance(t, TwistTask))
-        self.soft_tasks = tuple(t for t in tasks if not isinstance(t, TwistTask))
-        _check_tasks(model, self.levels, self.soft_tasks)
+        self._stated = StatedTasks.of(model, tasks, levels)
         self.secondary = secondary
-        self.secondary_space = secondary_space
         own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
         self.limits = own  # type: ignore[assignment]
         if solver is None:
             solver = COMPILED if composition_known(self.levels, self.limits) else "daqp"
-        self.solver = solver
-        self.on_infeasible = on_infeasible
-        self._seen = SortedLimits([])
-        self._checked = _NOT_CHECKED
-        self.metric = np.ones(model.nv) if metric is None else metric  # type: ignore[assignment]
-        self.joint_weight = UNSEEN_WEIGHT
-        if self.secondary_space == "joint":
-            self.joint_weight = TIE_BREAK if self.soft_tasks and not self.secondary else 1.0
-        self.free_twist_costs = 1.0, 1.0
-        self.smooth = self.braking = True
-        self._singularity: float | None = None
-        self._prepared, self._free = _compiled_step(self), threading.Lock()
+        self._settings = StepSettings(model.nv, solver)
+        self.secondary_space, self.on_infeasible = secondary_space, on_infeasible
+        if metric is not None:
+            self.metric = metric  # type: ignore[assignment]
+        if secondary_space == "twist":
+            self.joint_weight = UNSEEN_WEIGHT
+        elif self.soft_tasks and not self.secondary:
+            self.joint_weight = TIE_BREAK
+        self._seen, self._checked = SortedLimits([]), _NOT_CHECKED
+        self._prepared = _compiled_step(self)
         self.reference_steps = 0
 
     def step(
@@ -295,7 +225,8 @@ class Controller(Revised):
                 singular in a direction that it needs, and ``on_infeasible`` is ``"raise"``.
             SolverInaccurate: If the backend's result of a feasible step could not be verified.
         """
-        dt = number("dt", dt, above=0.0)
+        if not (type(dt) is float and 0.0 < dt < math.inf):  # seldom
+            dt = number("dt", dt, above=0.0)
         # The user may replace the configuration's model or data between two steps; the compiled
         # step reads the data's memory.
         checked, model, data = self._checked
@@ -341,13 +272,14 @@ class Controller(Revised):
         """The step by the kernel, or else by the reference."""
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
-        if self._prepared is not None and self._free.acquire(False):
+        prepared = self._prepared
+        if prepared is not None and prepared.free.acquire(False):
             try:
-                plain = self._prepared(self, configuration, dt, h)
+                plain = prepared(self, configuration, dt, h)
                 if plain is not None:
                     return plain
             finally:
-                self._free.release()
+                prepared.free.release()
         self.reference_steps += 1
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # raises, with the joint's name
@@ -377,19 +309,6 @@ class Controller(Revised):
         self._sorted_limits().note(velocity)
 
     @property
-    def singularity(self) -> float:
-        """ε."""
-        if self._singularity is None:
-            return SMOOTH_SINGULARITY if self.smooth else SINGULARITY
-        return self._singularity
-
-    @singularity.setter
-    def singularity(self, value: float) -> None:
-        given = number("singularity", value, at_least=0.0, at_most=1.0)
-        # What is too small to distinguish from rounding is 0.
-        self._singularity = given if given >= SMALLEST_SINGULARITY else 0.0
-
-    @property
     def hardest(self) -> Array | None:
         """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ``None`` without."""
         return self._sorted_limits().least()[0]
@@ -414,13 +333,14 @@ class Controller(Revised):
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the compiled step: copies of its array views would not share memory."""
-        return self.__dict__ | {"_prepared": None, "_checked": None, "_free": None}
+        settings = copy.copy(self._settings)
+        return self.__dict__ | {"_prepared": None, "_checked": None, "_settings": settings}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state and make a new compiled step."""
         self.__dict__.update(state)
         self._checked = _NOT_CHECKED
-        self._prepared, self._free = _compiled_step(self), threading.Lock()
+        self._prepared = _compiled_step(self)
 
     def __repr__(self) -> str:
         return (
@@ -451,62 +371,3 @@ def _check_same_robot(configuration: mink.Configuration, model: mujoco.MjModel) 
             f"{model.nbody}, or their names or joints differ; use a configuration of the same "
             "model."
         )
-
-
-def _check_tasks(
-    model: mujoco.MjModel, levels: Sequence[Sequence[LevelItem]], soft_tasks: Sequence[Any]
-) -> None:
-    if model.nv == 0:
-        raise InvalidInput("Controller: the model has no joints to move.")
-    items = [item for level in levels for item in level]
-    if not soft_tasks and all(isinstance(item, mink.Limit) for item in items):
-        raise InvalidInput("Controller: tasks is empty; give at least one TwistTask.")
-    for item in items:
-        if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
-            raise InvalidInput(f"Controller(levels=…): expected tasks and limits, got {item!r}.")
-    _all_of(model, "tasks", mink.tasks.BaseTask, soft_tasks)
-    _check_constraints(model, items)
-    probe = mink.Configuration(model)
-    for item in items:
-        if isinstance(item, TwistTask):
-            frame_pose(probe, item.frame_name, item.frame_type)
-
-
-def _levels(
-    tasks: Sequence[mink.tasks.BaseTask], levels: Sequence[Sequence[LevelItem]] | None
-) -> tuple[tuple[LevelItem, ...], ...]:
-    twist_tasks = tuple(task for task in tasks if isinstance(task, TwistTask))
-    if levels is None:
-        return (twist_tasks,)
-    if twist_tasks:
-        raise InvalidInput(
-            "Controller: with levels= every TwistTask belongs to a level; tasks= then holds only "
-            "mink tasks that add a cost."
-        )
-    given = tuple(tuple(_sequence("levels", level)) for level in _sequence("levels", levels))
-    if not given or not all(given):
-        raise InvalidInput("Controller(levels=…): expected lists of tasks, none of them empty.")
-    return given
-
-
-def _all_of(model: mujoco.MjModel, name: str, expected: type, items: Any) -> Sequence[Any]:
-    """The items, each of the type expected and of the model."""
-    for item in _sequence(name, items):
-        if not isinstance(item, expected):
-            raise InvalidInput(
-                f"Controller({name}=…): expected objects of type {expected.__name__}, got {item!r}."
-            )
-        check_model(f"Controller({name}=…)", item, model.nv)
-    return cast(Sequence[Any], items)
-
-
-def _check_constraints(model: mujoco.MjModel, limits: Sequence[object]) -> None:
-    for limit in limits:
-        if isinstance(limit, Constraint):
-            check_constraint(f"Controller(limits=…): {type(limit).__name__}", limit, model)
-
-
-def _sequence(name: str, value: Any) -> Sequence[Any]:
-    if isinstance(value, (list, tuple)):
-        return value
-    raise InvalidInput(f"Controller({name}=…): expected a list, got {value!r}.")

@@ -30,12 +30,14 @@ class LimitTables:
     def __init__(self, limits: Sequence[mink.Limit], tables: Array) -> None:
         """Take the tables of ``kernel.bounds``, a view (L, nv, 7), in which the limits stand."""
         both = list(zip(tables, limits, strict=False))
-        self._ranged = [(t, limit) for t, limit in both if isinstance(limit, PositionLimit)]
-        self._revisions = [limit.revision for _, limit in self._ranged]
+        self._ranged = [
+            [limit, limit.revision, t] for t, limit in both if isinstance(limit, PositionLimit)
+        ]
         self._windows = [(t, limit) for t, limit in both if isinstance(limit, DisplacementWindow)]
         self._motions = [(t[:, 6], limit) for t, limit in both if isinstance(limit, MotionLimit)]
-        self._of_mink = [(t, limit) for t, limit in both if is_mink_box(limit)]
-        self._states = [state_of_mink(limit) for _, limit in self._of_mink]
+        self._of_mink = [
+            [limit, state_of_mink(limit), t] for t, limit in both if is_mink_box(limit)
+        ]
         self.evaluated = [
             (t, limit) for t, limit in both if type(limit) not in BOXES and not is_mink_box(limit)
         ]
@@ -43,20 +45,20 @@ class LimitTables:
     def update(self) -> bool:
         """Write changed ranges, windows and last velocities; return whether ranges have changed."""
         changed = False
-        for number, (table, limit) in enumerate(self._ranged):
-            if limit.revision != self._revisions[number]:
-                self._revisions[number] = limit.revision
+        for known in self._ranged:
+            limit, revision, table = known
+            if limit.revision != revision:
+                known[1], changed = limit.revision, True
                 table[:] = table_of([limit], len(table))[0][0]
-                changed = True
-        for number, (table, box) in enumerate(self._of_mink):
-            state = state_of_mink(box)
-            if state != self._states[number]:
-                self._states[number] = state
-                table[:] = table_of([box], len(table))[0][0]
+        for known in self._of_mink:
+            limit, before, table = known
+            state = state_of_mink(limit)
+            if state != before:
+                known[1], table[:] = state, table_of([limit], len(table))[0][0]
         for table, window in self._windows:
             table[:, 0], table[:, 1] = window.reference, window.half_width
-        for before, motion in self._motions:
-            before[:] = motion.velocity
+        for velocity, motion in self._motions:
+            velocity[:] = motion.velocity
         return changed
 
     def rows(self, configuration: mink.Configuration, dt: float) -> list[LimitRows | None]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Literal
+from typing import Literal
 
 import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import checked, finite_array, instance, largest, number, one_of
+from qp_twist.checks import finite_array, instance, largest, number, one_of
 from qp_twist.control.controller import Controller
 from qp_twist.control.joint_steps import JointSteps
 from qp_twist.control.newest_inputs import NewestInputs
+from qp_twist.control.part_of import part_of
 from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status
 from qp_twist.control.target_stream import Fade, StreamSettings, TargetStream, beyond, error_of
@@ -25,10 +26,6 @@ from qp_twist.kinematics.joint_ranges import joint_names
 
 _NOTICEABLE = 1e-3, 1e-2
 """m and rad. Whoever is slowed for a tick while accelerating is not behind by as much."""
-
-
-def _fixed(servo: Any, name: str, value: float) -> float:
-    raise InvalidInput("a servo keeps the times that it was made with; make another.", key=name)
 
 
 class Servo:
@@ -75,9 +72,9 @@ class Servo:
         'tracking the targets'
     """
 
-    period: float = checked(_fixed, "_settings")
-    stale_after: float = checked(_fixed, "_settings")
-    stop_within: float = checked(_fixed, "_settings")
+    period: float = part_of("_settings.period")
+    stale_after: float = part_of("_settings.stale_after")
+    stop_within: float = part_of("_settings.stop_within")
 
     def __init__(
         self,

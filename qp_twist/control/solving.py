@@ -97,12 +97,13 @@ def step_of(
         "residuals": partial(_residuals, posed, velocity.copy(), scale),
         "sigma_min": posed.sigma_min,
     }
-    known = {
-        "velocity": velocity, "scale": scale * posed.braked, "status": status, "solver": solver,
-        "problem": posed.problem, "lost": lost, "recovering": posed.limits.recovering,
-        "gaps": gaps, "proven": proven,
-    }  # fmt: skip
-    return Step.of(lambda later, name: later[name](), later, known)
+    step = Step.with_later(lambda later, name: later[name](), later)
+    step.__dict__.update(
+        velocity=velocity, scale=scale * posed.braked, status=status, solver=solver,
+        problem=posed.problem, lost=lost, recovering=posed.limits.recovering,
+        gaps=gaps, proven=proven,
+    )  # fmt: skip
+    return step
 
 
 def _residuals(posed: Posed, velocity: Array, scale: float) -> tuple[Array, ...]:

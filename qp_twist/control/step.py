@@ -76,12 +76,14 @@ class Step:
     gaps: tuple[float, ...] = ()
     proven: bool = True
 
-    @classmethod
-    def of(cls, later: Callable[[Any, str], Any], about: Any, known: dict[str, Any]) -> Step:
-        """A step of known attributes; others are ``later(about, name)``, when somebody asks."""
-        known["_later"] = later, about
-        step = object.__new__(cls)
-        object.__setattr__(step, "__dict__", known)
+    @staticmethod
+    def with_later(later: Callable[[Any, str], Any], about: Any) -> Step:
+        """A step whose ``__dict__`` is yet to be filled.
+
+        What is not in it, of ``_LATER``, is ``later(about, name)``, when somebody asks.
+        """
+        step = object.__new__(Step)
+        step.__dict__["_later"] = later, about
         return step
 
     def __getattr__(self, name: str) -> Any:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.constraints import PositionLimit
-from qp_twist.control.controller import SINGULARITY, UNSEEN_WEIGHT
+from qp_twist.control.step_settings import SINGULARITY, UNSEEN_WEIGHT
 from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of
 from qp_twist.following.resolver import LARGEST_JOINT
 from qp_twist.following.waypoint_limits import WaypointLimits

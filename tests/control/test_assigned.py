@@ -49,6 +49,32 @@ def test_a_controller_checks_what_is_assigned_and_stays_as_it_was(
 
 
 @pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("secondary", [qt.JointCentering(MODEL, gain=0.5)]), ("metric", np.arange(1.0, 7.0)),
+        ("secondary_space", "twist"), ("solver", "daqp"), ("joint_weight", 1e-3),
+        ("limits", [qt.MotionLimit(MODEL, velocity=0.01)]),
+        ("free_twist_costs", (1.0, 9.0)), ("on_infeasible", "relax"), ("smooth", False),
+    ],
+)  # fmt: skip
+def test_what_is_assigned_counts_in_all_steps_that_follow(name: str, value: Any) -> None:
+    space: Any = "joint" if name in ("secondary_space", "metric") else "twist"
+    configuration = mink.Configuration(MODEL, PATH.start)
+    one, other = (
+        qt.Controller(
+            MODEL, [tool()], secondary=[qt.JointCentering(MODEL, gain=0.1)], secondary_space=space
+        )
+        for _ in range(2)
+    )
+    one.step(configuration, 0.1)
+    for controlled in (one, other):
+        setattr(controlled, name, value)
+    other = copy.deepcopy(other)  # which is made anew with what was assigned
+    for _ in range(3):
+        same(other.step(configuration, 0.1), one.step(configuration, 0.1))
+
+
+@pytest.mark.parametrize(
     ("name", "value", "error", "sentence"),
     [
         ("gain", -1.0, mink.InvalidGain, "from 0 to 1"),

@@ -199,7 +199,7 @@ def test_a_secondary_fades_in_with_a_stream_and_out_where_it_ceases() -> None:
 
 def test_a_servo_keeps_the_times_that_it_was_made_with() -> None:
     rig = Rig()
-    with pytest.raises(qt.InvalidInput, match="keeps the times"):
+    with pytest.raises(qt.InvalidInput, match="keeps the period"):
         rig.servo.period = 0.1
     assert rig.servo.period == DT
 

@@ -25,7 +25,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.comparison import metrics
-from qp_twist.control.controller import SINGULARITY
+from qp_twist.control.step_settings import SINGULARITY
 from qp_twist.paths import (
     ColumnChoice,
     ToolpathOptions,
