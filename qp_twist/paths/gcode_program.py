@@ -237,16 +237,16 @@ class Program:
             # FANUC: P0031000 calls program 1000 three times.
             number, repeats = number[-4:], float(number[:-4])
         if text.startswith("M97"):
-            begin = self._find(_NUMBER, number, "block N")
+            begin = self._find(_NUMBER, number, "M97: block N")
         else:
-            begin = self._find(_PROGRAM, number, f"{text[:3]}: program O")
+            begin = 1 + self._find(_PROGRAM, number, f"{text[:3]}: program O")
         given = dict[str, float]()
         if text.startswith("G65"):
             given = {str(_ARGUMENTS.index(k) + 1): float(v) for k, v in words.items()
                      if k in _ARGUMENTS and k not in "GPL"}  # fmt: skip
         else:
             given = self.variables.local  # M98 has the variables of its caller
-        return self._enter(_Frame(at + 1, begin + 1, int(repeats), given))
+        return self._enter(_Frame(at + 1, begin, int(repeats), given))
 
     def _enter(self, frame: _Frame) -> int:
         if len(self._calls) >= _DEEPEST:

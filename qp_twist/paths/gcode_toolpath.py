@@ -45,7 +45,7 @@ from qp_twist.paths.toolpath_builder import (
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
 
-SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".ngc", ".cnc")
+SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".spf", ".ngc", ".cnc", ".eia", ".min")
 """Suffixes of files that are read as G-code; others are, if their blocks evidently are."""
 
 _WORDS = ProgramWords("a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)")

@@ -193,7 +193,7 @@ def _take(block: Block, name: str, text: str) -> None:
         block.codes.append(value)
     elif name == "M":
         block.switches.append(value)
-    elif name in block.words:
+    elif name in block.words and name != "T":  # the tool, and the next one
         raise InvalidInput(f"{name} is there twice")
     else:
         block.words[name] = value

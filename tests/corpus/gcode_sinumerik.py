@@ -1,0 +1,52 @@
+"""Siemens SINUMERIK: TRAORI, vectors, CYCLE800, frames, corners."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from corpus import TruePath, arc, case, mm
+from corpus.gcode_fanuc import UP, turned, up
+
+HEAD = '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR/_N_PART_WPD\nN10 G0 G17 G40 G71 G90 G94\nN20 T="D10" D1\n'
+
+
+@case("SINUMERIK", "vectors.mpf", f"{HEAD}N30 M6\nN40 TRAORI\nN50 ORIWKS ORIAXES\n"
+      "N60 CYCLE832(0.01,1,1)\n"
+      "N70 G0 X0 Y0 Z20 A3=0 B3=0 C3=1\nN80 G1 Z0 F1200 A3=0.6 B3=0 C3=0.8\n"
+      "N90 X25 A3=0 B3=-0.6 C3=0.8\nN100 TRAFOOF\nN110 G0 SUPA Z0 D0\nN120 M30\n")  # fmt: skip
+def vectors() -> list[TruePath]:
+    axes = np.array([[0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8]])
+    return [TruePath(mm((0, 0, 20), (0, 0, 0), (25, 0, 0)), axes, feed=0.02)]
+
+
+@case("SINUMERIK", "swivel.mpf", f"{HEAD}N30 CYCLE800(1,\"TC1\",0,54,5,6,7,20,-30,40,1,2,3,1,0,1)\n"
+      "N40 G0 X0 Y0 Z30\nN50 G1 Z0 F500\nN60 X=10 Y=IC(4)\nN70 G3 X20 Y4 CR=5\n"
+      "N80 G0 Z30\nN90 CYCLE800()\nN100 M30\n")  # fmt: skip
+def swivel() -> list[TruePath]:
+    # Mode 54: about y, then x, then z, each as it was turned.
+    plane = turned("yxz", 20.0, -30.0, 40.0)
+    plane[:3, 3] = [5.0, 6.0, 7.0]
+    after = np.eye(4)
+    after[:3, 3] = [1.0, 2.0, 3.0]
+    plane = plane @ after
+    half = 1e3 * arc(mm((15, 4, 0))[0], mm((10, 4, 0))[0], UP, np.pi)
+    points = np.vstack([[[0, 0, 30], [0, 0, 0]], half])
+    whole = (np.hstack([points, np.ones((len(points), 1))]) @ plane.T)[:, :3]
+    return [TruePath(1e-3 * whole, np.tile(plane[:3, 2], (len(points), 1)))]
+
+
+@case("SINUMERIK", "frames.spf", f"{HEAD}N30 TRANS X100 Y20\nN40 AROT Z90\nN50 G0 X0 Y0 Z5\n"
+      "N60 G1 Z0 F300\nN70 X10\nN80 TRANS\nN90 Y0\nN100 M17\n")  # fmt: skip
+def frames() -> list[TruePath]:
+    points = mm((100, 20, 5), (100, 20, 0), (100, 30, 0), (100, 0, 0))
+    return [TruePath(points, up(points), feed=0.005)]
+
+
+@case("SINUMERIK", "corners.mpf", f"{HEAD}N30 G0 X0 Y0 Z1\nN40 G1 Z0 F300\nN50 X30 RND=6\n"
+      "N60 X30 Y40 CHR=3\nN70 X0 CHF=2\nN80 Y20\nN90 M30\n")  # fmt: skip
+def corners() -> list[TruePath]:
+    rounded = arc(mm((24, 6, 0))[0], mm((24, 0, 0))[0], UP, 0.5 * np.pi)
+    leg = np.sqrt(2.0)
+    points = np.vstack([mm((0, 0, 1), (0, 0, 0)), rounded, mm((30, 37, 0), (27, 40, 0)),
+                        mm((leg, 40, 0), (0, 40 - leg, 0), (0, 20, 0))])  # fmt: skip
+    return [TruePath(points, up(points))]
