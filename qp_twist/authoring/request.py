@@ -24,7 +24,7 @@ class Request(ToolpathOptions):
 
     Attributes:
         robot: MJCF, URDF or xacro file, or the name of a shipped scene.
-        toolpath: CSV, APT-CL or G-code file.
+        toolpath: CSV, APT-CL, G-code, or a program of a robot.
         packages: Folders of the ROS packages of a URDF or xacro file, by name.
         arguments: Values of the arguments of a xacro file, by name.
         frame: Controlled frame; ``None`` for the only one.

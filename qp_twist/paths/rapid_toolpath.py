@@ -116,8 +116,8 @@ class RapidModule(RobotProgram):
             *((pattern, self.skip, "nothing") for pattern in BEGINNING.values()),
             (r"(?:SyncMove\w*|WaitSyncTask|Trigg[A-Z]\w*|CirPathMode|WZ\w+)\b.*", self.skip,
              "nothing"),
-            (r"(?:IF\b.*\b)?(?P<called>\w+)\s*(?P<arguments>(?<=\s)[^\s].*)?", self.call,
-             "unknown"),
+            (r"IF\b.*?(?P<called>\w+)", self._conditional, "unknown"),
+            (r"(?P<called>\w+)\s*(?P<arguments>(?<=\s)[^\s].*)?", self.call, "unknown"),
             (r".*", self.refuse, "moves"),
         )  # fmt: skip
 
@@ -125,6 +125,12 @@ class RapidModule(RobotProgram):
         self.assign(line, match)
         if match["kind"].lower() == "num" and not match["value"]:
             self.values.names[match["name"].lower()] = 0.0
+
+    def _conditional(self, line: int, match: re.Match[str]) -> None:
+        """A statement behind ``IF`` without ``THEN``."""
+        if self._moving([(line, match[0])]):
+            self.refuse(line, match)
+        self.skip(line, match)
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind, path = match["kind"].upper(), self.path

@@ -24,6 +24,8 @@ REFUSED: dict[tuple[str, ...], str] = {
 """Options that robot programs have no use for."""
 _ON_A_LINE = 1e-9
 """Sine of the angle between the chords of an arc below which its points are on a line."""
+_SLOWEST = 1e-9
+"""A lower speed, m/s, is none."""
 
 
 class SeveralFrames(InvalidInput):
@@ -126,7 +128,7 @@ class RobotPath:
 
     def _begin(self, line: int, pose: mink.SE3) -> mink.SE3:
         """The end of a move in the frame of all; joint moves before it in that frame are added."""
-        if self.feed <= 0.0:
+        if self.feed < _SLOWEST:
             raise InvalidInput(f"a speed of {self.feed:g} m/s; expected one above 0")
         name, pose = self._expressed(pose)
         before, self._used = self._used, (name, self.frame[1])

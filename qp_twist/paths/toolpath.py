@@ -111,7 +111,8 @@ class Toolpath:
         if not feeds_of_curves:
             return None
         feeds = np.concatenate(feeds_of_curves)
-        return float(np.nanmin(feeds)), float(np.nanmax(feeds))
+        feeds = feeds[np.isfinite(feeds)]  # a curve may be one point, to which none leads
+        return (float(feeds.min()), float(feeds.max())) if len(feeds) else None
 
     def turns_in_place(self, *, rapids: bool) -> int:
         """How often the tool turns while it stands, or nearly so: above 1 rad per mm of path.

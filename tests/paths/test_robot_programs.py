@@ -1,0 +1,163 @@
+"""What of a robot program is read, assumed and refused; true paths are in the corpus."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from qp_twist.errors import InvalidInput
+from qp_twist.paths import Toolpath, read_toolpath
+
+TAIL = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+
+
+def rapid(body: str, data: str = "") -> str:
+    targets = "".join(
+        f"CONST robtarget p{k}:=[[{500 + 10 * k},{k * k},300],[0,1,0,0],{TAIL};\n" for k in range(4)
+    )
+    return f"MODULE M\n{targets}{data}PROC main()\n{body}\nENDPROC\nENDMODULE\n"
+
+
+def move(number: int, word: str = "MoveL", wobj: str = "") -> str:
+    return f"{word} p{number},v100,z1,tool0{wobj};\n"
+
+
+def krl(body: str) -> str:
+    return f"DEF path( )\n$VEL.CP=0.1\n{body}\nEND\n"
+
+
+LIN = "LIN {{X {},Y 0,Z 300,A 0,B 0,C 180}}\n"
+
+
+def fanuc(
+    lines: str, point: str = "X = 1.0 mm, Y = 2.0 mm, Z = 3.0 mm, W = 0 deg, P = 0 deg, R = 0 deg"
+) -> str:
+    other = point.replace("1.0 mm", "9.0 mm")
+    return (
+        f"/PROG A\n/ATTR\n/MN\n{lines}\n/POS\nP[1]{{\n GP1:\n UF : 1, UT : 1,\n {point}\n}};\n"
+        f"P[2]{{\n GP1:\n UF : 1, UT : 1,\n {other}\n}};\n/END\n"
+    )
+
+
+def read(folder: Path, name: str, text: str, **options: object) -> Toolpath:
+    file = folder / name
+    file.write_text(text, encoding="utf-8")
+    return read_toolpath(file, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("a.mod", rapid(move(0) + "IF di1=1 THEN\n" + move(1) + "ENDIF\n" + move(2)),
+         "line 9: 'MoveL p1,v100,z1,tool0' runs or not by 'IF di1=1 THEN' of line 8"),
+        ("a.mod", rapid("IF di1=1 work;\n" + move(1), "PROC work()\n" + move(0) + "ENDPROC\n"),
+         "'IF di1=1 work': is not read, and may move"),
+        ("a.mod", rapid(move(0) + move(1, wobj="\\WObj:=w1")),
+         "line 8: it moves in w1, before in wobj0"),
+        ("a.mod", rapid(move(0) + "MoveL pick,v100,z1,tool0;"),
+         "line 8: the file does not state pick"),
+        ("a.mod", rapid("VAR robtarget q;\n" + move(0) + "MoveL q,v100,fine,tool0;"),
+         "q is declared in line 7 without a value"),
+        ("a.mod", rapid("SearchL di1,q,p1,v20,tool0;\n" + move(1)), "line 7: 'SearchL"),
+        ("a.mod", rapid("PDispOn p1,tool0;\n" + move(0) + move(1)), "line 7: 'PDispOn"),
+        ("a.mod", rapid("DrillAt p1,v100;\n" + move(0) + move(1)),
+         "line 7: 'DrillAt.*has coordinates"),
+        ("a.mod", rapid("MoveAbsJ home,v100,fine,tool0;\n" + move(1, "MoveJ")),
+         "only joint moves in it.*qp-twist check PROGRAM TASK"),
+        ("a.mod", rapid(move(0) + f"MoveL [[1,2,3],[0,2,0,0],{TAIL},v100,fine,tool0;"),
+         "line 8: its quaternion has the length 2"),
+        ("a.mod", rapid(move(0) + "MoveC p0,p1,v100,fine,tool0;"), "line 8: two points of the arc"),
+        ("a.mod", rapid("MoveC p1,p2,v100,fine,tool0;"), "line 7: where the arc begins"),
+        ("a.mod", rapid("main;\n" + move(0)), "30 calls inside each other"),
+        ("a.mod", rapid("FOR i FROM 1 TO 1e9 DO\nx:=1;\nENDFOR\n" + move(0)), "200,000 statements"),
+        ("a.mod", rapid("FOR i FROM 1 TO 3 DO\n" + move(0)), "has no end; a line was lost"),
+        ("a.src", krl(LIN.format(1) + "LIN XP1"), "line 4: the file does not state xp1"),
+        ("a.src", krl("WHILE $IN[1]\n" + LIN.format(1) + "ENDWHILE"),
+         "line 4: 'LIN .* runs or not by"),
+        ("a.src", krl("LIN {X 1,Y 2,Z 3}"), "leaves out some of X, Y, Z, A, B, C"),
+        ("a.src", krl("LIN {A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}"), "expected a position"),
+        ("a.src", krl("BAS(#BASE,1)\n" + LIN.format(1) + "BAS(#BASE,2)\n" + LIN.format(2)),
+         "line 6: it moves in base 2, before in base 1"),
+        ("a.src", krl(LIN.format(1) + "GOTO again"), "line 4: 'GOTO again'"),
+        ("a.ls", fanuc("1:L P[1] 10mm/sec FINE ;\n2:L PR[3] 10mm/sec FINE ;"),
+         "line 5: 'L PR.*a register"),
+        ("a.ls", fanuc("1:L P[1] 10mm/sec FINE Offset,PR[1] ;"), "line 4: .*Offset,PR"),
+        ("a.ls", fanuc("1:L P[1] 1mm/sec FINE ;\n2:IF DI[1]=ON,JMP LBL[2] ;\n3:L P[2] 1mm/sec;"),
+         "line 5: .*decides by what is not in the file"),
+        ("a.ls", fanuc("1:L P[1] 10mm/sec FINE ;", "J1 = 0 deg, J2 = 0 deg"), "joint angles"),
+        ("a.ls", fanuc("1:L P[7] 10mm/sec FINE ;"), "line 4: there is no P.7. under /POS"),
+        ("a.script", "def a():\n  movel([0,-1,1,0,0,0], a=1)\nend\n", "line 2: expected a pose"),
+        ("a.script", "def a():\n  movel(pose_trans(get_tcp_pose(), p[0,0,0,0,0,0]), v=1)\nend\n",
+         "line 2: the file does not state get_tcp_pose"),
+        ("a.script", "def a():\n  x = 0\n  while x < 3:\n  movel(p[0.1,0,0,0,0,0])\n  end\nend\n",
+         "runs or not by 'while x < 3:'"),
+        ("a.script", "def a():\n  speedl([0,0,0.1,0,0,0], 0.5, 1)\nend\n", "line 2: 'speedl"),
+    ],
+)  # fmt: skip
+def test_what_the_file_does_not_decide_is_refused_with_its_line(
+    tmp_path: Path, name: str, text: str, sentence: str
+) -> None:
+    with pytest.raises(InvalidInput, match=sentence):
+        read(tmp_path, name, text)
+
+
+def test_what_is_assumed_and_passed_over_is_said(tmp_path: Path) -> None:
+    """Words without coordinates do not stop the reading of a program; each is in a sentence."""
+    body = 'WHILE TRUE DO\nSpindleOn 9000;\nIF di1=1 THEN\nTPWrite "on";\nENDIF\n'
+    body += move(0) + move(1) + "ENDWHILE"
+    toolpath = read(tmp_path, "a.mod", rapid(body))
+    [curve] = toolpath.curves
+    np.testing.assert_allclose(curve.positions, [[0.5, 0, 0.3], [0.51, 0.001, 0.3]])
+    assumed = " ".join(toolpath.assumptions)
+    for sentence in ("(line 7) is for ever: read once", "taken to move nothing: SpindleOn (line 8)",
+                     "coordinates are in wobj0", "z is taken as the tool's axis"):  # fmt: skip
+        assert sentence in assumed
+    assert "IF" in toolpath.passed_over[0] and "z1 (2)" in toolpath.passed_over[0]
+
+
+def test_a_call_that_is_not_known_is_refused_while_moves_of_the_file_are_never_called(
+    tmp_path: Path,
+) -> None:
+    body = "Path_20;\n" + move(0) + move(1)
+    with pytest.raises(InvalidInput, match=r"line 10: 'Path_20': .*path_10 is never called"):
+        read(tmp_path, "a.mod", rapid(body, "PROC Path_10()\n" + move(2) + "ENDPROC\n"))
+
+
+def test_a_joint_move_begins_another_curve(tmp_path: Path) -> None:
+    """To a position it leads there; to joint angles, to where the file does not say."""
+    body = move(0, "MoveJ") + move(1) + move(2, "MoveJ") + move(3) + "MoveAbsJ h,v100,fine,tool0;\n"
+    toolpath = read(tmp_path, "a.mod", rapid(body + move(1) + move(0)))
+    assert [len(curve) for curve in toolpath.curves] == [2, 2, 2]
+    assert any(
+        "where the file does not state the tool (line 11)" in a for a in toolpath.assumptions
+    )
+
+
+def test_points_of_the_data_file_beside_a_krl_program(tmp_path: Path) -> None:
+    (tmp_path / "PART.DAT").write_text(
+        "DEFDAT PART\nDECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 180,S 2,T 35,E1 0}\n"
+        "DECL E6POS XP2={X 1.0,Y 9.0,Z 3.0,A 0,B 0,C 180}\n"
+        'DECL FDAT FP1={TOOL_NO 1,BASE_NO 4,IPO_FRAME #BASE,POINT2[] " "}\nENDDAT\n'
+    )
+    body = "FDAT_ACT=FP1\nBAS(#CP_PARAMS,0.5)\nLIN XP1 C_DIS\nLIN XP2"
+    toolpath = read(tmp_path, "part.src", krl(body))
+    [curve] = toolpath.curves
+    np.testing.assert_allclose(curve.positions, [[1e-3, 2e-3, 3e-3], [1e-3, 9e-3, 3e-3]])
+    assert curve.feeds is not None and curve.feeds[1] == 0.5
+    assert "coordinates are in base 4." in toolpath.assumptions
+
+
+@pytest.mark.parametrize("name", ["columns", "feed_unit", "rotary"])
+def test_options_of_other_formats_are_refused(tmp_path: Path, name: str) -> None:
+    value = {"columns": "position=1,2,3", "feed_unit": "mm/s", "rotary": "head-ac"}[name]
+    with pytest.raises(InvalidInput, match=f"states it itself; leave {name} out"):
+        read(tmp_path, "a.mod", rapid(move(0) + move(1)), **{name: value})
+
+
+def test_a_zipped_program_is_no_text(tmp_path: Path) -> None:
+    (tmp_path / "a.urp").write_bytes(gzip.compress(b"<URProgram/>"))
+    with pytest.raises(InvalidInput, match="this is no text file"):
+        read_toolpath(tmp_path / "a.urp")
