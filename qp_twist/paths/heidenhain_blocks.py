@@ -75,7 +75,9 @@ def blocks(lines: Sequence[str]) -> Iterator[Block]:
     text, begun, goes_on = "", 0, False
     first = next((k for k, line in enumerate(lines) if BEGIN.match(line)), 0)
     for k, line in enumerate([*lines[first:], ""], start=first + 1):
-        bare = re.sub(r"\s+", " ", re.sub(r"\([^()]*\)|;.*", "", line).upper()).strip(" ~")
+        # Brackets are comments of some simulators, but not behind the = of a formula.
+        notes = ";.*" if "=" in line.partition("(")[0] else r"\([^()]*\)|;.*"
+        bare = re.sub(r"\s+", " ", re.sub(notes, "", line).upper()).strip(" ~")
         # Parameters of a cycle continue it with and without ~.
         if text and (goes_on or (text.startswith("CYCL DEF") and re.match("Q[0-9]+ ?=", bare))):
             text += f" {bare}"

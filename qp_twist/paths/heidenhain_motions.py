@@ -261,6 +261,10 @@ class Motions:
         """Read rotary axes; the angles from which they turn. In a tilted plane they follow it."""
         turned = {name: value for name, value in of.values.items() if name.lstrip("I") in
                   ("A", "B", "C")}  # fmt: skip
+        if self.frame.tilted and self.tip and any(turned.values()):
+            raise InvalidInput(
+                "rotary axes with M128 in a tilted plane lean the tool out of it, which is not read"
+            )
         if self.frame.tilted:
             for name in turned:
                 self.out.pass_over(f"{name} in a tilted plane")

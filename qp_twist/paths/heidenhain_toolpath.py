@@ -320,7 +320,8 @@ class _Reader:
             if match[2] != "0" and self._motions.frame.cycle(kind, match[3], self._parameters):
                 self._motions.leave("XYZ")
         else:
-            self._cycle = hole_of(kind, match[3], self._cycle, self._parameters)
+            before = None if match[2] == "0" else self._cycle
+            self._cycle = hole_of(kind, match[3], before, self._parameters)
 
     def _plane(self, block: Block) -> None:
         to = self._motions

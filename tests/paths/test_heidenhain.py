@@ -23,6 +23,16 @@ def read(folder: Path, text: str, **options: object) -> Toolpath:
     [
         ("L X+Q7", "Q7 has no value that is known here"),
         ("Q7 = Q1 + 2\nL X+Q7", "Q7 has no value that is known here"),
+        ("Q7 = (3) + 2\nL X+Q7", "Q7 has no value that is known here"),
+        (
+            "PLANE SPATIAL SPA+20 SPB+0 SPC+0 STAY\nM128\nL X+0 Y+0 Z+9 A+5 FMAX",
+            "rotary axes with M128 in a tilted plane",
+        ),
+        (
+            "CYCL DEF 1.1 DIST2\nCYCL DEF 1.2 DEPTH-3\nCYCL DEF 1.5 F100\nCYCL DEF 1.0 PECKING\n"
+            "CYCL DEF 1.1 DIST2\nL M99",
+            "cycle 1: its depth or its feed is missing",
+        ),
         ("CALL PGM OTHER", "'CALL PGM OTHER' calls another program"),
         ("TCH PROBE 417 DATUM", "is a measurement, after which the coordinates are elsewhere"),
         (
