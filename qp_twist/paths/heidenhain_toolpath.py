@@ -10,10 +10,10 @@ from pathlib import Path
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.gcode_facts import Facts
+from qp_twist.paths.heidenhain_arcs import Motions
 from qp_twist.paths.heidenhain_blocks import BEGIN, NO_MOTION, Block, Words, blocks, number, words
 from qp_twist.paths.heidenhain_cycles import Hole, hole_of
 from qp_twist.paths.heidenhain_frame import is_immediate
-from qp_twist.paths.heidenhain_motions import Motions
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
