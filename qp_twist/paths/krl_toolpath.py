@@ -134,6 +134,10 @@ class KrlProgram(RobotProgram):
             (r".*", self.refuse, "moves"),
         )  # fmt: skip
 
+    def parameter(self, words: Sequence[str]) -> str:
+        """A parameter stands before its kind, ``:IN`` or ``:OUT``."""
+        return words[0]
+
     def _speed(self, line: int, match: re.Match[str]) -> None:
         self.path.feed = float(match["number"])
 
@@ -178,6 +182,7 @@ class KrlProgram(RobotProgram):
         sweep = re.fullmatch(rf"CA\s*(?P<number>{NUMBER})", last, re.IGNORECASE)
         if not sweep:
             parts.append(last)
+        before = self.path.frame, self.path.feed
         if found := re.search(rf"\$VEL(?:\.CP)?\s*=\s*(?:SVEL_CP\s*\()?\s*({NUMBER})", rest, re.I):
             self.path.feed = float(found[1])
         if found := re.search(r"\$BASE\s*=\s*(?:SBASE\s*\(\s*)?([\w.]+)", rest, re.IGNORECASE):
@@ -194,6 +199,7 @@ class KrlProgram(RobotProgram):
         else:
             self.path.arc(line, poses[0], poses[1], float(sweep["number"]) if sweep else None)
             self._at = None if sweep else self._at
+        self.path.frame, self.path.feed = before  # WITH is for this move alone
 
     def _joint(self, line: int, text: str, *, relative: bool) -> None:
         try:

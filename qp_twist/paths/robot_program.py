@@ -7,7 +7,7 @@ nothing need not be known here: it is passed over and listed.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal
@@ -207,6 +207,8 @@ class RobotProgram:
         elif role == "for ever":
             self.path.assumed[f"{shown(match[0])} (line {line}) is for ever: read once."] = None
             return self.run(body) or self._moving(body) is not None
+        elif role == "never":
+            self.passed.append((line, match[0]))
         elif role == "open":
             self._pass_over(line, match[0], body)
         return False
@@ -219,24 +221,30 @@ class RobotProgram:
                 "decided in the file; write a program without it.",
                 line=moving[0],
             )
-        for number, text in body:
-            _, match, effect = self._act(text)
+        for number, _, match, effect in self._reached(body):
             if effect == "assigns":
                 why = f"{match['name']} (line {number}) depends on {shown(begin)}"
                 self.values.forget(match["name"], why)
         self.passed.append((line, begin.split(maxsplit=1)[0]))
 
     def _moving(self, body: Statements) -> tuple[int, str] | None:
-        """The first statement that moves, or may; those of called procedures count."""
+        """The first statement that moves, or may."""
+        for number, text, _, effect in self._reached(body):
+            if effect == "moves" or (effect == "unknown" and self._has_coordinates(text)):
+                return number, text
+        return None
+
+    def _reached(
+        self, body: Statements, inside: tuple[str, ...] = ()
+    ) -> Iterator[tuple[int, str, re.Match[str], Effect]]:
+        """Statements that may run, those of called procedures too."""
         for number, text in body:
             if not self._opened(text) and not self._closes.fullmatch(text):
                 _, match, effect = self._act(text)
+                yield number, text, match, effect
                 called = self.values.key(match.groupdict().get("called") or "")
-                inner = self._procedures.get(called)
-                doubtful = effect == "unknown" and self._has_coordinates(text)
-                if effect == "moves" or doubtful or (inner and self._moving(inner[2])):
-                    return number, text
-        return None
+                if called in self._procedures and called not in inside:
+                    yield from self._reached(self._procedures[called][2], (*inside, called))
 
     def parameter(self, words: Sequence[str]) -> str:
         """The name of a parameter among the words of its declaration."""
