@@ -251,9 +251,9 @@ class ToolAxis:
             )
         default = " (the default; as-written: the long way)"
         turns = "a rotary axis turns by more than 180 degrees in a cut"
-        if self._turns["rolls"]:
+        if rolls := self._turns["rolls"]:
             found.append(
-                f"{turns} ({of_lines(self._turns['rolls'])}), as where it rolls over from 360 to 0: it"
+                f"{turns} ({of_lines(rolls)}), as where it rolls over from 360 to 0: it"
                 ' takes the short way by rollover = "shortest"'
                 f"{default if self._out.options.rollover is None else ''}."
             )
