@@ -126,7 +126,7 @@ def klartext(text: str) -> Cuts:
         values = {k: float(v) for k, v in re.findall(rf"\b([XYZ])\s*({_NUMBER})", match[2])}
         if match[1] == "CC":
             pole = np.array([values.get(k, 0.0) for k in "XYZ"])
-        if match[1] == "CC" or not values:
+        if match[1] == "CC" or (match[1] == "L" and not values):
             continue
         start = np.array([*at.values()])
         at |= values

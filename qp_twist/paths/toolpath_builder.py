@@ -305,19 +305,14 @@ class ProgramBuilder:
                 "included; divide it into several files"
             )
         for point, direction in zip(points, directions, strict=True):
-            if rapid and not self._begins and self._rapid_to(point, direction):
+            begins = self._begins
+            row = Row(tuple(point.tolist()), tuple(direction), self.line, feed, rapid, begins,
+                      self.name)  # fmt: skip
+            last = self.rows[-1] if self.rows else None
+            if rapid and not begins and last and last.rapid and _same_place(row, last):
                 continue  # the tool is there
-            begins, self._begins = self._begins, False
-            self.rows.append(
-                Row(tuple(point.tolist()), tuple(direction), self.line, feed, rapid, begins,
-                    self.name)
-            )  # fmt: skip
-
-    def _rapid_to(self, point: Array, direction: Sequence[float]) -> bool:
-        """Whether the last motion was in rapid motion to the same point and tool axis."""
-        if not self.rows or not self.rows[-1].rapid or self.rows[-1].direction != tuple(direction):
-            return False
-        return bool(np.linalg.norm(np.subtract(self.rows[-1].position, point)) < SAME_POINT)
+            self._begins = False
+            self.rows.append(row)
 
     def divide_arc(self, arc: Arc) -> tuple[Array, Array]:
         """The ends of an arc's chords, and their shares of its angle."""
@@ -394,8 +389,8 @@ class ProgramBuilder:
         found: list[RowsOfCurve] = []
         waiting: list[Row] = []
         for run in runs:
-            if len(run) == 1:
-                waiting += run
+            if all(_same_place(row, run[0]) for row in run[1:]):
+                waiting += run[:1] if not waiting or not _same_place(run[0], waiting[-1]) else []
             else:
                 found.append(RowsOfCurve(run, waiting, []))
                 waiting = []
@@ -418,6 +413,11 @@ class ProgramBuilder:
                 "tool goes these ways at the speed of [feed]; otherwise [path.approach], "
                 "[path.retreat] and [path.transfer] lead it from curve to curve."
             )
+
+
+def _same_place(row: Row, other: Row) -> bool:
+    """Whether the tool is where it is at another row."""
+    return row.direction == other.direction and math.dist(row.position, other.position) < SAME_POINT
 
 
 def times(count: int) -> str:

@@ -497,3 +497,12 @@ def test_a_rapid_motion_to_where_the_tool_is_adds_no_point(tmp_path: Path) -> No
     assert curve.before is not None
     assert (1e3 * curve.before.positions).tolist() == [[0, 0, 10]]
     assert (1e3 * curve.positions).tolist() == [[5, 0, 10], [5, 0, 0]]
+
+
+def test_cuts_that_go_nowhere_are_no_curve_of_their_own(tmp_path: Path) -> None:
+    text = "G21 G90\nG0 X0 Y0 Z10\nG1 Z10 F600\nG0 X5\nG1 Z10\nG1 Z0\nG0 Z10\nG1 Z10\n"
+    (curve,) = read(tmp_path, text).curves
+    assert (1e3 * curve.positions).tolist() == [[5, 0, 10], [5, 0, 0]]
+    assert curve.before is not None and curve.after is not None
+    assert (1e3 * curve.before.positions).tolist() == [[0, 0, 10]]
+    assert (1e3 * curve.after.positions).tolist() == [[5, 0, 10]]
