@@ -506,3 +506,10 @@ def test_cuts_that_go_nowhere_are_no_curve_of_their_own(tmp_path: Path) -> None:
     assert curve.before is not None and curve.after is not None
     assert (1e3 * curve.before.positions).tolist() == [[0, 0, 10]]
     assert (1e3 * curve.after.positions).tolist() == [[5, 0, 10]]
+
+
+def test_a_carriage_return_inside_a_line_ends_no_line(tmp_path: Path) -> None:
+    """A text with line ends of its own may have a stray one, as in a tool's name."""
+    toolpath = read(tmp_path, "G21 G90 ;MILL\r 14 LONG\nG0 X0 Y0 Z0\nG1 X1 F600\nX2\n")
+    assert millimetres(toolpath).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    assert toolpath.curves[0].lines.tolist() == [2, 3, 4]
