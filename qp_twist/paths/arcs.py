@@ -24,6 +24,8 @@ MOST_POINTS = 1_000_000
 """Largest number of points of a file, those of its divided arcs and turns included."""
 _CLOSED = 1e-9
 """An end nearer to the start, m, is the start: the arc is a full circle."""
+_IN_LINE = 1e-9
+"""Cuts that turn by less than this angle, rad, have no corner."""
 _UNCLEAR = 5e-6
 """An end nearer to the start, m, but not on it, may be a full circle or almost none."""
 
@@ -138,40 +140,50 @@ def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Ar
     return centre
 
 
-def rounded_corner(before: Array, corner: Array, after: Array, radius: float) -> Arc:
-    r"""The arc that rounds the corner between two straight motions, tangent to both.
+def cut_corner(
+    before: Array, corner: Array, after: Array, kind: str, size: float
+) -> tuple[Array, Arc | None]:
+    r"""Where a corner between two straight cuts is left, and the arc tangent to both.
 
-    It begins and ends :math:`r \tan(\varphi/2)` from the corner, φ the angle by which the motion
-    turns there.
+    An arc of radius r begins and ends :math:`r \tan(\varphi/2)` from the corner, φ the angle by
+    which the path turns there; a chamfer is its chord.
 
     Args:
-        before: Where the motion to the corner begins, m, (3,).
+        before: Where the cut to the corner begins, m, (3,).
         corner: m, (3,).
-        after: Where the motion from the corner ends, m, (3,).
-        radius: r, m, above 0.
+        after: Where the cut from the corner ends, m, (3,).
+        kind: What the size is: ``R`` the radius, ``C`` what a chamfer takes of each cut, ``CHF``
+            its length.
+        size: m, above 0.
+
+    Returns:
+        The point at which the first cut ends, (3,); the arc, or nothing if the cuts are in line.
 
     Raises:
-        InvalidInput: If a motion is shorter than that, or goes straight on or back.
+        InvalidInput: If a cut is too short for it, or goes back.
     """
-    ways = corner - before, after - corner
-    lengths = [float(np.linalg.norm(way)) for way in ways]
-    if min(lengths) < 1e-9:
-        raise InvalidInput("a motion beside the rounded corner has no length")
-    first, second = (way / length for way, length in zip(ways, lengths, strict=True))
-    axis = np.cross(first, second)
-    turn = math.atan2(float(np.linalg.norm(axis)), float(first @ second))
-    if not 1e-6 < turn < math.pi - 1e-6:
-        raise InvalidInput("there is no corner to round: the motion goes straight on, or back")
-    cut = radius * math.tan(0.5 * turn)
-    if cut > min(lengths) + 1e-9:
+    lengths = [float(np.linalg.norm(end - corner)) for end in (before, after)]
+    if min(lengths) < _CLOSED:
+        raise InvalidInput("a corner is cut between two motions, and one of them has no length")
+    u, v = (before - corner) / lengths[0], (after - corner) / lengths[1]
+    turn = math.pi - math.atan2(float(np.linalg.norm(np.cross(u, v))), float(u @ v))
+    if turn < _IN_LINE:
+        return corner, None
+    if math.pi - turn < 1e-6:
+        raise InvalidInput("a corner is cut where the path goes back, which leaves it open")
+    back = {
+        "R": size * math.tan(0.5 * turn), "C": size, "CHF": 0.5 * size / math.cos(0.5 * turn),
+    }[kind]  # fmt: skip
+    if back > min(lengths) * (1.0 + 1e-9):
         raise InvalidInput(
-            f"a motion beside the corner is {1e3 * min(lengths):.6g} mm long, and a radius of "
-            f"{1e3 * radius:.6g} mm needs {1e3 * cut:.6g} mm"
+            f"the corner takes {1e3 * back:.6g} mm of cuts that are {1e3 * lengths[0]:.6g} mm and "
+            f"{1e3 * lengths[1]:.6g} mm long"
         )
-    axis = axis / np.linalg.norm(axis)
-    start = corner - cut * first
-    centre = start + radius * np.cross(axis, first)
-    return Arc(start, corner + cut * second, centre, axis, turn)
+    axis = np.cross(v, u)
+    axis /= np.linalg.norm(axis)
+    start = corner + back * u
+    centre = start + back / math.tan(0.5 * turn) * np.cross(axis, -u)
+    return start, Arc(start, corner + back * v, centre, axis, turn)
 
 
 def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float:

@@ -1,4 +1,4 @@
-"""Drilling cycles of G-code as motions."""
+"""Drilling cycles of G-code."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from qp_twist.errors import InvalidInput
+from qp_twist.paths.machine_tool import Hole
 
 CYCLES: dict[float, str] = {
     81: "", 82: "a dwell at the bottom", 73: "pecks", 83: "pecks", 74: "the turn of the tap",
@@ -32,27 +33,24 @@ class Drilling:
     clear: float | None = None
     depth: float | None = None
 
-    def state(self, words: Mapping[str, float], scale: float, *, relative: bool) -> None:
-        """Read R and Z: absolute, or by G91 R from the initial height and Z from R."""
+    def hole(
+        self, words: Mapping[str, float], scale: float, *, relative: bool, to_initial: bool
+    ) -> Hole:
+        """The hole by R and Z: absolute, or by G91 R from the initial height and Z from R.
+
+        Raises:
+            InvalidInput: If R or Z is not stated, or R is below the bottom.
+        """
         if "R" in words:
             self.clear = scale * words["R"] + (self.initial if relative else 0.0)
         if "Z" in words:
             if relative and self.clear is None:
                 raise InvalidInput(f"G{self.code}: Z is relative (G91) to R, which is not stated")
             self.depth = scale * words["Z"] + ((self.clear or 0.0) if relative else 0.0)
-
-    def hole(self, *, to_initial: bool) -> list[tuple[bool, float]]:
-        """The motions along z of a hole: whether each is rapid, and where it ends, m.
-
-        Raises:
-            InvalidInput: If R or Z is not stated, or R is below the bottom.
-        """
         if self.clear is None or self.depth is None:
             missing = "R" if self.clear is None else "Z"
             raise InvalidInput(f"G{self.code}: {missing} is not stated")
         if self.clear < self.depth:
             raise InvalidInput(f"G{self.code}: R is below Z, the bottom of the hole")
-        out = [(self.code not in _OUT_AT_FEED, self.clear)]
-        if to_initial and self.initial > self.clear:
-            out.append((True, self.initial))
-        return [(True, self.clear), (False, self.depth), *out]
+        above = max(self.initial, self.clear) if to_initial else self.clear
+        return Hole(self.clear, self.depth, above, self.code in _OUT_AT_FEED)

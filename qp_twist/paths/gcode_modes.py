@@ -16,7 +16,6 @@ class Modes:
     relative: bool = False  # coordinates
     absolute_centres: bool | None = None  # of arcs; None: nothing states it
     feed: int = 94  # per minute; 95 per turn of the spindle, 93 motions per minute
-    tip: bool = False  # whether X, Y, Z are those of the tip, whatever the tool axis
     to_initial: bool = True  # after a hole: G98, or to R by G99
     filament_relative: bool = False  # E of a 3-D printer
     rounding: float = 0.0  # RNDM: of each corner

@@ -107,11 +107,13 @@ class ToolAxis:
         """Add the problem, once, of a cut whose X, Y, Z depend on the machine."""
         if "tip" not in self._refused:
             self._refused.add("tip")
+            *words, last = self._out.words.tip
             self._out.problem(
-                "the rotary axes are turned without control of the tool's tip (G43.4, G43.5, G234 "
-                "or TRAORI), so X, Y, Z depend on the dimensions of the machine; say which machine "
-                'it is and where its rotary axes are, e.g. machine = "table-ac" and pivot = '
-                '"0,0,-50", or have the CAM system write the tip, and G43.4 before it',
+                "the rotary axes are turned without control of the tool's tip "
+                f"({', '.join(words)} or {last}), so X, Y, Z depend on the dimensions of the "
+                "machine; say which machine it is and where its rotary axes are, e.g. machine = "
+                '"table-ac" and pivot = "0,0,-50", or have the CAM system write the tip, and '
+                f"{words[0]} before it",
                 machine=None,
             )
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.gcode_cycles import CYCLES
-from qp_twist.paths.gcode_drilling import begin_drilling, drill
 from qp_twist.paths.gcode_facts import Facts, is_gcode
+from qp_twist.paths.gcode_frames import ended, programmed, shifted, swiveled, tilted, turned
 from qp_twist.paths.gcode_motions import Motions
 from qp_twist.paths.gcode_program import Program
 from qp_twist.paths.gcode_tables import (
@@ -41,14 +41,18 @@ from qp_twist.paths.toolpath_builder import (
     ProgramWords,
     ToolpathFormat,
     TooManyPoints,
-    of_lines,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
 
 SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".spf", ".ngc", ".cnc", ".eia", ".min")
 """Suffixes of files that are read as G-code; others are, if their blocks evidently are."""
 
-_WORDS = ProgramWords("a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)")
+_WORDS = ProgramWords(
+    "a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)",
+    tip=("G43.4", "G43.5", "G234", "TRAORI"),
+)  # fmt: skip
+_LEFT_OUT = ("motions to the machine's own positions (G28, G53, … in {}) are left out; another "
+             "curve begins after each.")  # fmt: skip
 _SUBPROGRAM = re.compile(r"\s*O\s*<[^>]*>\s*SUB", re.IGNORECASE)
 _MOST_PROBLEMS = 1000
 """After them, the rest of a program is not read: it is of another language, or a loop."""
@@ -75,10 +79,7 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     out.problems.refuse()
     if not out.rows and any(map(_SUBPROGRAM.match, lines)):
         raise InvalidInput("it has subprograms alone, which another program calls; read that one.")
-    assumptions = [*reader.motions.notes, *out.divided(), *reader.motions.axis.notes()]
-    return out.toolpath(
-        path, assumptions, reader.left_out(), has_axis=reader.motions.axis.stated or reader.tilted
-    )
+    return reader.to.toolpath(path)
 
 
 GCODE = ToolpathFormat(_matches, _read, STATED_BY_PROGRAMS)
@@ -91,15 +92,12 @@ class _Reader:
     Attributes:
         out: The points so far.
         facts: What the whole program says.
-        motions: Where the tool is, and what holds.
-        tilted: Whether there was a tilted plane.
+        to: The tool on its way, and what holds.
     """
 
     def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
         self.out, self.facts = out, facts
-        self.motions = Motions(out, facts)
-        self.tilted = False
-        self._away: list[int] = []
+        self.to = Motions(out, facts)
         self._filament = 0.0
         self._origins: dict[tuple[float | None, float | None], dict[str, float]] = {}
         self._pointless = ("", 0)
@@ -150,7 +148,7 @@ class _Reader:
         facts, (text, line) = self.facts, self._pointless
         self.out.line = line
         if facts.in_thousandths:
-            self.motions.note(
+            self.out.note(
                 "numbers count the smallest step, 0.001 mm or 0.0001 inch: none has a decimal point"
             )
         elif text and facts.unlike:
@@ -159,19 +157,10 @@ class _Reader:
                 "one counts thousandths. Write all with a point, or none"
             )
         elif text and facts.pointed and not (facts.fine or facts.extrudes):
-            self.motions.note(
+            self.out.note(
                 f"numbers without a decimal point, as {text}, are read like those with one; on "
                 "machines that count thousandths, write a point"
             )
-
-    def left_out(self) -> list[str]:
-        """What was passed over beside single words."""
-        if not self._away:
-            return []
-        return [
-            f"motions to the machine's own positions (G28, G53, … in {of_lines(self._away)}) are "
-            "left out; another curve begins after each."
-        ]
 
     # ------------------------------------------------------------ a block
 
@@ -188,20 +177,21 @@ class _Reader:
             return False
         self._check(block)
         own_words = any(code in OWN_WORDS for code in block.codes)
-        self.motions.modes.rounding = words.get("RNDM", self.motions.modes.rounding)
+        self.to.modes.rounding = words.get("RNDM", self.to.modes.rounding)
         for name in block.names:
             own_words |= self._name(name, block)
         away = "SUPA" in block.names or any(code in AWAY for code in block.codes)
         for code in block.codes:
             self._code(code, block)
-        if "L" in words and self.motions.modes.cycle is None and 10 not in block.codes:
+        if "L" in words and self.to.modes.cycle is None and 10 not in block.codes:
             raise InvalidInput("L calls or repeats a subprogram, which is not read")
-        self.motions.feed(block)
+        self.to.feed(block)
         for word in [*(k for k in "ST" if k in words), *(f"M{code:g}" for code in block.switches)]:
             self.out.pass_over(word)
         if away:
-            self.motions.leave(words)
-            self._away.append(self.out.line)
+            named = set("XYZ") & words.keys()
+            self.to.leave(named or ("" if set("ABC") & words.keys() else "XYZ"))
+            self.out.note(_LEFT_OUT, left_out=True)
         elif not own_words and not MOVING.isdisjoint(words):
             self._move(block)
         elif "E" in words and not own_words:
@@ -220,7 +210,7 @@ class _Reader:
                 if text and "." not in text and float(text):
                     self._pointless = (f"{name}{text}", self.out.line)
         for code in block.switches:
-            self.motions.modes.tip = KINEMATICS.get(code, self.motions.modes.tip)
+            self.to.tip = KINEMATICS.get(code, self.to.tip)
             if code in CALLS:
                 raise InvalidInput(
                     f"M{code:g} calls a subprogram, which is not read; have the CAM system write "
@@ -240,17 +230,16 @@ class _Reader:
                 "to G3"
             )
         if stem in ("TRAORI", "TRAFOOF"):
-            self.motions.modes.tip = stem == "TRAORI"
+            self.to.tip = stem == "TRAORI"
         elif stem in ("M82", "M83"):
-            self.motions.modes.filament_relative = stem == "M83"
+            self.to.modes.filament_relative = stem == "M83"
         elif name.startswith("CYCLE800("):
-            with self.motions.reframed():
-                if note := self.motions.frames.swivel(name, self.motions.scale()):
-                    self.motions.note(note)
-                    self.tilted = True
+            frame, note = swiveled(self.to.frame, name, self.to.scale())
+            self.to.reframe(frame)
+            if note:
+                self.out.note(note)
         elif stem in FRAMES:
-            with self.motions.reframed():
-                self.motions.frames.program(stem, block.words, self.motions.scale())
+            self.to.reframe(programmed(self.to.frame, stem, block.words, self.to.scale()))
             return True
         return False
 
@@ -262,12 +251,12 @@ class _Reader:
         if code in MODAL:
             self._mode(*MODAL[code])
         elif code in UNITS:
-            moved = bool(self.out.rows or self.motions.at) and self.out.length_unit != UNITS[code]
+            moved = bool(self.out.rows or self.to.at) and self.out.length_unit != UNITS[code]
             self.out.set_unit(UNITS[code], moved=moved)
         elif code in OFFSETS:
             self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
         elif code in CYCLES:
-            begin_drilling(self.motions, int(code))
+            self.to.begin_drilling(int(code))
         elif code in FRAME_CODES:
             self._frame(code, block)
         elif code in BARE and set("XYZABC") & words:
@@ -275,9 +264,9 @@ class _Reader:
             raise InvalidInput(f"G{code:g} {what} is not read")
         elif code in PASSED or code in TIP_ON or ahead:
             if code in TIP_ON:
-                self.motions.modes.tip, self.motions.axis.vectors = True, code == 43.5
+                self.to.tip, self.to.axis.vectors = True, code == 43.5
             elif code == 49:
-                self.motions.modes.tip = self.motions.axis.vectors = False
+                self.to.tip = self.to.axis.vectors = False
             self.out.pass_over(f"G{code:g}")
         elif code in REFUSED:
             instead = INSTEAD.get(code, "have the CAM system write plain motions G0 to G3")
@@ -290,20 +279,21 @@ class _Reader:
 
     def _mode(self, name: str, value: int) -> None:
         """Process a G code that holds until another of its group."""
-        if name == "feed" and self.motions.modes.feed != value:
+        if name == "feed" and self.to.modes.feed != value:
             self.out.feeds.set(math.nan, per_turn=value == 95)  # another F does not hold
+            self.out.feeds.by_time = value == 93
         if name == "motion":
-            self.motions.modes.cycle = None
+            self.to.modes.cycle = None
         if name == "relative":
-            self.motions.modes.filament_relative = bool(value)
-        setattr(self.motions.modes, name, value)
+            self.to.modes.filament_relative = bool(value)
+        setattr(self.to.modes, name, value)
 
     def _frame(self, code: float, block: Block) -> None:
         """Process a G code of frames of coordinates."""
-        words, at = block.words, self.motions.at
+        words, at, frame, scale = block.words, self.to.at, self.to.frame, self.to.scale
         self.out.pass_over(f"G{code:g}")
         if code == 80:
-            self.motions.modes.cycle = None
+            self.to.modes.cycle = None
         elif code == 10:
             # Where a work offset is on the machine; the path is in coordinates of the offset.
             which = words.get("L"), words.get("P")
@@ -312,37 +302,29 @@ class _Reader:
                 raise InvalidInput("G10 moves an offset after the first motion, which is not read")
             self._origins[which] = origin
         elif code == 53.1:
-            if self.motions.frames.plane is None:
+            if frame.plane is None:
                 raise InvalidInput("G53.1 turns the tool to a tilted plane, and there is none")
-        elif code in (68, 68.2) and self.motions.modes.plane != 17:
+        elif code in (68, 68.2) and self.to.modes.plane != 17:
             raise InvalidInput(f"G{code:g} is read in the plane of G17 alone")
         elif code == 68.2:
-            with self.motions.reframed():
-                self.motions.frames.tilt(words, self.motions.scale())
-            self.tilted = True
+            self.to.reframe(tilted(frame, words, scale()))
         elif code == 68:
             if (
-                self.motions.modes.relative
+                self.to.modes.relative
                 or "R" not in words
                 or not {"X", "Y"} <= at.keys() | words.keys()
             ):
                 raise InvalidInput("G68 is read with R, and with a centre X, Y that is known")
-            scale = self.motions.scale()
-            centre = [scale * words[k] if k in words else at[k] for k in "XY"]
-            with self.motions.reframed():
-                self.motions.frames.turn(np.array([*centre, 0.0]), words["R"])
+            centre = [scale() * words[k] if k in words else at[k] for k in "XY"]
+            self.to.reframe(turned(frame, np.array([*centre, 0.0]), words["R"]))
         elif code == 52:
-            scale = self.motions.scale()
-            with self.motions.reframed():
-                self.motions.frames.shift(
-                    {k: scale * words[k] for k in "XYZ" if k in words}, more=False
-                )
+            origin = {k: scale() * words[k] for k in "XYZ" if k in words}
+            self.to.reframe(shifted(frame, origin, more=False))
         elif code == 92:
             self._filament = words.get("E", self._filament)
-            self.motions.set_position({k: words[k] for k in "XYZ" if k in words})
+            self.to.set_position({k: words[k] for k in "XYZ" if k in words})
         else:
-            with self.motions.reframed():
-                self.motions.frames.end(shift=code != 69)
+            self.to.reframe(ended(frame, shift=code != 69))
 
     def _deposits(self, block: Block) -> bool:
         """Whether a motion cuts; on a 3-D printer, whether it deposits filament."""
@@ -351,17 +333,17 @@ class _Reader:
         filament = block.words.get("E")
         if filament is None:
             return False
-        fed = filament if self.motions.modes.filament_relative else filament - self._filament
+        fed = filament if self.to.modes.filament_relative else filament - self._filament
         self._filament = filament
         return fed > 0.0
 
     def _move(self, block: Block) -> None:
         """A motion, or the holes of a cycle."""
-        motion = self.motions.modes.motion
+        motion = self.to.modes.motion
         cut = motion != 0 and self._deposits(block)
         if not cut and motion and not {"X", "Y", "Z"}.isdisjoint(block.words):
-            self.motions.note("motions that deposit no filament (E) are rapid")
-        if self.motions.modes.cycle is not None:
-            drill(self.motions, block)
+            self.out.note("motions that deposit no filament (E) are rapid")
+        if self.to.modes.cycle is not None:
+            self.to.drill(block)
         else:
-            self.motions.move(block, cut=cut)
+            self.to.move(block, cut=cut)

@@ -10,10 +10,11 @@ from pathlib import Path
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.gcode_facts import Facts
-from qp_twist.paths.heidenhain_arcs import Motions
 from qp_twist.paths.heidenhain_blocks import BEGIN, NO_MOTION, Block, Words, blocks, number, words
-from qp_twist.paths.heidenhain_cycles import Hole, hole_of
-from qp_twist.paths.heidenhain_frame import is_immediate
+from qp_twist.paths.heidenhain_cycles import Cycle, cycle_of
+from qp_twist.paths.heidenhain_frame import IMMEDIATE, by_cycle, by_plane
+from qp_twist.paths.heidenhain_motions import Motions, feed_of
+from qp_twist.paths.machine_tool import Corner, Cut, Frame
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -21,11 +22,13 @@ from qp_twist.paths.toolpath_builder import (
     ProgramWords,
     ToolpathFormat,
     TooManyPoints,
-    of_lines,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
 
-_WORDS = ProgramWords("a Klartext program", "TX, TY, TZ", "FMAX", "MM behind BEGIN PGM")
+_WORDS = ProgramWords(
+    "a Klartext program", "TX, TY, TZ", "FMAX", "MM behind BEGIN PGM",
+    tip=("M128", "FUNCTION TCPM", "PLANE SPATIAL"),
+)  # fmt: skip
 _REFUSED = {
     91: "", 92: "", 114: "a correction for the machine's geometry", 130: "a point out of the plane",
     118: "handwheel motion", 144: "a correction for the machine's geometry",
@@ -43,6 +46,18 @@ _JUMP = re.compile(
     r'(?P<kind>9|1[0-2]) ?: ?IF (?P<one>\S+) (?:EQU|NE|GT|LT) (?P<two>\S+) GOTO LBL "?(?P<to>.*?)"?'
 )
 """FN 9 to FN 12."""
+_CORRECTED = ("RL, RR ({}): a machine shifts the path by the radius of its tool; here the points "
+              "are the path of the tool's tip.")  # fmt: skip
+_BORED = ("cycles ({}): the tool goes along its axis down to the depth at once and back, without "
+          "pecking and dwelling.")  # fmt: skip
+_INCH = ("F ({}) of a program in inches is read as tenths of an inch per minute, as Heidenhain's "
+         "manuals say.")  # fmt: skip
+_PLANE = ("PLANE SPATIAL ({}): the points are turned into the frame of the part, and the tool "
+          "stands along the plane's normal.")  # fmt: skip
+_AWAY = ("motions to the machine's own positions (M91, M92, M140 in {}) are left out; another "
+         "curve begins after each.")  # fmt: skip
+_APPROACH = ("APPR and DEP ({}): the ways to the contour and from it are left out; a curve begins "
+             "at its first point.")  # fmt: skip
 _MOST_REPEATED = 200_000
 """Blocks that a program may run beside those of its file."""
 
@@ -63,9 +78,7 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
              if block.keyword in ("L", "LN", "LP") and "M91" not in block.text]  # fmt: skip
     reader = _Reader(ProgramBuilder(options, _WORDS), Facts.of(moved))
     reader.read(program)
-    return reader.out.toolpath(
-        path, reader.assumptions(), reader.left_out(), has_axis=reader.has_axis
-    )
+    return reader.to.toolpath(path)
 
 
 def _is_klartext(suffix: str, lines: Sequence[str]) -> bool:
@@ -81,18 +94,18 @@ class _Reader:
 
     Attributes:
         out: The points so far.
+        to: The machine and its tool.
     """
 
     def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
-        self.out = out
-        self._motions = Motions(out, facts)
+        self.out, self.to = out, Motions(out, facts)
         self._parameters: dict[str, float] = {}
-        self._cycle: Hole | None = None
-        self._noted: dict[str, list[int]] = {}
-        to = self._motions
+        self._cycle: Cycle | None = None
+        to = self.to
         self._acts: dict[str, Callable[[Words], None]] = {
-            "L": to.line, "LN": to.line_by_normal, "LP": to.polar_line, "CC": to.pole, "C": to.arc,
-            "CP": to.polar_arc, "CR": to.arc_by_radius, "CT": to.tangent_arc, "": lambda of: None,
+            "L": to.move, "LN": to.move_by_normal, "LP": to.polar_move, "CC": to.pole,
+            "C": to.arc_about_pole, "CP": to.polar_arc, "CR": to.arc_by_radius,
+            "CT": to.tangent_arc, "": lambda of: None,
         }  # fmt: skip
         self._others: dict[str, Callable[[Block], None]] = {
             "BEGIN PGM": self._begin, "RND": self._corner, "CHF": self._corner,
@@ -160,45 +173,6 @@ class _Reader:
         jumps = holds[jump["kind"]] and not self.out.problems
         return labels[jump["to"]] + 1 if jumps else at
 
-    def assumptions(self) -> list[str]:
-        """What was assumed."""
-        notes = {
-            "RL": "RL, RR ({}): a machine shifts the path by the radius of its tool; here the "
-            "points are the path of the tool's tip.",
-            "CYCL": "cycles ({}): the tool goes along its axis down to the depth at once and back, "
-            "without pecking and dwelling.",
-            "INCH": "F ({}) of a program in inches is read as tenths of an inch per minute, as "
-            "Heidenhain's manuals say.",
-            "LN": "NX, NY, NZ ({}) without TX, TY, TZ: the tool stands along the normal, as by "
-            "M128.",
-            "PLANE": "PLANE SPATIAL ({}): the points are turned into the frame of the part, and the"
-            " tool stands along the plane's normal.",
-        }
-        if self._motions.by_normal:
-            self._noted["LN"] = self._motions.by_normal
-        found = [text.format(of_lines(self._noted[k])) for k, text in notes.items()
-                 if k in self._noted]  # fmt: skip
-        return [*self.out.divided(), *self._motions.axis.notes(), *found]
-
-    def left_out(self) -> list[str]:
-        """What was passed over beside single words."""
-        texts = {
-            "M91": "motions to the machine's own positions (M91, M92, M140 in {}) are left out; "
-            "another curve begins after each.",
-            "APPR": "APPR and DEP ({}): the ways to the contour and from it are left out; a curve "
-            "begins at its first point.",
-        }
-        return [text.format(of_lines(self._noted[k])) for k, text in texts.items()
-                if k in self._noted]  # fmt: skip
-
-    def _note(self, what: str) -> None:
-        self._noted.setdefault(what, []).append(self.out.line)
-
-    @property
-    def has_axis(self) -> bool:
-        """Whether the program states a tool axis."""
-        return self._motions.axis.stated or "PLANE" in self._noted
-
     # ------------------------------------------------------------ a block
 
     def _block(self, block: Block) -> bool:
@@ -235,33 +209,36 @@ class _Reader:
         size = words(re.sub("^(?=[0-9])", "R", block.text), self._parameters).values.get("R", 0.0)
         if size <= 0.0:
             raise InvalidInput(f"{block.keyword}: expected its size, above 0")
-        self._motions.corner = block.keyword, size * self.out.scale()
+        kind = "R" if block.keyword == "RND" else "C"
+        if not isinstance(self.to.last, Cut):
+            raise InvalidInput(f"{block.keyword} is read between two straight cuts alone")
+        self.to.corner = Corner(kind, size * self.out.scale(), block.keyword)
 
     def _approach(self, block: Block) -> None:
         of = words(re.sub("^[A-Z]+", "", block.text), self._parameters)
         self._feed(of)
-        self._note("APPR")
-        self._motions.approach(of, away=block.keyword == "DEP")
+        self.out.note(_APPROACH, left_out=True)
+        self.to.approach(of, away=block.keyword == "DEP")
 
     def _move(self, act: Callable[[Words], None], of: Words) -> bool:
         """Process a block of words; whether it ends the program."""
-        to = self._motions
+        to = self.to
         for switch in of.switches:
             if _REFUSED.get(switch):
                 raise InvalidInput(f"M{switch} is {_REFUSED[switch]}, which is not read")
             to.tip = (to.tip or switch == 128) and switch != 129
             self.out.pass_over(f"M{switch}")
         if of.corrected:
-            self._note("RL")
+            self.out.note(_CORRECTED)
         self._feed(of)
         if {91, 92, 140} & set(of.switches):
             named = [axis for axis in ("Z" if 140 in of.switches else "XYZ")
                      if 140 in of.switches or axis in of.values]  # fmt: skip
-            to.leave(named if named and not to.frame.tilted else "XYZ")
-            self._note("M91")
+            to.leave(named if named and to.frame.plane is None else "XYZ")
+            self.out.note(_AWAY, left_out=True)
         else:
             act(of)
-        modal = self._cycle is not None and self._cycle.modal and act == to.line
+        modal = self._cycle is not None and self._cycle.modal and act == to.move
         if 99 in of.switches or modal:
             self._bore()
         if self._cycle is not None:
@@ -272,8 +249,8 @@ class _Reader:
         """Call the cycle that was defined."""
         if self._cycle is None:
             raise InvalidInput("a cycle is called, and none is defined before")
-        self._note("CYCL")
-        self._motions.bore(self._cycle.checked())
+        self.out.note(_BORED)
+        self.to.bore(self._cycle.hole(float(self.to.point()[2]), self.out))
 
     def _feed(self, of: Words) -> None:
         if {"FZ", "FT"} & of.values.keys():
@@ -281,9 +258,9 @@ class _Reader:
         if "FU" in of.values:
             self.out.feeds.set(of.values["FU"] * self.out.scale(), per_turn=True)
         if "F" in of.values:
-            self._motions.set_feed(of.values["F"])
+            self.out.feeds.set(feed_of(of.values["F"], self.out), per_turn=False)
             if self.out.length_unit == "inch":
-                self._note("INCH")
+                self.out.note(_INCH)
 
     def _tool_call(self, block: Block) -> None:
         text = block.text
@@ -316,24 +293,30 @@ class _Reader:
         self.out.pass_over(f"CYCL DEF {kind}")
         if kind == 247:
             self.out.set_frame("CYCL DEF 247", re.sub(r"\s", "", match[3].split(" Q")[-1]))
-        elif is_immediate(kind):  # its line .0 is its name
-            if match[2] != "0" and self._motions.frame.cycle(kind, match[3], self._parameters):
-                self._motions.leave("XYZ")
+        elif kind in IMMEDIATE:
+            if match[2] != "0":  # its line .0 is its name
+                was, scale = self.to.frame, self.out.scale()
+                frame = by_cycle(was, kind, match[3], self._parameters, scale)
+                if frame is not was:
+                    self._reframe(frame)
         else:
             before = None if match[2] == "0" else self._cycle
-            self._cycle = hole_of(kind, match[3], before, self._parameters)
+            self._cycle = cycle_of(kind, match[3], before, self._parameters)
 
     def _plane(self, block: Block) -> None:
-        to = self._motions
-        to.frame.plane(block.text, self._parameters)
         self.out.pass_over("PLANE")
         # The control sets Q120 to Q122 to the rotary axes of the plane, which the plane implies.
         for name in ("Q120", "Q121", "Q122"):
             self._parameters.pop(name, None)
-        if to.frame.tilted:
-            self._note("PLANE")
+        self._reframe(by_plane(self.to.frame, block.text, self._parameters))
+        if self.to.frame.plane is not None:
+            self.out.note(_PLANE)
             self._parameters |= dict.fromkeys(("Q120", "Q121", "Q122"), 0.0)
-        to.leave("XYZ")
+
+    def _reframe(self, frame: Frame) -> None:
+        """Coordinates are in another frame; the machine may have moved to turn to it."""
+        self.to.leave("XYZ")
+        self.to.reframe(frame)
 
     def _function(self, block: Block) -> None:
         """FUNCTION TCPM: the coordinates are those of the tip."""
@@ -343,7 +326,7 @@ class _Reader:
         if "AXIS SPAT" in text:
             raise InvalidInput("FUNCTION TCPM … AXIS SPAT: A, B, C as spatial angles are not read; "
                                "have the CAM system write AXIS POS or LN blocks")  # fmt: skip
-        self._motions.tip = text.startswith("TCPM") or (self._motions.tip and text != "RESET TCPM")
+        self.to.tip = text.startswith("TCPM") or (self.to.tip and text != "RESET TCPM")
         self.out.pass_over("FUNCTION")
 
     def _assign(self, block: Block) -> None:

@@ -51,13 +51,18 @@ STATED_BY_PROGRAMS: dict[tuple[str, ...], str] = {
 
 
 class ProgramWords(NamedTuple):
-    """What messages call a program, its tool axis, rapid motion and units; what its axes are."""
+    """What messages call a program, its tool axis, rapid motion and units; what its axes are.
+
+    Attributes:
+        tip: Words after which the coordinates are those of the tool's tip.
+    """
 
     title: str
     axis: str
     rapid: str
     units: str
     direction: Literal["axis", "quaternion"] = "axis"
+    tip: tuple[str, ...] = ()
 
 
 class Row(NamedTuple):
@@ -157,10 +162,33 @@ def toolpath_of(
 
 
 class Feeds:
-    """The feed in force of a program: a length per minute, or per turn of the spindle."""
+    """The feed in force of a program: a length per minute, per turn of the spindle, or by time.
+
+    Attributes:
+        per_turn: Whether it is per turn of the spindle.
+        turns_per_minute: Of the spindle.
+        by_time: Whether each motion states how many of its kind would take a minute.
+        motions_per_minute: What the motion states that is read.
+    """
 
     def __init__(self) -> None:
         self._value, self.per_turn, self.turns_per_minute = math.nan, False, math.nan
+        self.by_time = False
+        self.motions_per_minute: float | None = None
+
+    def take_motion(self, length: float) -> None:
+        """A cut of a length, m: by time, it has a feed of its own.
+
+        Raises:
+            InvalidInput: If its time is not stated.
+        """
+        if not self.by_time:
+            return
+        if self.motions_per_minute is None:
+            raise InvalidInput("G93: each block that cuts needs its own F")
+        feed = self.motions_per_minute * length
+        # A turn in place has a time, and no feed.
+        self.set(feed if feed > 0.0 else math.nan, per_turn=False)
 
     def set(self, value: float, *, per_turn: bool) -> None:
         """A feed in m per minute, or m per turn."""
@@ -210,6 +238,7 @@ class ProgramBuilder:
         self._begins = False
         self._frame: object = None
         self._passed: dict[str, list[int]] = {}
+        self._notes: dict[tuple[str, bool], list[int]] = {}
         self._rapids = self._arcs = 0
 
     @contextmanager
@@ -235,6 +264,15 @@ class ProgramBuilder:
     def pass_over(self, word: str) -> None:
         """Count a word that moves nothing."""
         self._passed.setdefault(word, []).append(self.line)
+
+    def note(self, what: str, *, left_out: bool = False) -> None:
+        """What was assumed in this line, or left out; ``{}`` in the text is replaced by lines."""
+        self._notes.setdefault((what, left_out), []).append(self.line)
+
+    def _noted(self, *, left_out: bool) -> list[str]:
+        return [what.replace("{}", of_lines(lines)) if "{}" in what
+                else f"{what} ({of_lines(lines)})."
+                for (what, left), lines in self._notes.items() if left == left_out]  # fmt: skip
 
     def set_frame(self, word: str, frame: object) -> None:
         """The file states the frame of the points that follow: its own, or a work offset."""
@@ -368,9 +406,10 @@ class ProgramBuilder:
                 *self._unit_notes(),
                 *([] if orientation or has_axis else [no_axis]),
                 *self._rapid_notes(),
+                *self._noted(left_out=False),
                 *assumptions,
             ],
-            passed_over=[*self._words_passed_over(), *left_out],
+            passed_over=[*self._words_passed_over(), *self._noted(left_out=True), *left_out],
             unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )

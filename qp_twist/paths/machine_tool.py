@@ -1,0 +1,404 @@
+"""The machine that programs of machine tools steer: where its tool is, and how it gets on."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.arcs import Arc, cut_corner
+from qp_twist.paths.gcode_facts import Facts
+from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
+from qp_twist.paths.gcode_words import Block
+from qp_twist.paths.toolpath import SAME_POINT, Toolpath
+from qp_twist.paths.toolpath_builder import ProgramBuilder
+
+NOTHING = RigidTransform.identity()
+_LARGEST_TURN = 3.0
+"""Rotary axes move in proportion; the tool axis is computed at least every this many degrees."""
+_MOST_TURNED = 36_000.0
+"""Largest turn of a rotary axis in one cut, degrees: beyond it, a number is wrong."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The frame of a program's coordinates in that of the part: one transform after the other.
+
+    Attributes:
+        datum: A shift of the datum, m.
+        plane: A tilted plane, whose normal is the tool axis; ``None`` without one.
+        shift: A shift or turn of the coordinates, in that plane.
+    """
+
+    datum: RigidTransform = NOTHING
+    plane: RigidTransform | None = None
+    shift: RigidTransform = NOTHING
+
+    @cached_property
+    def whole(self) -> RigidTransform:
+        """From the frame of the coordinates to that of the part."""
+        plane = NOTHING if self.plane is None else self.plane
+        return self.datum * plane * self.shift
+
+    @cached_property
+    def changed(self) -> bool:
+        """Whether coordinates are not those of the part."""
+        return self.plane is not None or bool(np.any(self.whole.as_matrix() != np.eye(4)))
+
+    @cached_property
+    def axis(self) -> tuple[float, ...] | None:
+        """The tool axis in a tilted plane; ``None`` without one."""
+        return None if self.plane is None else tuple(self.plane.as_matrix()[:3, 2].tolist())
+
+    @cached_property
+    def turned(self) -> bool:
+        """Whether coordinates are turned in their plane."""
+        return float(self.shift.rotation.magnitude()) > 0.0
+
+
+class Hole(NamedTuple):
+    """A hole along z: the tool goes near it, down to its bottom, and back.
+
+    Attributes:
+        near: Height at which the feed begins, m.
+        bottom: Height of the bottom, m.
+        above: Height at which the tool comes and goes, m.
+        out_at_feed: Whether it comes back at the feed, and not rapidly.
+        feed: m per minute or turn, and whether per turn, if the cycle states one.
+    """
+
+    near: float
+    bottom: float
+    above: float
+    out_at_feed: bool = False
+    feed: tuple[float, bool] | None = None
+
+    def motions(self) -> Iterator[tuple[float, bool]]:
+        """Where each motion ends, m, and whether it is rapid."""
+        yield self.near, True
+        yield self.bottom, False
+        yield self.near, not self.out_at_feed
+        if self.above > self.near:
+            yield self.above, True
+
+
+class Corner(NamedTuple):
+    """A corner that the next motion ends.
+
+    Attributes:
+        kind: ``R``, ``C`` or ``CHF``, as for :func:`~qp_twist.paths.arcs.cut_corner`.
+        size: m.
+        word: Of the program, where it is read in the plane of X and Y alone.
+        modal: Whether each corner is cut, where there is one.
+    """
+
+    kind: str
+    size: float
+    word: str = ""
+    modal: bool = False
+
+
+class Cut(NamedTuple):
+    """A straight cut, and the largest turn of a rotary axis on its way, degrees."""
+
+    start: dict[str, float]
+    end: dict[str, float]
+    turn: float
+
+
+class MachineTool:
+    """The tool on its way.
+
+    Attributes:
+        out: The points so far.
+        axis: The tool axis by rotary axes or vectors.
+        frame: Of the coordinates.
+        at: Where the tool is in it: X, Y, Z, m, as far as they are known.
+        gone: Axes along which it is somewhere unknown; along others it begins at 0.
+        tip: Whether the coordinates are those of the tip, whatever the tool axis.
+        tilted: Whether there was a tilted plane.
+        corner: At the end of the last cut.
+        last: The last cut.
+    """
+
+    def __init__(self, out: ProgramBuilder, facts: Facts, *, assumes: bool) -> None:
+        """``assumes``: of what nothing states, where axes begin and where a fourth one is."""
+        self.out, self.axis, self.frame = out, ToolAxis(out, facts), Frame()
+        self.at: dict[str, float] = {}
+        self.gone: set[str] = set("" if assumes else "XYZ")
+        self.tip = self.tilted = False
+        self.corner: Corner | None = None
+        self.last: Cut | Arc | None = None
+        self._assumes = assumes
+
+    # ------------------------------------------------------------ where the tool is
+
+    def scale(self) -> float:
+        """Metres in the unit of coordinates."""
+        return self.out.scale()
+
+    def point(self) -> Array:
+        """Where the tool is, m, (3,).
+
+        Raises:
+            InvalidInput: If that is not known.
+        """
+        if missing := [axis for axis in "XYZ" if axis not in self.at]:
+            raise InvalidInput(f"where the tool is in {' and '.join(missing)} is not known")
+        return _point(self.at)
+
+    def leave(self, axes: Iterable[str]) -> None:
+        """The tool goes to an unknown place along some axes: another curve begins there."""
+        self._forget(axes)
+        self.last = None
+        self.out.begin_curve()
+
+    def _forget(self, axes: Iterable[str]) -> None:
+        self.gone.update(axes)
+        self.at = {axis: value for axis, value in self.at.items() if axis not in self.gone}
+
+    def reframe(self, frame: Frame) -> None:
+        """The frame of the coordinates changes; the tool stays where it is."""
+        before, self.frame = self.frame.whole, frame
+        self.tilted |= frame.plane is not None
+        self.last = None
+        if len(self.at) == 3:
+            there = frame.whole.inv().apply(before.apply(_point(self.at)))
+            self.at = dict(zip("XYZ", there.tolist(), strict=True))
+        elif np.any(frame.whole.as_matrix() != before.as_matrix()):
+            self._forget(self.at)
+
+    def assume_zero(self, axis: str, word: str) -> None:
+        """Where nothing states a coordinate, machines begin at 0.
+
+        Raises:
+            InvalidInput: If the tool went elsewhere.
+        """
+        if axis in self.gone:
+            raise InvalidInput(f"{word}: where the tool is in {axis} is not known")
+        self.at = {**self.at, axis: 0.0}
+        self.out.note(f"{axis} is 0 until it is stated")
+
+    def target(self, block: Block, *, relative: bool = False) -> None:
+        """Read X, Y and Z: the tool is there then."""
+        at, words = dict(self.at), block.words
+        for axis in "XYZ":
+            if axis not in words:
+                continue
+            value = self.scale() * words[axis]
+            if block.kinds.get(axis, "IC" if relative else "AC") == "IC":
+                if axis not in at:
+                    how = " (G91)" if relative else ""
+                    if axis in self.gone:
+                        raise InvalidInput(
+                            f"{axis} is relative{how} to a position that is not known"
+                        )
+                    self.assume_zero(axis, axis)
+                value += at.get(axis, 0.0)
+            at[axis] = value
+        self.at = at
+        self.gone.difference_update(at)
+
+    # ------------------------------------------------------------ motions
+
+    def line(self, block: Block, *, cut: bool, relative: bool = False) -> None:
+        """A straight motion to the target of a block, over which rotary axes move in proportion."""
+        start, begin, read = self._lead("", block, cut=cut, relative=relative)
+        self.axis.read_vector(block)
+        if not read:
+            self._without_tip(cut=cut)
+        elif len(self.at) == 3:
+            self.straight(start, begin, cut=cut)
+
+    def arc(
+        self, word: str, block: Block, arc_of: Callable[[Array, Array], Arc], *, cut: bool = True,
+        relative: bool = False,
+    ) -> None:  # fmt: skip
+        """An arc or a helix to the target of a block, by a function of its start and its end."""
+        start, begin, read = self._lead(word, block, cut=cut, relative=relative)
+        if not read:
+            self._without_tip(cut=cut)
+            return
+        if len(start) < 3 or len(self.at) < 3:
+            raise InvalidInput(f"{word}: where the arc begins is not known")
+        if block.words.keys() & set(BY_VECTOR):
+            raise InvalidInput("a tool axis by A3, B3, C3 on an arc is not read")
+        if self.corner is not None:
+            self.corner = None
+            raise InvalidInput("a corner is cut between two straight cuts alone")
+        arc = arc_of(_point(start), _point(self.at))
+        self._add(*self.out.divide_arc(arc), begin, cut=cut)
+        self.at, self.last = dict(zip("XYZ", arc.end.tolist(), strict=True)), arc
+
+    def bore(self, hole: Hole, begin: dict[str, float] | None = None) -> None:
+        """The motions of a hole where the tool is."""
+        feeds, self.out.feeds = self.out.feeds, copy.copy(self.out.feeds)
+        if hole.feed is not None:
+            self.out.feeds.set(hole.feed[0], per_turn=hole.feed[1])
+        for height, rapid in hole.motions():
+            start, self.at = self.at, {**self.at, "Z": height}
+            self.straight(start, begin or {}, cut=not rapid)
+        self.out.feeds = feeds
+
+    def heading(self) -> Array | None:
+        """The direction at the end of the last cut, (3,), if there is one."""
+        if self.last is None:
+            return None
+        if isinstance(self.last, Arc):
+            way = np.cross(self.last.axis, self.last.end - self.last.centre)
+        else:
+            way = _point(self.last.end) - _point(self.last.start)
+        return np.asarray(way / np.linalg.norm(way))
+
+    def toolpath(self, path: Path) -> Toolpath:
+        """The whole toolpath, with what was assumed."""
+        return self.out.toolpath(
+            path, [*self.out.divided(), *self.axis.notes()], (),
+            has_axis=self.axis.stated or self.tilted,
+        )  # fmt: skip
+
+    def _lead(
+        self, word: str, block: Block, *, cut: bool, relative: bool
+    ) -> tuple[dict[str, float], dict[str, float], bool]:
+        """Read where a motion leads: its start, the angles there, and whether it can be read.
+
+        An arc has a word for messages; a straight cut from an unknown place is left out.
+        """
+        axis, start = self.axis, self.at
+        moves = not block.words.keys().isdisjoint("XYZ")
+        tip = self.tip or self.frame.plane is not None
+        if not tip and not axis.machine and axis.turned and not moves:
+            self._forget("XYZ")  # a turn about the pivot of the machine leads the tip elsewhere
+        self.target(block, relative=relative)
+        begin = axis.turn(block, relative=relative, cut=cut)
+        if self._assumes and not tip and axis.turned and axis.rotary is not None:
+            axis.assume_machine()
+        unread = not tip and axis.turned and not axis.machine
+        if cut and self.gone - self.at.keys() and not word and not unread:
+            self.out.note("cuts are left out while it is not known where the tool comes from")
+            self.out.begin_curve()
+        elif cut and len(self.at) < 3 and moves and not unread:
+            for name in "XYZ":
+                if name not in self.at:
+                    self.assume_zero(name, word or "G1")
+                    start = {**start, name: 0.0}
+            if len(start) == 3:
+                self._add_point(start, begin, cut=False)
+        return start, begin, not unread or axis.rotary is None
+
+    def _without_tip(self, *, cut: bool) -> None:
+        """A motion with turned rotary axes whose X, Y, Z are not those of the tip."""
+        self.leave("XYZ")
+        if cut:
+            self.axis.refuse_without_tip()
+
+    def straight(self, start: dict[str, float], begin: dict[str, float], *, cut: bool) -> None:
+        """Add a straight motion to where the tool is, divided where rotary axes turn it."""
+        turn = self.axis.largest_turn(begin)
+        if self.corner is not None:
+            self._finish_corner(begin, cut=cut and not turn)
+        if not (turn and cut) or len(start) < 3:
+            # In rapid motion the way of the axis does not matter, and it is one motion.
+            self._add_point(self.at, begin, cut=cut)
+        else:
+            if turn > _MOST_TURNED:
+                raise InvalidInput(
+                    f"a rotary axis turns by {turn:.6g} degrees in one cut, more than "
+                    f"{_MOST_TURNED:g}; check the angle"
+                )
+            first, end = _point(start), _point(self.at)
+            step = self.axis.largest_step(first, end, tip=self._of_tip())
+            count = max(1, math.ceil(turn / min(_LARGEST_TURN, step) - 1e-9))
+            shares = np.arange(1, count + 1) / count
+            points = first + shares[:, None] * (end - first)
+            points[-1] = end
+            self._add(points, shares, begin, cut=cut)
+        if not cut or len(start) < 3:
+            self.last = None
+        elif start != self.at:
+            self.last = Cut(start, self.at, turn)
+
+    def _finish_corner(self, begin: dict[str, float], *, cut: bool) -> None:
+        """Shorten the cut before a corner, and cut the corner on the way to where the tool is."""
+        corner, self.corner = self.corner, None
+        assert corner is not None
+        if corner.modal and not cut:
+            return
+        if not cut or not isinstance(self.last, Cut) or self.last.turn:
+            raise InvalidInput("a corner is cut between two straight cuts alone")
+        first, motion = cut_corner(
+            _point(self.last.start), _point(self.last.end), _point(self.at), *corner[:2]
+        )
+        if motion is None:
+            return
+        if corner.word and abs(motion.axis[2]) < 0.99:
+            raise InvalidInput(f"{corner.word} is read in the plane of X and Y alone")
+        last = self.out.rows[-1]
+        moved = self.frame.whole.apply(first) if self.frame.changed else first
+        self.out.rows[-1] = last._replace(position=tuple(moved.tolist()))
+        if corner.kind == "R":
+            self._add(*self.out.divide_arc(motion), begin, cut=True)
+        else:
+            self._add(motion.end[None], np.ones(1), begin, cut=True)
+
+    # ------------------------------------------------------------ points
+
+    def _of_tip(self) -> bool:
+        """Whether X, Y, Z are those of the tip."""
+        return self.tip or self.frame.plane is not None or not self.axis.machine
+
+    def _direction(self, begin: dict[str, float], share: float) -> tuple[float, ...]:
+        """The tool axis at a share of a motion, in the part's frame; vectors turn with it."""
+        if self.frame.axis is not None:
+            return self.frame.axis
+        direction = self.axis.at(begin, share)
+        if self.axis.rotary is None and self.frame.turned:
+            return tuple(self.frame.whole.rotation.apply(direction).tolist())
+        return direction
+
+    def _add_point(self, at: dict[str, float], begin: dict[str, float], *, cut: bool) -> None:
+        """Add the end of a straight motion; in a cut if it differs from the point before."""
+        rows, point = self.out.rows, [at["X"], at["Y"], at["Z"]]
+        direction = self._direction(begin, 1.0)
+        if not self._of_tip():
+            point = self.axis.tip(begin, 1.0, point)
+        if self.frame.changed:
+            point = self.frame.whole.apply(point).tolist()
+        if rows and cut:
+            length = math.dist(rows[-1].position, point)
+            self.out.feeds.take_motion(length)
+            if length < SAME_POINT and rows[-1].direction == direction:
+                return
+        self.out.add([np.array(point)], [direction], rapid=not cut)
+
+    def _add(self, points: Array, shares: Array, begin: dict[str, float], *, cut: bool) -> None:
+        """Add the points of a motion at some shares of it; in a cut those that differ."""
+        rows = self.out.rows
+        axes = [self._direction(begin, float(share)) for share in shares]
+        if not self._of_tip():
+            points = np.array([self.axis.tip(begin, float(share), point.tolist())
+                               for share, point in zip(shares, points, strict=True)])  # fmt: skip
+        if self.frame.changed:
+            points = self.frame.whole.apply(points)
+        if rows and cut:
+            moved = np.diff(np.vstack([rows[-1].position, points]), axis=0)
+            lengths = np.sqrt((moved * moved).sum(axis=1))
+            before = [rows[-1].direction, *axes]
+            keep = [k for k in range(len(axes))
+                    if lengths[k] >= SAME_POINT or before[k] != axes[k]]  # fmt: skip
+            points, axes = points[keep], [axes[k] for k in keep]
+            self.out.feeds.take_motion(float(lengths.sum()))
+        self.out.add([*points], axes, rapid=not cut)
+
+
+def _point(at: dict[str, float]) -> Array:
+    return np.array([at["X"], at["Y"], at["Z"]])
