@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from itertools import zip_longest
-from typing import NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.apt_statements import Statement, not_read, number
 from qp_twist.paths.apt_words import FEED_UNITS
+from qp_twist.paths.machine_tool import Hole
 
 _BORED = frozenset({"DRILL", "DEEP", "DEEP2", "BRKCHP", "CSINK", "FACE", "REAM", "BORE", "THRU"})
 """Cycles that lead the tool along its axis into a hole and back."""
@@ -20,25 +20,10 @@ _STATED = frozenset({
 """What a cycle states, each with a number."""
 
 
-class Cycle(NamedTuple):
-    """A drilling cycle, in the unit of the file.
+def cycle_of(of: Statement) -> tuple[Hole | None, tuple[float, str] | None]:
+    """The hole of a CYCLE statement, and its feed and the unit of it; none if it ends one.
 
-    Attributes:
-        depth: Below each point, along the axis.
-        rapid_to: Height above it at which the feed begins.
-        retract_to: Height above it at which the tool comes and goes.
-        feed: Number and unit, if they are stated.
-    """
-
-    depth: float
-    rapid_to: float
-    retract_to: float
-    feed: tuple[float, str] | None
-
-
-def cycle_of(of: Statement) -> Cycle | None:
-    """The cycle that a CYCLE statement begins; ``None`` if it ends one.
-
+    Heights are those above each point, in the unit of the file.
     The depth is FEDTO, and the height RAPTO; Creo calls them DEPTH and CLEAR.
 
     Raises:
@@ -46,7 +31,7 @@ def cycle_of(of: Statement) -> Cycle | None:
     """
     kind = (of.arguments or [""])[0]
     if kind in ("OFF", "CLEAR", "INIT"):
-        return None
+        return None, None
     if kind not in _BORED:
         raise not_read(f"CYCLE/{kind}", "a cycle")
     values = _by_name(f"CYCLE/{kind}", of.arguments[1:], _STATED | FEED_UNITS.keys())
@@ -60,7 +45,7 @@ def cycle_of(of: Statement) -> Cycle | None:
     rapid_to = values["RAPTO"]
     # FEDTO is a depth, in some systems with a minus; the tool does not go further out than in.
     above = max(values.get("RTRCTO", rapid_to), rapid_to)
-    return Cycle(abs(values["FEDTO"]), rapid_to, above, feeds[0] if feeds else None)
+    return Hole(rapid_to, -abs(values["FEDTO"]), above), feeds[0] if feeds else None
 
 
 def _by_name(word: str, words: Sequence[str], names: AbstractSet[str]) -> dict[str, float]:

@@ -19,16 +19,13 @@ class Frames:
     it. CAMWorks' CSYS is a frame of the machine's set-up, and none of the points.
 
     Attributes:
-        moved: Lines of frames in which points are moved.
-        set_ups: Lines of CSYS.
+        moved: Whether points were in another one.
     """
 
     def __init__(self) -> None:
         self._first: SE3 | None = None
         self._now: SE3 | None = None
-        self._in_world = False
-        self.moved: list[int] = []
-        self.set_ups: list[int] = []
+        self._in_world = self.moved = False
 
     def point(self, point: Array) -> Array:
         """A point, (3,), in the unit of the file, in the frame of the toolpath."""
@@ -41,10 +38,13 @@ class Frames:
             turned = self._now.rotation().apply(turned)
         return tuple(turned.tolist())
 
-    def msys(self, of: Statement) -> None:
+    def msys(self, of: Statement) -> bool:
         """MSYS of NX, and MCS of CAMplete: the points that follow are in a frame of the part.
 
         MSYS has the origin, then its x and y axes; MCS its x, y and z axes, then the origin.
+
+        Returns:
+            Whether they are moved out of it.
 
         Raises:
             InvalidInput: If it has other numbers, or the axes are not perpendicular.
@@ -63,12 +63,12 @@ class Frames:
         )
         if self._first is None:
             self._first = frame
-            return
+            return False
         way = self._first.inverse() @ frame
         same = np.allclose(way.as_matrix(), np.eye(4), atol=1e-9)
         self._now = None if same else way
-        if not same:
-            self.moved.append(of.line)
+        self.moved |= not same
+        return not same
 
     def trntyp(self, of: Statement) -> None:
         """TRNTYP of CAMWorks: the points that follow are the part's.
@@ -80,15 +80,18 @@ class Frames:
             raise not_read(f"TRNTYP/{','.join(of.arguments[:1])}", "a change of coordinates")
         self._in_world = True
 
-    def csys(self, of: Statement) -> None:
+    def csys(self, of: Statement) -> bool:
         """CSYS: rows of a rotation, each with a part of an origin, of the machine's set-up.
+
+        Returns:
+            Whether it states one.
 
         Raises:
             InvalidInput: If the points are in it.
         """
         numbers = [number(of.word, argument) for argument in of.arguments]
         if numbers == np.eye(3, 4).ravel().tolist():
-            return
+            return False
         if not self._in_world:
             raise not_read("CSYS", "a change of coordinates")
-        self.set_ups.append(of.line)
+        return True

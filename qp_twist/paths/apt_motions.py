@@ -8,9 +8,9 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.paths.apt_arcs import Arcs, Circle
-from qp_twist.paths.apt_cycles import Cycle
 from qp_twist.paths.apt_statements import unit_vector
 from qp_twist.paths.arcs import Arc, ArcAxis
+from qp_twist.paths.machine_tool import Hole
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 from qp_twist.paths.turning import vectors_at
 
@@ -83,14 +83,13 @@ class Motions:
         self.heading, self.arcs.ended = None, circle
         self.add([*points], [*axes[:-1], tool_axis])
 
-    def bore(self, cycle: Cycle, point: Array, axis: tuple[float, ...]) -> None:
-        """The motions of a cycle at a point: above it, near it, into it, and back."""
-        out = unit_vector("GOTO", axis)
-        scale = self.out.scale()
-        near, above = (point + scale * h * out for h in (cycle.rapid_to, cycle.retract_to))
-        for place in [above, near] if cycle.retract_to > cycle.rapid_to else [above]:
+    def bore(self, hole: Hole, point: Array, axis: tuple[float, ...]) -> None:
+        """The motions of a hole at a point, its heights in the unit of the file."""
+        out = self.out.scale() * unit_vector("GOTO", axis)
+        near, above, bottom = (point + h * out for h in (hole.near, hole.above, hole.bottom))
+        for place in [above, near] if hole.above > hole.near else [above]:
             self.rapid = True
             self.straight(place, axis)
-        self.straight(point - scale * cycle.depth * out, axis)
+        self.straight(bottom, axis)
         self.rapid = True
         self.straight(above, axis)

@@ -14,7 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, shortened
 from qp_twist.paths.apt_arcs import Circle, arc_to_line
-from qp_twist.paths.apt_cycles import Cycle, cycle_of
+from qp_twist.paths.apt_cycles import cycle_of
 from qp_twist.paths.apt_frames import Frames
 from qp_twist.paths.apt_motions import Motions
 from qp_twist.paths.apt_statements import (
@@ -40,6 +40,7 @@ from qp_twist.paths.apt_words import (
     changes_nothing,
 )
 from qp_twist.paths.arcs import ArcAxis, check_radius
+from qp_twist.paths.machine_tool import Hole
 from qp_twist.paths.splines import clamped_cubic
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
@@ -96,9 +97,8 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
         raise InvalidInput(
             f"CIRCLE ({of_lines(arcs.lines)}) {arcs.question()}", options={"arc_axis": None}
         )
-    return reader.out.toolpath(
-        path, reader.assumptions(), reader.left_out(), has_axis=reader.has_axis
-    )
+    sense = f", {reader.to.arcs.sense}-handed about their axes" if reader.to.arcs.lines else ""
+    return reader.out.toolpath(path, reader.out.divided(sense), (), has_axis=reader.has_axis)
 
 
 def _has_goto(suffix: str, lines: Sequence[str]) -> bool:
@@ -141,11 +141,9 @@ class _Reader:
         self.has_axis = False
         self._frames = Frames()
         self._tangent: tuple[float, ...] | None = None  # of INDIRV
-        self._cycle: Cycle | None = None
+        self._hole: Hole | None = None
         self._spline: _Spline | None = None
-        self._noted: dict[str, list[int]] = {
-            "seventh": [], "zero": [], "CUTCOM": [], "FEDRAT": [], "CYCLE": [], "CALSUB": [],
-        }  # fmt: skip
+        self._zero = 0  # the first line whose axis is zero
         self._acts: dict[str, Callable[[Statement], None]] = {
             "GOTO": self._goto, "GODLTA": self._godlta, "CIRCLE": self._circle,
             "MOVARC": self._circle, "INDIRV": self._indirv, "TLON,GOFWD": self._gofwd,
@@ -175,58 +173,12 @@ class _Reader:
         except TooManyPoints:
             pass  # which is one of the problems
         self.to.arcs.refuse_open()
-        if self._noted["zero"] and self.has_axis:
-            self.out.problems.add(
-                self._noted["zero"][0], "the axis is zero and has no direction", "i, j, k"
-            )
-
-    def left_out(self) -> list[str]:
-        """What was passed over beside single words."""
-        if not (lines := self._noted["seventh"]):
-            return []
-        return [
-            f"a seventh number of GOTO ({of_lines(lines)}) is not used; a feed is stated by FEDRAT."
-        ]
-
-    def assumptions(self) -> list[str]:
-        """What was assumed about arcs, cycles, frames and feeds."""
-        where = {what: of_lines(lines) for what, lines in self._noted.items() if lines}
-        found: list[str] = []
-        if "CUTCOM" in where:
-            found.append(
-                f"CUTCOM ({where['CUTCOM']}) has a machine shift the path by the radius of its "
-                "tool; here the points are the path of the tool's tip."
-            )
-        if "CYCLE" in where:
-            found.append(
-                f"CYCLE ({where['CYCLE']}): the tool goes along its axis down to the depth at once "
-                "and back, without pecking and dwelling."
-            )
-        if self._frames.moved:
-            found.append(
-                f"another frame ({of_lines(self._frames.moved)}): the points are moved into the "
-                "first frame of the file, and the tool axes turned."
-            )
-        if self._frames.set_ups:
-            found.append(
-                f"CSYS ({of_lines(self._frames.set_ups)}) is a frame of the machine's set-up; the "
-                "points are in the part's, as TRNTYP/WORLD states."
-            )
-        if "CALSUB" in where:
-            found.append(
-                f"CALSUB ({where['CALSUB']}) calls a routine of the machine, which is not run here."
-            )
-        if seconds := [line for line, *_ in self.to.arcs.seconds]:
-            found.append(
-                f"a point behind an arc is on its circle, too ({of_lines(seconds)}): the motion to "
-                "it is read as a straight one."
-            )
-        sense = f", {self.to.arcs.sense}-handed about their axes" if self.to.arcs.lines else ""
-        found += self.out.divided(sense)
-        if "FEDRAT" in where:
-            unit = self.out.length_unit
-            found.append(f"FEDRAT without a unit ({where['FEDRAT']}) is read as {unit} per minute.")
-        return found
+        for line, *_ in self.to.arcs.seconds:
+            self.out.line = line
+            self.out.note("a point behind an arc is on its circle, too ({}): the motion to it is "
+                          "read as a straight one.")  # fmt: skip
+        if self._zero and self.has_axis:
+            self.out.problems.add(self._zero, "the axis is zero and has no direction", "i, j, k")
 
     def _statement(self, of: Statement) -> None:
         """Process one statement."""
@@ -241,7 +193,7 @@ class _Reader:
             self.to.begin_curve()
         elif of.word in IGNORED or of.word in CHANGES or text:
             if first == "CALSUB":
-                self._noted["CALSUB"].append(of.line)
+                self.out.note("CALSUB ({}) calls a routine of the machine, which is not run here.")
             if first not in ("END-OF-PATH", "FINI"):
                 self.out.pass_over(text or first)
         else:
@@ -258,14 +210,15 @@ class _Reader:
         scale, last, axis, self.to.last = self.out.scale(), self.to.last, self.to.axis, None
         numbers = coordinates(of)
         if len(numbers) == 6 and not any(numbers[3:]):
-            self._noted["zero"].append(self.out.line)  # the previous axis holds
+            self._zero = self._zero or of.line  # the previous axis holds
         elif len(numbers) == 6:
             axis, self.has_axis = self._frames.vector(numbers[3:6]), True
         if len(of.arguments) == 7:
-            self._noted["seventh"].append(self.out.line)
+            self.out.note("a seventh number of GOTO ({}) is not used; a feed is stated by FEDRAT.",
+                          left_out=True)  # fmt: skip
         point, self.to.last = scale * self._frames.point(np.array(numbers[:3])), last
-        if self._cycle is not None:
-            self.to.bore(self._cycle, point, axis)
+        if self._hole is not None:
+            self.to.bore(self._hole, point, axis)
             return
         if circle is None:
             if last is not None and not self.to.rapid:
@@ -356,11 +309,12 @@ class _Reader:
     def _begin_cycle(self, of: Statement) -> None:
         """CYCLE: at each point that follows the tool goes into a hole, up to CYCLE/OFF."""
         self.out.pass_over(of.word)
-        self._cycle = cycle_of(of)
-        if self._cycle is not None:
-            self._noted["CYCLE"].append(self.out.line)
-            if self._cycle.feed is not None:
-                self._set_feed(of.word, *self._cycle.feed)
+        self._hole, feed = cycle_of(of)
+        if self._hole is not None:
+            self.out.note("CYCLE ({}): the tool goes along its axis down to the depth at once and "
+                          "back, without pecking and dwelling.")  # fmt: skip
+        if feed is not None:
+            self._set_feed(of.word, *feed)
 
     def _indirv(self, of: Statement) -> None:
         """INDIRV: the direction in which GOFWD begins."""
@@ -424,19 +378,26 @@ class _Reader:
     def _cutcom(self, of: Statement) -> None:
         self.out.pass_over(of.word)
         if not {"OFF", "ADJUST"} & set(of.arguments):
-            self._noted["CUTCOM"].append(self.out.line)
+            self.out.note("CUTCOM ({}) has a machine shift the path by the radius of its tool; "
+                          "here the points are the path of the tool's tip.")  # fmt: skip
 
     def _frame(self, of: Statement) -> None:
         """MSYS, MCS: another frame, whose z is the tool axis unless another one is stated."""
         self.out.pass_over(of.word)
-        self._frames.msys(of)
+        if self._frames.msys(of):
+            self.out.note("another frame ({}): the points are moved into the first frame of the "
+                          "file, and the tool axes turned.")  # fmt: skip
         if self._frames.moved:
             self.has_axis, self.to.axis = True, self._frames.vector((0.0, 0.0, 1.0))
 
     def _set_up(self, of: Statement) -> None:
         """TRNTYP, CSYS: whether the points are in the frame of a set-up."""
         self.out.pass_over(of.word)
-        (self._frames.trntyp if of.word == "TRNTYP" else self._frames.csys)(of)
+        if of.word == "TRNTYP":
+            self._frames.trntyp(of)
+        elif self._frames.csys(of):
+            self.out.note("CSYS ({}) is a frame of the machine's set-up; the points are in the "
+                          "part's, as TRNTYP/WORLD states.")  # fmt: skip
 
     def _set(self, of: Statement) -> None:
         if "INCR" in of.arguments:
@@ -483,7 +444,8 @@ class _Reader:
                 f"one of {', '.join(FEED_UNITS)}"
             )
         if not words:
-            self._noted["FEDRAT"].append(self.out.line)
+            default = self.out.length_unit
+            self.out.note(f"FEDRAT without a unit ({{}}) is read as {default} per minute.")
         self._set_feed(of.word, number(of.word, numbers[0]), unit)
 
     def _set_feed(self, word: str, value: float, unit: str) -> None:
