@@ -122,6 +122,7 @@ class RobotProgram:
         name = self.values.key(groups["name"])
         if part and re.search(self.components, part, self.flags) and name not in self.values.names:
             raise refuse(line, match[0], "is a coordinate of what is not in the file.")
+        self._refuse_moving(line, groups["value"] or "")
         if groups["value"]:
             self.values.assign(line, groups["name"] + part, groups["value"])
         elif groups.get("kind"):
@@ -144,12 +145,21 @@ class RobotProgram:
     def call(self, line: int, match: re.Match[str]) -> None:
         """A call: groups ``called`` and ``arguments``."""
         name, arguments = match["called"], (match.groupdict()["arguments"] or "").strip()
+        self._refuse_moving(line, arguments)
         if self.values.key(name) in self._procedures:
             self._call(line, self.values.key(name), split(arguments) if arguments else [])
             return
         if self._has_coordinates(match[0]):
             raise refuse(line, match[0], "is not known here, and has coordinates.")
         self.path.unknown.setdefault(name, []).append(line)
+
+    def _refuse_moving(self, line: int, expression: str) -> None:
+        """A function that moves has its moves where an expression calls it, which is not read."""
+        for word in re.findall(r"\w+", expression):
+            procedure = self._procedures.get(self.values.key(word))
+            if procedure is not None and self._moving(procedure[2]):
+                raise refuse(line, expression, f"calls {word}, which moves, inside an expression; "
+                             "that is not read. Write the call as a statement.")  # fmt: skip
 
     def _has_coordinates(self, text: str) -> bool:
         names = (

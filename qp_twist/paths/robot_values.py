@@ -16,6 +16,7 @@ import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
+from qp_twist.paths.toolpath import LARGEST_NUMBER
 from qp_twist.programs.reading import NUMBER, shown
 
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -141,7 +142,7 @@ def pose_of(position: Sequence[float], wxyz: Sequence[float], scale: float = 1e-
         InvalidInput: If the quaternion's length is not 1 within 1 %.
     """
     numbers = [*map(float, wxyz), *map(float, position)]
-    if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
+    if len(numbers) != 7 or not all(abs(x) <= LARGEST_NUMBER for x in numbers):
         raise Unknown(f"{numbers} is no pose")
     length = math.hypot(*numbers[:4])
     if abs(length - 1.0) > 0.01:

@@ -18,6 +18,7 @@ import numpy as np
 from qp_twist.paths.robot_path import RobotPath
 from qp_twist.paths.robot_program import RobotProgram, Rule, robot_format
 from qp_twist.paths.robot_values import Pose, Unknown, Values, list_literal
+from qp_twist.paths.toolpath import LARGEST_NUMBER
 from qp_twist.paths.toolpath_builder import ProgramWords, ToolpathFormat
 from qp_twist.programs.reading import refuse, split, without_texts
 from qp_twist.programs.urscript import ASSIGNMENT, CALLS
@@ -33,7 +34,11 @@ _ARGUMENTS = {
 
 def _se3(pose: Any) -> mink.SE3:
     values = np.array(pose, dtype=np.float64)
-    if not isinstance(pose, Pose) or values.shape != (6,) or not np.isfinite(values).all():
+    if (
+        not isinstance(pose, Pose)
+        or values.shape != (6,)
+        or not (np.abs(values) <= LARGEST_NUMBER).all()
+    ):
         raise Unknown(f"expected a pose, p[x, y, z, rx, ry, rz], got {pose}")
     return mink.SE3.from_rotation_and_translation(mink.SO3.exp(values[3:]), values[:3])
 

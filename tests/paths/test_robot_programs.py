@@ -164,3 +164,19 @@ def test_a_zipped_program_is_no_text(tmp_path: Path) -> None:
     (tmp_path / "a.urp").write_bytes(gzip.compress(b"<URProgram/>"))
     with pytest.raises(InvalidInput, match="this is no text file"):
         read_toolpath(tmp_path / "a.urp")
+
+
+def test_a_function_that_moves_is_not_passed_over_inside_an_expression(tmp_path: Path) -> None:
+    draws = "def f():\n movel(p[0.1,0,0,0,0,0])\n return 1\nend\n"
+    moves = " movel(p[0,0,0,0,0,0])\n movel(p[0.2,0,0,0,0,0])\n"
+    for used in ("x = f()", "g(f())"):
+        text = f"{draws}def g(a):\nend\ndef main():\n{moves} {used}\nend\n"
+        with pytest.raises(InvalidInput, match="f, which moves, inside an expression"):
+            read(tmp_path, "a.script", text)
+
+
+@pytest.mark.parametrize("number", ["1e308", "1e13", "-1e300"])
+def test_numbers_beyond_arithmetic_are_no_pose(tmp_path: Path, number: str) -> None:
+    text = f"movel(p[{number},0,0,0,0,0])\nmovel(p[0,0,0,0,0,0])\n"
+    with pytest.raises(InvalidInput):
+        read(tmp_path, "a.script", text)
