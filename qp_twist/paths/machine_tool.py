@@ -139,6 +139,7 @@ class MachineTool:
         self.corner: Corner | None = None
         self.last: Cut | Arc | None = None
         self._assumes = assumes
+        self._stated = facts.stated & {"X", "Y", "Z"}  # somewhere in the program
 
     # ------------------------------------------------------------ where the tool is
 
@@ -283,14 +284,15 @@ class MachineTool:
         if self._assumes and not tip and axis.turned and axis.rotary is not None:
             axis.assume_machine()
         unread = not tip and axis.turned and not axis.machine
-        if cut and self.gone - self.at.keys() and not word and not unread:
+        missing = {"X", "Y", "Z"} - self.at.keys()
+        unknown = missing & (self.gone if relative else self.gone | self._stated)
+        if cut and unknown and not word and not unread:
             self.out.note("cuts are left out while it is not known where the tool comes from")
             self.out.begin_curve()
-        elif cut and len(self.at) < 3 and moves and not unread:
-            for name in "XYZ":
-                if name not in self.at:
-                    self.assume_zero(name, word or "G1")
-                    start = {**start, name: 0.0}
+        elif cut and missing and moves and not unread:
+            for name in sorted(missing):
+                self.assume_zero(name, word or "G1")
+                start = {**start, name: 0.0}
             if len(start) == 3:
                 self._add_point(start, begin, cut=False)
         return start, begin, not unread or axis.rotary is None

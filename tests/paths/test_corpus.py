@@ -67,6 +67,11 @@ def _nearest(path: TruePath, k: int, other: TruePath, at: float) -> tuple[float,
     return float(far[best]), float(turned[best]), best + float(share[best])
 
 
+def test_the_corpus_is_wide() -> None:
+    assert len({(case.dialect, case.file) for case in CASES}) == len(CASES) >= 60
+    assert len({case.dialect for case in CASES}) >= 14
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_word_of_motion_that_is_not_known_is_never_passed_over(
     case: Case, tmp_path: Path

@@ -513,3 +513,13 @@ def test_a_carriage_return_inside_a_line_ends_no_line(tmp_path: Path) -> None:
     toolpath = read(tmp_path, "G21 G90 ;MILL\r 14 LONG\nG0 X0 Y0 Z0\nG1 X1 F600\nX2\n")
     assert millimetres(toolpath).tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
     assert toolpath.curves[0].lines.tolist() == [2, 3, 4]
+
+
+def test_a_way_from_where_the_tool_is_not_known_is_no_cut(tmp_path: Path) -> None:
+    """What the program states later is unknown before; what it never states is 0."""
+    toolpath = read(tmp_path, "G21 G90\nG1 Z5 F600\nG1 X10\nG1 Y20\nG1 Z0\nX30\n")
+    assert millimetres(toolpath).tolist() == [[10, 20, 5], [10, 20, 0], [30, 20, 0]]
+    assert any("left out" in note for note in toolpath.assumptions)
+    flat = read(tmp_path, "G21 G90\nG0 X10 Y20\nG1 X30 F600\n")
+    assert millimetres(flat).tolist() == [[10, 20, 0], [30, 20, 0]]
+    assert any("Z is 0 until it is stated" in note for note in flat.assumptions)
