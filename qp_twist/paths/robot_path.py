@@ -28,6 +28,10 @@ _SLOWEST = 1e-9
 """A lower speed, m/s, is none."""
 
 
+_LARGEST_SWEEP = 36_000.0
+"""Largest angle of an arc, degrees: beyond it, a number is wrong."""
+
+
 class SeveralFrames(InvalidInput):
     """A program moves in several frames, all of which it states."""
 
@@ -171,5 +175,9 @@ def _arc(a: Array, b: Array, c: Array, sweep_deg: float | None) -> Arc | None:
     axis = normal / np.linalg.norm(normal)
     if sweep_deg is None:
         return Arc.between(a, c, centre, axis)
-    turn = Rotation.from_rotvec(math.radians(sweep_deg) * axis)
-    return Arc(a, centre + turn.apply(a - centre), centre, axis, math.radians(sweep_deg))
+    if not 0.0 < abs(sweep_deg) <= _LARGEST_SWEEP:
+        raise InvalidInput(f"an arc by {sweep_deg:g} degrees; expected up to {_LARGEST_SWEEP:g}")
+    # Below 0 it goes the other way round than through the second point.
+    angle, axis = math.radians(abs(sweep_deg)), math.copysign(1.0, sweep_deg) * axis
+    end = centre + Rotation.from_rotvec(angle * axis).apply(a - centre)
+    return Arc(a, end, centre, axis, angle)
