@@ -98,11 +98,22 @@ class Program:
         self._codes[at] = text[number.end() :].strip() if number else text
         return self._codes[at]
 
+    def _word(self, at: int) -> tuple[str, str, str] | None:
+        """Label, word and rest of a branch or a loop; FANUC's loops are those of LinuxCNC."""
+        if self._plain[at]:
+            return None
+        if (found := _O_WORD.fullmatch(self._code(at))) is not None:
+            return found[1], found[2], found[3]
+        if (found := _WHILE.fullmatch(self._code(at))) is None:
+            return None
+        word = "ENDWHILE" if found[1] == "END" else "WHILE"
+        return f"DO{found[3]}", word, found[2] or "[1]"
+
     def _block(self, at: int) -> tuple[str, int]:
         """The block of a line without variables, and the line that follows it."""
         code = self._code(at)
-        if (word := _O_WORD.fullmatch(code)) is not None:
-            return "", self._branch(at, *word.groups())
+        if (word := self._word(at)) is not None:
+            return "", self._branch(at, *word)
         if (jump := _IF.fullmatch(code)) is not None:
             condition, then, *targets = jump.groups()
             if condition and not self.variables.value(condition):
@@ -110,8 +121,6 @@ class Program:
             if then is None:
                 return "", self._find(_NUMBER, next(filter(None, targets)), "GOTO")
             return self.variables.resolved(then), at + 1
-        if (loop := _WHILE.fullmatch(code)) is not None:
-            return "", self._loop(at, *loop.groups())
         if (call := _CALL.search(code)) is not None:
             return "", self._call(at, self.variables.resolved(call[0]))
         if re.search(r"M99(?![0-9])", code):
@@ -133,16 +142,19 @@ class Program:
 
     def _partner(self, at: int, label: str, words: tuple[str, ...], *, step: int = 1) -> int:
         """The next line with one of some words of a label."""
-        if (key := (at, label, words, step)) in self._partners:
-            return self._partners[key]
-        k = at + step
-        while 0 <= k < len(self._lines):
-            found = None if self._plain[k] else _O_WORD.fullmatch(self._code(k))
-            if found is not None and found[1] == label and found[2] in words:
-                self._partners[key] = k
-                return k
-            k += step
-        raise InvalidInput(f"O{label} has no {' or '.join(words)}")
+        key = (at, label, words, step)
+        if key not in self._partners:
+            k = at + step
+            while 0 <= k < len(self._lines):
+                found = self._word(k)
+                if found is not None and found[0] == label and found[1] in words:
+                    break
+                k += step
+            self._partners[key] = k if k < len(self._lines) else -1
+        if self._partners[key] < 0:
+            title = label if label.startswith("DO") else f"O{label}"
+            raise InvalidInput(f"{title} has no {' or '.join(words)}")
+        return self._partners[key]
 
     def _branch(self, at: int, label: str, word: str, rest: str) -> int:
         """The line that follows an O word."""
@@ -210,22 +222,7 @@ class Program:
             begin = self._partner(at, label, ("DO", "ENDWHILE", "WHILE"), step=-1)
         except InvalidInput:
             return False
-        return self._code(begin).endswith("DO")
-
-    def _loop(self, at: int, word: str, condition: str | None, number: str) -> int:
-        """The line that follows WHILE [ ] DOn or ENDn."""
-        step = -1 if word == "END" else 1
-        k = at + step
-        while 0 <= k < len(self._lines):
-            found = None if self._plain[k] else _WHILE.fullmatch(self._code(k))
-            if found is not None and found[3] == number and (found[1] == "END") == (step > 0):
-                break
-            k += step
-        else:
-            raise InvalidInput(f"{word} {number} has no {'DO' if word == 'END' else 'END'}")
-        if word == "END":
-            return k
-        return at + 1 if condition is None or self.variables.value(condition) else k + 1
+        return (self._word(begin) or ("", "", ""))[1] == "DO"
 
     def _call(self, at: int, text: str) -> int:
         """The line that follows M98, M97 or G65."""

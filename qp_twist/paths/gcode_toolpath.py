@@ -10,29 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from qp_twist.errors import InvalidInput
+from qp_twist.paths import gcode_tables as tables
 from qp_twist.paths.gcode_cycles import CYCLES
 from qp_twist.paths.gcode_facts import Facts, is_gcode
 from qp_twist.paths.gcode_frames import ended, programmed, shifted, swiveled, tilted, turned
 from qp_twist.paths.gcode_motions import Motions
 from qp_twist.paths.gcode_program import Program
-from qp_twist.paths.gcode_tables import (
-    AWAY,
-    BARE,
-    CALLS,
-    ENDS,
-    FRAME_CODES,
-    INSTEAD,
-    KINEMATICS,
-    KNOWN,
-    MODAL,
-    MOVING,
-    OFFSETS,
-    OWN_WORDS,
-    PASSED,
-    REFUSED,
-    TIP_ON,
-    UNITS,
-)
 from qp_twist.paths.gcode_words import FRAMES, REFUSED_NAMES, Block, is_cycle, read_block
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
@@ -176,11 +159,11 @@ class _Reader:
             self.out.pass_over("/")
             return False
         self._check(block)
-        own_words = any(code in OWN_WORDS for code in block.codes)
+        own_words = any(code in tables.OWN_WORDS for code in block.codes)
         self.to.modes.rounding = words.get("RNDM", self.to.modes.rounding)
         for name in block.names:
             own_words |= self._name(name, block)
-        away = "SUPA" in block.names or any(code in AWAY for code in block.codes)
+        away = "SUPA" in block.names or any(code in tables.AWAY for code in block.codes)
         for code in block.codes:
             self._code(code, block)
         if "L" in words and self.to.modes.cycle is None and 10 not in block.codes:
@@ -192,17 +175,17 @@ class _Reader:
             named = set("XYZ") & words.keys()
             self.to.leave(named or ("" if set("ABC") & words.keys() else "XYZ"))
             self.out.note(_LEFT_OUT, left_out=True)
-        elif not own_words and not MOVING.isdisjoint(words):
+        elif not own_words and not tables.MOVING.isdisjoint(words):
             self._move(block)
         elif "E" in words and not own_words:
             self._deposits(block)
         if "E" in words:
             self.out.pass_over("E")
-        return any(code in ENDS for code in block.switches)
+        return any(code in tables.ENDS for code in block.switches)
 
     def _check(self, block: Block) -> None:
         """Refuse unknown words and calls; remember a number without a decimal point."""
-        if unknown := block.words.keys() - KNOWN:
+        if unknown := block.words.keys() - tables.KNOWN:
             raise InvalidInput(f"{sorted(unknown)[0]} is no word that is known")
         if not self._pointless[0]:
             for name in "XYZIJK":
@@ -210,8 +193,8 @@ class _Reader:
                 if text and "." not in text and float(text):
                     self._pointless = (f"{name}{text}", self.out.line)
         for code in block.switches:
-            self.to.tip = KINEMATICS.get(code, self.to.tip)
-            if code in CALLS:
+            self.to.tip = tables.KINEMATICS.get(code, self.to.tip)
+            if code in tables.CALLS:
                 raise InvalidInput(
                     f"M{code:g} calls a subprogram, which is not read; have the CAM system write "
                     "one program"
@@ -248,30 +231,30 @@ class _Reader:
         words = block.words.keys()
         # G5 with P or Q looks ahead; the words of a spline are others.
         ahead = code in (5, 5.1, 8) and {"P", "Q"} & words and not set("XYZIJK") & words
-        if code in MODAL:
-            self._mode(*MODAL[code])
-        elif code in UNITS:
-            moved = bool(self.out.rows or self.to.at) and self.out.length_unit != UNITS[code]
-            self.out.set_unit(UNITS[code], moved=moved)
-        elif code in OFFSETS:
+        if code in tables.MODAL:
+            self._mode(*tables.MODAL[code])
+        elif code in tables.UNITS:
+            moved = bool(self.out.rows or self.to.at) and self.out.length_unit != tables.UNITS[code]
+            self.out.set_unit(tables.UNITS[code], moved=moved)
+        elif code in tables.OFFSETS:
             self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
         elif code in CYCLES:
             self.to.begin_drilling(int(code))
-        elif code in FRAME_CODES:
+        elif code in tables.FRAME_CODES:
             self._frame(code, block)
-        elif code in BARE and set("XYZABC") & words:
+        elif code in tables.BARE and set("XYZABC") & words:
             what = "is a shift of coordinates here, which" if code == 50 else "with coordinates"
             raise InvalidInput(f"G{code:g} {what} is not read")
-        elif code in PASSED or code in TIP_ON or ahead:
-            if code in TIP_ON:
+        elif code in tables.PASSED or code in tables.TIP_ON or ahead:
+            if code in tables.TIP_ON:
                 self.to.tip, self.to.axis.vectors = True, code == 43.5
             elif code == 49:
                 self.to.tip = self.to.axis.vectors = False
             self.out.pass_over(f"G{code:g}")
-        elif code in REFUSED:
-            instead = INSTEAD.get(code, "have the CAM system write plain motions G0 to G3")
-            raise InvalidInput(f"G{code:g} is {REFUSED[code]}, which is not read; {instead}")
-        elif code not in AWAY:
+        elif code in tables.REFUSED:
+            instead = tables.INSTEAD.get(code, "have the CAM system write plain motions G0 to G3")
+            raise InvalidInput(f"G{code:g} is {tables.REFUSED[code]}, which is not read; {instead}")
+        elif code not in tables.AWAY:
             raise InvalidInput(
                 f"G{code:g} is not known, and whether it changes the path neither; take it out if "
                 "it does not"
