@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
 from qp_twist.paths.apt_arcs import Arcs, Circle
 from qp_twist.paths.apt_statements import unit_vector
 from qp_twist.paths.arcs import Arc, ArcAxis
 from qp_twist.paths.machine_tool import Hole
+from qp_twist.paths.splines import clamped_cubic
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 from qp_twist.paths.turning import vectors_at
 
 _SHORT = 1e-6
 """A shorter motion, m, has no direction worth comparing."""
+
+
+class Spline(NamedTuple):
+    """A curve of NURBS, which begins where the tool is: its line, knots and control points, m."""
+
+    line: int
+    knots: list[float]
+    control: list[Array]
 
 
 class Motions:
@@ -36,6 +47,7 @@ class Motions:
         self.rapid = False
         self.last: Array | None = None
         self.heading: Array | None = None
+        self._spline: Spline | None = None
 
     def begin_curve(self) -> None:
         """Begin another curve: where the tool is, is not known."""
@@ -82,6 +94,32 @@ class Motions:
         axes = vectors_at(begin, finish, shares).tolist()
         self.heading, self.arcs.ended = None, circle
         self.add([*points], [*axes[:-1], tool_axis])
+
+    def begin_spline(self) -> None:
+        """A spline begins where the tool is."""
+        if self.last is None:
+            raise InvalidInput("NURBS: where the curve begins is not known; expected a GOTO")
+        self._spline = Spline(self.out.line, [], [self.last])
+
+    def begun_spline(self, word: str) -> Spline:
+        """The spline to which a word belongs."""
+        if self._spline is None:
+            raise InvalidInput(f"{word}: expected NURBS before it")
+        return self._spline
+
+    def end_spline(self) -> None:
+        """Add the points of a spline whose last control point has been read."""
+        spline, self._spline = self._spline, None
+        if spline is None:
+            return
+        with self.out.at(spline.line):
+            if spline.knots[-1:] != [1.0]:
+                raise InvalidInput("NURBS: expected KNOT with knots that end in 1")
+            points, _ = clamped_cubic(
+                np.array(spline.control), np.array(spline.knots[:-1]), self.out.options.arc_error
+            )
+            self.heading = self.arcs.ended = None
+            self.add([*points], [self.axis] * len(points))
 
     def bore(self, hole: Hole, point: Array, axis: tuple[float, ...]) -> None:
         """The motions of a hole at a point, its heights in the unit of the file."""

@@ -6,11 +6,9 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, shortened
 from qp_twist.paths.apt_arcs import Circle, arc_to_line
@@ -41,7 +39,6 @@ from qp_twist.paths.apt_words import (
 )
 from qp_twist.paths.arcs import ArcAxis, check_radius
 from qp_twist.paths.machine_tool import Hole
-from qp_twist.paths.splines import clamped_cubic
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -118,14 +115,6 @@ APT = ToolpathFormat(
 """APT-CL."""
 
 
-class _Spline(NamedTuple):
-    """A curve of NURBS, which begins where the tool is."""
-
-    line: int
-    knots: list[float]
-    control: list[Array]
-
-
 class _Reader:
     """Reads the statements of a file.
 
@@ -142,7 +131,6 @@ class _Reader:
         self._frames = Frames()
         self._tangent: tuple[float, ...] | None = None  # of INDIRV
         self._hole: Hole | None = None
-        self._spline: _Spline | None = None
         self._zero = 0  # the first line whose axis is zero
         self._acts: dict[str, Callable[[Statement], None]] = {
             "GOTO": self._goto, "GODLTA": self._godlta, "CIRCLE": self._circle,
@@ -165,11 +153,11 @@ class _Reader:
                 if of.word in _MOVES:
                     self.to.end_circle()
                 if of.word not in ("KNOT", "CNTRL"):
-                    self._end_spline()
+                    self.to.end_spline()
                 with self.out.at(of.line):
                     self._statement(of)
             self.to.end_circle()
-            self._end_spline()
+            self.to.end_spline()
         except TooManyPoints:
             pass  # which is one of the problems
         self.to.arcs.refuse_open()
@@ -275,36 +263,17 @@ class _Reader:
 
     def _nurbs(self, of: Statement) -> None:
         """NURBS: a cubic spline from where the tool is, by the KNOT and CNTRL that follow."""
-        if self.to.last is None:
-            raise InvalidInput("NURBS: where the curve begins is not known; expected a GOTO")
-        self._spline = _Spline(self.out.line, [], [self.to.last])
+        self.to.begin_spline()
 
     def _knot(self, of: Statement) -> None:
-        if self._spline is None:
-            raise InvalidInput("KNOT: expected NURBS before it")
-        self._spline.knots.extend(number("KNOT", argument) for argument in of.arguments)
+        self.to.begun_spline("KNOT").knots.extend(number("KNOT", word) for word in of.arguments)
 
     def _control(self, of: Statement) -> None:
-        if self._spline is None:
-            raise InvalidInput("CNTRL: expected NURBS before it")
+        spline = self.to.begun_spline("CNTRL")
         if len(of.arguments) != 3:
             raise InvalidInput(f"CNTRL takes x, y, z; got {len(of.arguments)} numbers")
         point = self._frames.point(np.array(coordinates(of)))
-        self._spline.control.append(self.out.scale() * point)
-
-    def _end_spline(self) -> None:
-        """Add the points of a spline whose last control point has been read."""
-        spline, self._spline = self._spline, None
-        if spline is None:
-            return
-        with self.out.at(spline.line):
-            if spline.knots[-1:] != [1.0]:
-                raise InvalidInput("NURBS: expected KNOT with knots that end in 1")
-            points, _ = clamped_cubic(
-                np.array(spline.control), np.array(spline.knots[:-1]), self.out.options.arc_error
-            )
-            self.to.heading = self.to.arcs.ended = None
-            self.to.add([*points], [self.to.axis] * len(points))
+        spline.control.append(self.out.scale() * point)
 
     def _begin_cycle(self, of: Statement) -> None:
         """CYCLE: at each point that follows the tool goes into a hole, up to CYCLE/OFF."""
@@ -449,10 +418,8 @@ class _Reader:
         self._set_feed(of.word, number(of.word, numbers[0]), unit)
 
     def _set_feed(self, word: str, value: float, unit: str) -> None:
-        if value <= 0.0:
-            raise InvalidInput(f"{word}: expected a feed above 0, got {value:g}")
         scale = LENGTHS[FEED_UNITS.get(unit) or self.out.length_unit]
-        self.out.feeds.set(scale * value, per_turn=unit in PER_TURN)
+        self.out.feeds.state(word, value, scale, per_turn=unit in PER_TURN)
 
     def _spindl(self, of: Statement) -> None:
         """SPINDL: turns per minute, if the statement has them."""

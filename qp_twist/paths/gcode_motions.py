@@ -52,12 +52,7 @@ class Motions(MachineTool):
         feeds.turns_per_minute = block.words.get("S", feeds.turns_per_minute)
         if feed is None or 4 in block.codes:  # the time of a dwell
             return
-        if not feed > 0.0:
-            raise InvalidInput(f"F: expected a feed above 0, got {feed:g}")
-        if feeds.by_time:
-            feeds.motions_per_minute = feed
-        else:
-            feeds.set(feed * self.out.scale(), per_turn=self.modes.feed == 95)
+        feeds.state("F", feed, self.out.scale(), per_turn=self.modes.feed == 95)
 
     def move(self, block: Block, *, cut: bool) -> None:
         """A motion in the mode in force.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.heidenhain_blocks import number
-from qp_twist.paths.heidenhain_motions import feed_of
+from qp_twist.paths.heidenhain_motions import feed_unit
 from qp_twist.paths.machine_tool import Hole
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 
@@ -54,11 +54,9 @@ class Cycle:
         feed, pitch = q.get("feed" if old else "206"), q.get("239")
         if not needed <= q.keys() or (feed is None and pitch is None):
             raise InvalidInput(f"cycle {self.kind}: its depth or its feed is missing")
-        stated = None
-        if pitch is not None:
-            stated = scale * pitch, True
-        elif feed is not None:
-            stated = feed_of(feed, out), False
+        stated = (scale * pitch, True) if pitch is not None else None
+        if stated is None and feed is not None:
+            stated = feed_unit(out) * feed, False
         if old:
             near, above, bottom = at, at, at - scale * (abs(q["distance"]) + abs(q["depth"]))
         else:

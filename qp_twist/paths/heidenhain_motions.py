@@ -203,11 +203,9 @@ class Motions(MachineTool):
         return math.hypot(u, v), math.atan2(v, u)
 
 
-def feed_of(value: float, out: ProgramBuilder) -> float:
-    """A feed in mm, or tenths of an inch, per minute, in m per minute."""
-    if value <= 0.0:
-        raise InvalidInput(f"F: expected a feed above 0, got {value:g}")
-    return (0.1 if out.length_unit == "inch" else 1.0) * out.scale() * value
+def feed_unit(out: ProgramBuilder) -> float:
+    """The unit of F, m: mm, or tenths of an inch, per minute."""
+    return (0.1 if out.length_unit == "inch" else 1.0) * out.scale()
 
 
 def _sense(of: Words) -> int:

@@ -13,7 +13,7 @@ from qp_twist.paths.gcode_facts import Facts
 from qp_twist.paths.heidenhain_blocks import BEGIN, NO_MOTION, Block, Words, blocks, number, words
 from qp_twist.paths.heidenhain_cycles import Cycle, cycle_of
 from qp_twist.paths.heidenhain_frame import IMMEDIATE, by_cycle, by_plane
-from qp_twist.paths.heidenhain_motions import Motions, feed_of
+from qp_twist.paths.heidenhain_motions import Motions, feed_unit
 from qp_twist.paths.machine_tool import Corner, Cut, Frame
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
@@ -256,9 +256,9 @@ class _Reader:
         if {"FZ", "FT"} & of.values.keys():
             raise InvalidInput("FZ and FT are feeds per tooth and in a time, which are not read")
         if "FU" in of.values:
-            self.out.feeds.set(of.values["FU"] * self.out.scale(), per_turn=True)
+            self.out.feeds.state("FU", of.values["FU"], self.out.scale(), per_turn=True)
         if "F" in of.values:
-            self.out.feeds.set(feed_of(of.values["F"], self.out), per_turn=False)
+            self.out.feeds.state("F", of.values["F"], feed_unit(self.out))
             if self.out.length_unit == "inch":
                 self.out.note(_INCH)
 

@@ -244,7 +244,7 @@ class MachineTool:
         """The motions of a hole where the tool is."""
         feeds, self.out.feeds = self.out.feeds, copy.copy(self.out.feeds)
         if hole.feed is not None:
-            self.out.feeds.set(hole.feed[0], per_turn=hole.feed[1])
+            self.out.feeds.state("F of a cycle", hole.feed[0], 1.0, per_turn=hole.feed[1])
         for height, rapid in hole.motions():
             start, self.at = self.at, {**self.at, "Z": height}
             self.straight(start, begin or {}, cut=not rapid)

@@ -194,6 +194,19 @@ class Feeds:
         """A feed in m per minute, or m per turn."""
         self._value, self.per_turn = value, per_turn
 
+    def state(self, word: str, value: float, unit: float, *, per_turn: bool = False) -> None:
+        """A feed that a word states, and the length of its unit, m.
+
+        Raises:
+            InvalidInput: If it is not above 0.
+        """
+        if not value > 0.0:
+            raise InvalidInput(f"{word}: expected a feed above 0, got {value:g}")
+        if self.by_time:
+            self.motions_per_minute = value
+        else:
+            self.set(unit * value, per_turn=per_turn)
+
     def now(self) -> float:
         """The feed in force, m/s; NaN without one.
 
