@@ -95,7 +95,7 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
             f"CIRCLE ({of_lines(arcs.lines)}) {arcs.question()}", options={"arc_axis": None}
         )
     sense = f", {reader.to.arcs.sense}-handed about their axes" if reader.to.arcs.lines else ""
-    return reader.out.toolpath(path, reader.out.divided(sense), (), has_axis=reader.has_axis)
+    return reader.out.toolpath(path, has_axis=reader.has_axis, sense=sense)
 
 
 def _has_goto(suffix: str, lines: Sequence[str]) -> bool:

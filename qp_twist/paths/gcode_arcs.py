@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.arcs import centre_of_radius, check_radii
-from qp_twist.paths.gcode_modes import Modes
+from qp_twist.paths.gcode_cycles import Modes
 from qp_twist.paths.gcode_words import Block
 
 _PLANES: dict[float, tuple[str, str, str]] = {

@@ -7,10 +7,9 @@ from dataclasses import replace
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.arcs import Arc
 from qp_twist.paths.gcode_arcs import axis_of, centre_of
-from qp_twist.paths.gcode_cycles import CYCLES, Drilling
+from qp_twist.paths.gcode_cycles import CYCLES, Drilling, Modes
 from qp_twist.paths.gcode_facts import Facts
 from qp_twist.paths.gcode_frames import shifted
-from qp_twist.paths.gcode_modes import Modes
 from qp_twist.paths.gcode_words import Block
 from qp_twist.paths.machine_tool import Corner, Cut, MachineTool
 from qp_twist.paths.toolpath_builder import ProgramBuilder

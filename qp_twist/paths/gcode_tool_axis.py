@@ -19,7 +19,7 @@ from qp_twist.paths.rotary_axes import (
     tip,
     tool_axis,
 )
-from qp_twist.paths.toolpath_builder import ProgramBuilder, of_lines
+from qp_twist.paths.toolpath_builder import ProgramBuilder
 
 BY_VECTOR = ("A3", "B3", "C3")
 """Words of SINUMERIK for a vector."""
@@ -53,7 +53,6 @@ class ToolAxis:
         self.vectors = False
         self._vector: tuple[float, ...] = (0.0, 0.0, 1.0)
         self._refused: set[str] = set()
-        self._turns: dict[str, list[int]] = {"rolls": [], "long": []}
 
     def _assume_rotary(self) -> None:
         """By ISO 841, A and C, and B and C, turn the tool alike on heads and on tables.
@@ -181,10 +180,15 @@ class ToolAxis:
             letter: begin_of_turn(angle, self.angles[letter], rollover)
             for letter, angle in begin.items()
         }
+        turns = "a rotary axis turns by more than 180 degrees in a cut ({})"
         if found != begin:
-            self._turns["rolls"].append(self._out.line)
+            default = " (the default; as-written: the long way)"
+            self._out.note(
+                f"{turns}, as where it rolls over from 360 to 0: it takes the short way by rollover"
+                f' = "shortest"{default if self._out.options.rollover is None else ""}.'
+            )
         if any(abs(self.angles[letter] - angle) > 180.0 for letter, angle in found.items()):
-            self._turns["long"].append(self._out.line)
+            self._out.note(f"{turns}: all the way, as written.")
         return found
 
     def read_vector(self, block: Block) -> None:
@@ -251,14 +255,4 @@ class ToolAxis:
                 f"X, Y, Z without control of the tip are those of a {self.machine} whose rotary "
                 f"axes are at ({pivot}) in the unit of the file."
             )
-        default = " (the default; as-written: the long way)"
-        turns = "a rotary axis turns by more than 180 degrees in a cut"
-        if rolls := self._turns["rolls"]:
-            found.append(
-                f"{turns} ({of_lines(rolls)}), as where it rolls over from 360 to 0: it"
-                ' takes the short way by rollover = "shortest"'
-                f"{default if self._out.options.rollover is None else ''}."
-            )
-        if self._turns["long"]:
-            found.append(f"{turns} ({of_lines(self._turns['long'])}): all the way, as written.")
         return found

@@ -262,10 +262,8 @@ class MachineTool:
 
     def toolpath(self, path: Path) -> Toolpath:
         """The whole toolpath, with what was assumed."""
-        return self.out.toolpath(
-            path, [*self.out.divided(), *self.axis.notes()], (),
-            has_axis=self.axis.stated or self.tilted,
-        )  # fmt: skip
+        has_axis = self.axis.stated or self.tilted
+        return self.out.toolpath(path, self.axis.notes(), has_axis=has_axis)
 
     def _lead(
         self, word: str, block: Block, *, cut: bool, relative: bool

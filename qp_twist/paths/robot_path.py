@@ -123,7 +123,7 @@ class RobotPath:
             notes.append(f"not known here, and taken to move nothing: {words}.")
         if self._arcs:
             notes.append("on arcs the orientation turns in proportion, from begin to end.")
-        return out.toolpath(path, [*notes, *self.assumed, *out.divided()], [], has_axis=True)
+        return out.toolpath(path, [*notes, *self.assumed], has_axis=True)
 
     def _expressed(self, pose: mink.SE3) -> tuple[str, mink.SE3]:
         """A pose of the frame in force, and the frame in which it is expressed."""

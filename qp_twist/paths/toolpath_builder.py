@@ -381,22 +381,22 @@ class ProgramBuilder:
         what = f"passed over, since they move nothing ({count}): {', '.join(words)}."
         return [what] if words else []
 
-    def divided(self, sense: str = "") -> list[str]:
+    def _divided(self, sense: str) -> list[str]:
         """A note on the arcs, if there are any."""
         error = 1e3 * self.options.arc_error
         what = f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them (arc_error)."
         return [what] if self._arcs else []
 
     def toolpath(
-        self, path: Path, assumptions: Iterable[str], left_out: Iterable[str], *, has_axis: bool
+        self, path: Path, assumptions: Iterable[str] = (), *, has_axis: bool, sense: str = ""
     ) -> Toolpath:
         """The whole toolpath.
 
         Args:
             path: The file.
             assumptions: What the format assumed, a sentence each.
-            left_out: What it passed over beside single words, likewise.
             has_axis: Whether the file states a tool axis.
+            sense: How arcs turn, for the note on them.
 
         Raises:
             InvalidInput: If there are problems, or nothing is cut.
@@ -420,9 +420,10 @@ class ProgramBuilder:
                 *([] if orientation or has_axis else [no_axis]),
                 *self._rapid_notes(),
                 *self._noted(left_out=False),
+                *self._divided(sense),
                 *assumptions,
             ],
-            passed_over=[*self._words_passed_over(), *self._noted(left_out=True), *left_out],
+            passed_over=[*self._words_passed_over(), *self._noted(left_out=True)],
             unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )
