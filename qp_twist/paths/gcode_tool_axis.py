@@ -37,7 +37,7 @@ class ToolAxis:
             not known.
     """
 
-    def __init__(self, out: ProgramBuilder, facts: Facts | None = None) -> None:
+    def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
         self._out, self._facts = out, facts
         options = out.options
         self.machine: Machine | None = options.machine
@@ -59,8 +59,6 @@ class ToolAxis:
 
         A and B do not, since their order is open; a single one has no order.
         """
-        if self._facts is None:
-            return
         letters = self._facts.rotary
         if letters in ("A", "C", "AC"):
             self.rotary = "table-ac"
@@ -93,7 +91,7 @@ class ToolAxis:
     def assume_machine(self) -> None:
         """A single rotary axis without control of the tip is one of a table through the origin."""
         facts = self._facts
-        if self.machine is None and facts and len(facts.rotary) == 1 and not facts.tip:
+        if self.machine is None and len(facts.rotary) == 1 and not facts.tip:
             assert self.rotary is not None and self.rotary != "vector"
             if not (self._out.options.rotary or "").startswith("head"):
                 self.machine = self.rotary
