@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from qp_twist.errors import InvalidInput
@@ -94,3 +95,23 @@ def test_a_program_is_known_by_its_first_block(tmp_path: Path) -> None:
     file = tmp_path / "part.nc"
     file.write_text("; made up\n" + HEAD + "L X+1\nEND PGM P MM\n")
     assert len(read_toolpath(file).curves) == 1
+
+
+def test_a_machine_and_its_corners_are_those_of_gcode(tmp_path: Path) -> None:
+    """The same program in both languages, its rotary axes without control of the tip."""
+    klartext = (
+        "0 BEGIN PGM P MM\n1 L X+0 Y+0 Z+5 A+20 C-30 FMAX\n2 L Z+0 F600\n3 L X+30\n4 RND R4\n"
+        "5 L Y+20\n6 CHF 3\n7 L IX-30\n8 L Y+40 A+35 C+15\n9 END PGM P MM\n"
+    )
+    gcode = (
+        "G21 G90\nG0 X0 Y0 Z5 A20 C-30\nG1 Z0 F600\nX30 ,R4\nY20 ,C3\nG91 X-30\nG90 Y40 A35 C15\n"
+    )
+    of_machine = {"machine": "table-ac", "pivot": "1,2,-50"}
+    one = read(tmp_path, klartext, **of_machine)
+    (tmp_path / "part.nc").write_text(gcode)
+    other = read_toolpath(tmp_path / "part.nc", **of_machine)
+    [a], [b] = one.curves, other.curves
+    assert a.vectors is not None and b.vectors is not None and len(a) > 30
+    np.testing.assert_allclose(a.positions, b.positions, atol=1e-12)
+    np.testing.assert_allclose(a.vectors, b.vectors, atol=1e-12)
+    np.testing.assert_allclose(a.feeds, b.feeds)
