@@ -147,7 +147,7 @@ class _Reader:
 
     def read(self, found: Sequence[Statement]) -> None:
         """Read all statements."""
-        self._find_unit(found)
+        _find_unit(self.out, found)
         try:
             for of in found:
                 if of.word in _MOVES:
@@ -373,27 +373,6 @@ class _Reader:
             raise not_read(f"{of.word}/INCR", "a change to relative coordinates")
         self.out.pass_over(of.word)
 
-    def _find_unit(self, found: Sequence[Statement]) -> None:
-        """A file without UNITS has the unit of its feeds, if all of these have the same one."""
-        words = {
-            argument: unit
-            for of in found
-            if of.word in ("FEDRAT", "CYCLE")
-            for argument in of.arguments
-            if (unit := FEED_UNITS.get(argument)) is not None
-        }
-        units = {*words.values()}
-        if len(units) == 1:
-            self.out.assume_unit(units.pop(), f"its feeds are in {', '.join(sorted(words))}")
-        points = [of.arguments[:3] for of in found if of.word == "GOTO"]
-        numbers = [
-            [float(word) for word in point]
-            for point in points
-            if len(point) == 3 and all(map(_PLAIN.fullmatch, point))
-        ]
-        if not units and numbers:
-            self.out.assume_unit_by_extent(float(np.ptp(numbers, axis=0).max()))
-
     def _units(self, of: Statement) -> None:
         if len(of.arguments) == 1 and of.arguments[0] in UNITS:
             self.out.set_unit(UNITS[of.arguments[0]], moved=bool(self.out.rows))
@@ -429,3 +408,25 @@ class _Reader:
             self.out.feeds.turns_per_minute = math.nan  # a speed of the surface: any turns
         elif len(numbers) == 1:
             self.out.feeds.turns_per_minute = number(of.word, numbers[0])
+
+
+def _find_unit(out: ProgramBuilder, found: Sequence[Statement]) -> None:
+    """A file without UNITS has the unit of its feeds, if all of these have the same one."""
+    words = {
+        argument: unit
+        for of in found
+        if of.word in ("FEDRAT", "CYCLE")
+        for argument in of.arguments
+        if (unit := FEED_UNITS.get(argument)) is not None
+    }
+    units = {*words.values()}
+    if len(units) == 1:
+        out.assume_unit(units.pop(), f"its feeds are in {', '.join(sorted(words))}")
+    points = [of.arguments[:3] for of in found if of.word == "GOTO"]
+    numbers = [
+        [float(word) for word in point]
+        for point in points
+        if len(point) == 3 and all(map(_PLAIN.fullmatch, point))
+    ]
+    if not units and numbers:
+        out.assume_unit_by_extent(float(np.ptp(numbers, axis=0).max()))

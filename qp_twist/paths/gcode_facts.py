@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -105,7 +106,7 @@ class Facts:
         large = self.whole >= 1000.0 and self.whole > MANY_TIMES * self.pointed > 0.0
         return large and not self.fine
 
-    @property
+    @cached_property
     def in_thousandths(self) -> bool:
         """Whether no number has a decimal point, and as mm they would leave any arm's reach."""
         return (

@@ -191,11 +191,12 @@ class MachineTool:
 
     def target(self, block: Block, *, relative: bool = False) -> None:
         """Read X, Y and Z: the tool is there then."""
-        at, words = dict(self.at), block.words
+        at, words, scale = dict(self.at), block.words, 0.0
         for axis in "XYZ":
             if axis not in words:
                 continue
-            value = self.scale() * words[axis]
+            scale = scale or self.scale()
+            value = scale * words[axis]
             if block.kinds.get(axis, "IC" if relative else "AC") == "IC":
                 if axis not in at:
                     how = " (G91)" if relative else ""
