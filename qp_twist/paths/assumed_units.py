@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+
 import numpy as np
 
 from qp_twist.checks import Array
@@ -19,6 +22,42 @@ _ROUNDED = 1e-3
 """Error of angles that are written with three decimals, rad."""
 _FINE = 0.01
 """Points closer together than so many mm are finer than a robot repeats or a program rounds."""
+
+
+_NAMED = re.compile(
+    r"\bunits?[\"']?\s*(?:of\s+length|are|is|in)?\s*[:=]?\s*[\"']?(?P<a>{0})\b"
+    r"|\b(?:values|coordinates|positions|points|dimensions|lengths?)\b[^\n]{{0,20}}\bin\s+(?P<b>{0})\b".format(
+        r"mm|millimet(?:er|re)s?|m|met(?:er|re)s?|inch(?:es)?"
+    ),
+    re.IGNORECASE,
+)
+"""Words that name a unit of length outside of a header."""
+_NAMES: dict[str, LengthUnit] = {
+    "mm": "mm", "mil": "mm", "m": "m", "met": "m", "inc": "inch",
+}  # fmt: skip
+_SEARCHED = 400
+"""Number of lines in which they stand."""
+
+
+def named_length_unit(lines: Sequence[str]) -> tuple[LengthUnit, str] | None:
+    """The unit that comments or keys of a table name, and where; ``None`` if none, or several."""
+    found: dict[LengthUnit, str] = {}
+    for number, line in enumerate(lines[:_SEARCHED], start=1):
+        for match in _NAMED.finditer(line):
+            word = (match["a"] or match["b"]).lower()
+            unit = _NAMES[word[:3]]
+            found.setdefault(unit, f"line {number} says {match[0].strip()!r}")
+    return next(iter(found.items())) if len(found) == 1 else None
+
+
+def with_unit(table: list[str], lines: Sequence[str]) -> list[str]:
+    """A table that was made of other lines, with the unit that these name in its header."""
+    named = named_length_unit(lines)
+    at = next((k for k, line in enumerate(table) if line.strip(" #")), None)
+    if named is None or at is None:
+        return table
+    header = re.sub(r"(?<![\w.])((?:position\.)?[xyz])(?=[;, ]|$)", rf"\1/{named[0]}", table[at])
+    return [*table[:at], header, *table[at + 1 :]]
 
 
 def assumed_length_unit(

@@ -19,7 +19,7 @@ from qp_twist.files import (
     columns_named,
     split_unit,
 )
-from qp_twist.paths.assumed_units import assumed_angle_unit, assumed_length_unit
+from qp_twist.paths.assumed_units import assumed_angle_unit, assumed_length_unit, named_length_unit
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import Row, RowsOfCurve, ToolpathFormat, toolpath_of
 from qp_twist.paths.toolpath_columns import (
@@ -67,7 +67,7 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     if of_file_name:
         named = ", ".join(of_file_name)
         notes.insert(0, f"no header: the columns are {named}, by the file's name; --columns.")
-    unit, in_file = _length_unit(table, where, options, notes)
+    unit, in_file = _length_unit(table, where, options, notes, named_length_unit(lines))
     call = ", ".join(table.call(i) for i in where.direction)
     if where.orientation in ("rpy", "rotation_vector"):
         stated = any(split_unit(table.names[i])[1] for i in where.direction if table.names)
@@ -106,9 +106,12 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
 
 
 def _length_unit(
-    table: Table, where: ColumnRoles, options: ReadingOptions, notes: list[str]
-) -> tuple[LengthUnit, bool]:
+    table: Table, where: ColumnRoles, options: ReadingOptions, notes: list[str],
+    named: tuple[LengthUnit, str] | None,
+) -> tuple[LengthUnit, bool]:  # fmt: skip
     """The unit of the positions and whether the header states it; else the likely one, with a note.
+
+    ``named`` is what other lines say, which counts where the header does not.
 
     Raises:
         InvalidInput: If it is not stated, and the numbers leave it open.
@@ -118,7 +121,7 @@ def _length_unit(
     if chosen is None and not stated:
         values = table.sample(sys.maxsize)[:, where.position]
         values = values[np.isfinite(values).all(axis=1)]
-        likely = assumed_length_unit(values, where.length_unit)
+        likely = named or assumed_length_unit(values, where.length_unit)
     if likely is not None:
         other = "m" if likely[0] == "mm" else "mm"
         answer = options.answer("length_unit", other)

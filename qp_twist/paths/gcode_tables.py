@@ -56,9 +56,9 @@ KINEMATICS = {428.0: True, 429.0: False}
 CALLS = (97, 98, 198)
 ENDS = (2, 30, 99, 17)
 LETTERS = frozenset("XYZABCEIJKRFSTDHPQL")
-OTHERS = frozenset({"N", "O", "CR", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "CTOL", "S1", "S2",
-                     "M1", "M2", "M3", *BY_VECTOR})  # fmt: skip
+OTHERS = frozenset({"N", "O", "CR", "RPL", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "CTOL",
+                     "S1", "S2", "M1", "M2", "M3", *BY_VECTOR})  # fmt: skip
 KNOWN = LETTERS | OTHERS
 MOVING = frozenset({*"XYZABCIJKR", *BY_VECTOR, "CR"})
-OWN_WORDS = frozenset({4, 10, 52, 68, 68.2, 92})
+OWN_WORDS = frozenset({4, 10, 43.1, 52, 68, 68.2, 92})
 """Codes whose X, Y, Z, … are no target of a motion."""

@@ -33,6 +33,8 @@ SUFFIXES = (".nc", ".gcode", ".tap", ".mpf", ".spf", ".ngc", ".cnc", ".eia", ".m
 _WORDS = ProgramWords(
     "a G-code file", "I, J, K", "G0", "G20 (inch) or G21 (mm)",
     tip=("G43.4", "G43.5", "G234", "TRAORI"),
+    applied=r"G(?:52|53\.1|68|68\.2|69|92|92\.1|43\.4|43\.5|234|98|99|80)|TRAORI|TRAFOOF|CYCLE800"
+    r"|A?TRANS|A?ROT|M42[89]",
 )  # fmt: skip
 _LEFT_OUT = ("motions to the machine's own positions (G28, G53, … in {}) are left out; another "
              "curve begins after each.")  # fmt: skip
@@ -233,6 +235,8 @@ class _Reader:
         ahead = code in (5, 5.1, 8) and {"P", "Q"} & words and not set("XYZIJK") & words
         if code in tables.MODAL:
             self._mode(*tables.MODAL[code])
+        elif code in (70, 71, 72) and not {"I", "J", "L"}.isdisjoint(words):
+            raise InvalidInput(f"G{code:g} with I, J or L is a pattern of holes, which is not read")
         elif code in tables.UNITS:
             moved = bool(self.out.rows or self.to.at) and self.out.length_unit != tables.UNITS[code]
             self.out.set_unit(tables.UNITS[code], moved=moved)

@@ -14,7 +14,7 @@ from qp_twist.paths.heidenhain_blocks import BEGIN, NO_MOTION, Block, Words, blo
 from qp_twist.paths.heidenhain_cycles import Cycle, cycle_of
 from qp_twist.paths.heidenhain_frame import IMMEDIATE, by_cycle, by_plane
 from qp_twist.paths.heidenhain_motions import Motions, feed_unit
-from qp_twist.paths.machine_tool import Corner, Cut, Frame
+from qp_twist.paths.machine_tool import Corner, Cut
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -28,10 +28,12 @@ from qp_twist.paths.toolpath_options import ReadingOptions
 _WORDS = ProgramWords(
     "a Klartext program", "TX, TY, TZ", "FMAX", "MM behind BEGIN PGM",
     tip=("M128", "FUNCTION TCPM", "PLANE SPATIAL"),
+    applied="M12[89]|FUNCTION|LBL|PLANE|CYCL DEF (?:7|10)",
 )  # fmt: skip
 _REFUSED = {
     91: "", 92: "", 114: "a correction for the machine's geometry", 130: "a point out of the plane",
-    118: "handwheel motion", 144: "a correction for the machine's geometry",
+    118: "handwheel motion", 136: "a feed per turn of the spindle",
+    144: "a correction for the machine's geometry",
 }  # fmt: skip
 """M functions that change the path."""
 _SETS = re.compile(
@@ -298,7 +300,7 @@ class _Reader:
                 was, scale = self.to.frame, self.out.scale()
                 frame = by_cycle(was, kind, match[3], self._parameters, scale)
                 if frame is not was:
-                    self._reframe(frame)
+                    self.to.reframe(frame)
         else:
             before = None if match[2] == "0" else self._cycle
             self._cycle = cycle_of(kind, match[3], before, self._parameters)
@@ -308,15 +310,12 @@ class _Reader:
         # The control sets Q120 to Q122 to the rotary axes of the plane, which the plane implies.
         for name in ("Q120", "Q121", "Q122"):
             self._parameters.pop(name, None)
-        self._reframe(by_plane(self.to.frame, block.text, self._parameters))
+        frame = by_plane(self.to.frame, block.text, self._parameters)
+        self.to.leave("XYZ")  # the machine may move to turn to it
+        self.to.reframe(frame)
         if self.to.frame.plane is not None:
             self.out.note(_PLANE)
             self._parameters |= dict.fromkeys(("Q120", "Q121", "Q122"), 0.0)
-
-    def _reframe(self, frame: Frame) -> None:
-        """Coordinates are in another frame; the machine may have moved to turn to it."""
-        self.to.leave("XYZ")
-        self.to.reframe(frame)
 
     def _function(self, block: Block) -> None:
         """FUNCTION TCPM: the coordinates are those of the tip."""

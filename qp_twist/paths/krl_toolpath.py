@@ -115,7 +115,7 @@ class KrlProgram(RobotProgram):
              r"(?P<rest>(?:\s*\bC_\w+|\s+#(?:BASE|TOOL)|\s+WITH\s.*)*)", self._move, "moves"),
             (r"(?:GOTO|RESUME|SPL|RSI_(?:MOVECORR|ON)|TOUCH\w*)\b.*", self.refuse, "moves"),
             (r"RETURN\b.*|EXIT", self.leave, "moves"),
-            (r"\$BASE\s*[.\[].*", self.refuse, "moves"),
+            (r"\$BASE\s*[.\[].*|\$IPO_MODE\s*=\s*#TCP\b.*", self.refuse, "moves"),
             (rf"(?:BAS\s*\(\s*#(?:VEL_CP|CP_PARAMS)|\$VEL\.CP){number}", self._speed, "nothing"),
             (r"BAS\s*\(\s*#BASE\s*,(?P<number>.*)\)", self._base_number, "moves"),
             (r"(?P<name>\$BASE)(?P<part>)\s*=(?P<value>.*)", self._base, "moves"),
@@ -182,13 +182,19 @@ class KrlProgram(RobotProgram):
         sweep = re.fullmatch(rf"CA\s*(?P<number>{NUMBER})", last, re.IGNORECASE)
         if not sweep:
             parts.append(last)
+        if re.search(r"\$(?:BASE|VEL)\s*=\s*\{|\$IPO_MODE", rest, re.IGNORECASE):
+            raise refuse(line, match[0], "states a frame or a speed for this move in a way that is "
+                         "not read; write it before the move.")  # fmt: skip
         before = self.path.frame, self.path.feed
         if found := re.search(rf"\$VEL(?:\.CP)?\s*=\s*(?:SVEL_CP\s*\()?\s*({NUMBER})", rest, re.I):
             self.path.feed = float(found[1])
         if found := re.search(r"\$BASE\s*=\s*(?:SBASE\s*\(\s*)?([\w.]+)", rest, re.IGNORECASE):
             self.path.frame = self._numbered(found[1])
         count = 2 if word.startswith("CIRC") else 1
-        if len(parts) != count or (word.endswith("_REL") and "#TOOL" in rest.upper()):
+        if word.endswith("_REL") and "#TOOL" in rest.upper():
+            raise refuse(line, match[0], "is relative to the tool, which is not read; write a "
+                         "position.")  # fmt: skip
+        if len(parts) != count:
             raise refuse(line, match[0], f"expected {count} target{'s' * (count - 1)}.")
         if word.startswith("PTP"):
             self._joint(line, parts[0], relative=word.endswith("_REL"))

@@ -285,6 +285,9 @@ class MachineTool:
         unread = not tip and axis.turned and not axis.machine
         missing = {"X", "Y", "Z"} - self.at.keys()
         unknown = missing & (self.gone if relative else self.gone | self._stated)
+        comes_from_nowhere = moves and not missing and len(start) < 3
+        if cut and comes_from_nowhere and not word and not unread and not relative:
+            self.out.note("cuts are left out while it is not known where the tool comes from")
         if cut and unknown and not word and not unread:
             self.out.note("cuts are left out while it is not known where the tool comes from")
             self.out.begin_curve()

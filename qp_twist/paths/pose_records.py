@@ -27,6 +27,7 @@ _OF_OTHERS = re.compile(
 """Parts of keys whose x, y, z are no position."""
 _MOST_NODES = 10_000_000
 """A text whose references stand for more entries is refused."""
+_DEEP = re.compile(r"(?:[\[{]\s*){100}")
 _MATRIX = ("r11", "r12", "r13", "x", "r21", "r22", "r23", "y", "r31", "r32", "r33", "z")
 _COUNTS = 3, 4, 6, 7, 12, 16
 _OPEN = ("first", "second", "third", "fourth")
@@ -60,6 +61,8 @@ def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]]
             "transforms (TF) are those of all frames of a robot, and no path; write the poses of "
             "one frame, as PoseStamped."
         )
+    if _DEEP.search(text):
+        raise InvalidInput("its lists are inside each other more than 100 deep; it is damaged.")
     try:
         documents = list(yaml.compose_all(text, Loader=_LOADER))
     except yaml.YAMLError as error:

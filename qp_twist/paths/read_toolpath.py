@@ -12,6 +12,7 @@ import numpy as np
 from qp_twist.errors import InvalidInput
 from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
+from qp_twist.paths.assumed_units import with_unit
 from qp_twist.paths.bag_poses import bag_lines, is_bag
 from qp_twist.paths.csv_toolpath import CSV
 from qp_twist.paths.fanuc_toolpath import LS
@@ -88,11 +89,13 @@ def read_toolpath(
 def _text(suffix: str, content: bytes) -> tuple[list[str], list[str]]:
     """The lines of a file, those of a table for clouds, bags and poses, and notes on these."""
     if is_cloud(content):
-        return cloud_lines(content), []
+        header = content[:4000].partition(b"end_header")[0].decode("latin-1").splitlines()
+        return with_unit(cloud_lines(content), header), []
     if is_bag(content):
         return bag_lines(content)
     lines = text_lines(content)
-    return pose_lines(suffix, lines) or (lines, [])
+    poses = pose_lines(suffix, lines)
+    return (lines, []) if poses is None else (with_unit(poses[0], lines), poses[1])
 
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:

@@ -49,6 +49,7 @@ class RobotPath:
 
     def __init__(self, options: ReadingOptions, words: ProgramWords, *, in_base: bool) -> None:
         self.out = ProgramBuilder(options, words)
+        self.out.line = 1
         self.out.set_unit("m" if words.units == "m" else "mm", moved=False)
         self.frame: tuple[str, mink.SE3 | None] = "", None
         self.feed = math.nan
@@ -136,7 +137,7 @@ class RobotPath:
             raise InvalidInput(f"a speed of {self.feed:g} m/s; expected one above 0")
         name, pose = self._expressed(pose)
         before, self._used = self._used, (name, self.frame[1])
-        if before is not None and before[0] != name:
+        if before is not None and (before[0] != name or self._moved_frame(before[1])):
             known = before[1] is not None and self.frame[1] is not None and not self._in_base
             raise (SeveralFrames if known else InvalidInput)(
                 f"it moves in {name or 'the frame of the controller'}, before in "
@@ -151,6 +152,13 @@ class RobotPath:
                 self._at = None
         self._waiting = []
         return pose
+
+    def _moved_frame(self, before: mink.SE3 | None) -> bool:
+        """Whether the frame in force has the name of the one before, and is elsewhere."""
+        now = self.frame[1]
+        if self._in_base or before is None or now is None:
+            return not self._in_base and (before is None) != (now is None)
+        return not np.allclose(before.wxyz_xyz, now.wxyz_xyz, rtol=0.0, atol=SAME_POINT)
 
     def _add(self, line: int, poses: Sequence[mink.SE3], *, rapid: bool = False) -> None:
         self.out.line, self._at = line, poses[-1]

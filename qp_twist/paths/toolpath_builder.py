@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -55,6 +56,7 @@ class ProgramWords(NamedTuple):
 
     Attributes:
         tip: Words after which the coordinates are those of the tool's tip.
+        applied: Pattern of words that move nothing themselves and count for motions behind them.
     """
 
     title: str
@@ -63,6 +65,7 @@ class ProgramWords(NamedTuple):
     units: str
     direction: Literal["axis", "quaternion"] = "axis"
     tip: tuple[str, ...] = ()
+    applied: str = ""
 
 
 class Row(NamedTuple):
@@ -302,8 +305,9 @@ class ProgramBuilder:
         stated = self.options.length_unit
         if stated not in (None, unit):
             self.problem(
-                f"the file is in {unit}, length_unit of the task file says {stated}; correct one "
-                "of them"
+                f"the file is in {unit}, and length_unit "
+                f"({self.options.option('length_unit')}) says {stated}; leave it out, or correct "
+                "one of them"
             )
         if moved and unit != self.unit:
             self.problem("the unit changes after the first motion")
@@ -373,13 +377,16 @@ class ProgramBuilder:
 
     def _words_passed_over(self) -> list[str]:
         """A note on the words that move nothing, if there are any."""
-        words = [
-            word if len(lines) == 1 else f"{word} ({len(lines)})"
-            for word, lines in self._passed.items()
-        ]
-        count = times(sum(map(len, self._passed.values())))
-        what = f"passed over, since they move nothing ({count}): {', '.join(words)}."
-        return [what] if words else []
+        notes = []
+        for said, applied in (
+            ("taken into account", True), ("passed over, since they move nothing", False),
+        ):  # fmt: skip
+            found = [(word, len(lines)) for word, lines in self._passed.items()
+                     if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
+            words = [word if count == 1 else f"{word} ({count})" for word, count in found]
+            count = times(sum(count for _, count in found))
+            notes += [f"{said} ({count}): {', '.join(words)}."] if words else []
+        return notes
 
     def _divided(self, sense: str) -> list[str]:
         """A note on the arcs, if there are any."""

@@ -429,9 +429,7 @@ def test_options_of_other_formats_are_refused(tmp_path: Path) -> None:
         read(tmp_path, text, feed_unit="mm/s")
     with pytest.raises(InvalidInput, match="a G-code file has tool axes"):
         read(tmp_path, text, orientation="rpy")
-    with pytest.raises(
-        InvalidInput, match="the file is in mm, length_unit of the task file says m"
-    ):
+    with pytest.raises(InvalidInput, match=r"the file is in mm, and length_unit \(--unit\) says m"):
         read(tmp_path, text, length_unit="m")
     with pytest.raises(InvalidInput, match="states tool axes as vectors; leave rotary"):
         read(tmp_path, "UNITS/MM\nGOTO/0,0,0\nGOTO/1,0,0\n", "a.apt", rotary="head-ac")
@@ -523,3 +521,14 @@ def test_a_way_from_where_the_tool_is_not_known_is_no_cut(tmp_path: Path) -> Non
     flat = read(tmp_path, "G21 G90\nG0 X10 Y20\nG1 X30 F600\n")
     assert millimetres(flat).tolist() == [[10, 20, 0], [30, 20, 0]]
     assert any("Z is 0 until it is stated" in note for note in flat.assumptions)
+
+
+def test_words_that_count_for_the_motions_behind_them_are_not_passed_over(tmp_path: Path) -> None:
+    tilted = "G21 G90 G54\nG68.2 X0 Y0 Z0 I0 J90 K0\nG53.1\nG0 X0 Y0 Z5\nG1 Z0 F600\nX9\nG69\n"
+    notes = read(tmp_path, tilted).notes
+    assert "taken into account (3 times): G68.2, G53.1, G69." in notes
+    assert "passed over, since they move nothing (once): G54." in notes
+    offset = read(tmp_path, "G21 G90\nG0 X0 Y0 Z5\nG1 Z0 F600\nG43.1 Z-10\nX9\n")
+    assert millimetres(offset)[-1] == pytest.approx([9, 0, 0])
+    with pytest.raises(InvalidInput, match="a pattern of holes"):
+        read(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nG81 Z-.5 R.1 F10. L0\nG70 I2. J30. L6\n")

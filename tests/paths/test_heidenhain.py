@@ -115,3 +115,18 @@ def test_a_machine_and_its_corners_are_those_of_gcode(tmp_path: Path) -> None:
     np.testing.assert_allclose(a.positions, b.positions, atol=1e-12)
     np.testing.assert_allclose(a.vectors, b.vectors, atol=1e-12)
     np.testing.assert_allclose(a.feeds, b.feeds)
+
+
+def test_a_shift_of_the_datum_leaves_the_tool_where_it_is(tmp_path: Path) -> None:
+    text = (
+        "0 BEGIN PGM A MM\nL X+0 Y+0 Z+2 FMAX\nLBL 1\nL Z-5 F100\nL IX+20 F300\nL Z+2 FMAX\n"
+        "CYCL DEF 7.0 DATUM SHIFT\nCYCL DEF 7.1 IX+50\nL X+0 Y+0 FMAX\nCALL LBL 1 REP2\n"
+        "END PGM A MM\n"
+    )
+    file = tmp_path / "a.h"
+    file.write_text(text)
+    curves = read_toolpath(file).curves
+    assert [len(curve) for curve in curves] == [3, 3, 3]
+    for k, curve in enumerate(curves):
+        expected = [[50 * k, 0, 2], [50 * k, 0, -5], [50 * k + 20, 0, -5]]
+        assert 1e3 * curve.positions == pytest.approx(np.array(expected))

@@ -229,3 +229,21 @@ def test_an_orientation_that_the_file_lacks_is_refused(
     with pytest.raises(InvalidInput, match=f"orientation is '{orientation}'.* no such"):
         read_toolpath(path, orientation=orientation)
     assert read_toolpath(path, orientation="rpy").meaning == "rotation"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "# units: inch\nx,y,z\n1,0,3\n2,0,3\n"),
+        ("a.csv", "# all values in inches\nx,y,z\n1,0,3\n2,0,3\n"),
+        ("a.json", '{"unit":"inch","points":[[1,0,3],[2,0,3]]}'),
+        ("a.yaml", "units: inch\nwaypoints:\n- {position: [1, 0, 3]}\n- {position: [2, 0, 3]}\n"),
+        ("a.ply", "ply\nformat ascii 1.0\ncomment units inch\nelement vertex 2\nproperty float x\n"
+         "property float y\nproperty float z\nend_header\n1 0 3\n2 0 3\n"),
+    ],
+)  # fmt: skip
+def test_a_unit_beside_the_header_counts(tmp_path: Path, name: str, text: str) -> None:
+    file = tmp_path / name
+    file.write_text(text)
+    (curve,) = read_toolpath(file).curves
+    assert curve.positions == pytest.approx(0.0254 * np.array([[1, 0, 3], [2, 0, 3]]))

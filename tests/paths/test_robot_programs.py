@@ -180,3 +180,11 @@ def test_numbers_beyond_arithmetic_are_no_pose(tmp_path: Path, number: str) -> N
     text = f"movel(p[{number},0,0,0,0,0])\nmovel(p[0,0,0,0,0,0])\n"
     with pytest.raises(InvalidInput):
         read(tmp_path, "a.script", text)
+
+
+def test_a_frame_that_is_moved_is_another_frame(tmp_path: Path) -> None:
+    data = 'PERS wobjdata w1:=[FALSE,TRUE,"",[[100,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    moves = move(0, wobj="\\WObj:=w1") + move(1, wobj="\\WObj:=w1")
+    body = moves + "w1.uframe.trans.x:=300;\n" + move(1, wobj="\\WObj:=w1")
+    (curve,) = read(tmp_path, "a.mod", rapid(body, data)).curves
+    assert (1e3 * curve.positions[:, 0]) == pytest.approx([600, 610, 810])
