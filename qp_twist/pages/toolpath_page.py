@@ -93,10 +93,12 @@ def toolpath_facts(toolpath: Toolpath, summary: ToolpathSummary) -> dict[str, st
             else f"{value / scale:,.0f} {unit}"
         )
 
-    sides = (summary.high - summary.low) / scale
+    # Without what rounding leaves of zero.
+    lower, upper = (np.round(corner / scale, 9) + 0.0 for corner in (summary.low, summary.high))
+    sides = upper - lower
     ranges = [
-        f"{name} {low:.6g} to {high:.6g}"
-        for name, low, high in zip("xyz", summary.low / scale, summary.high / scale, strict=True)
+        f"{name} {begin:.6g} to {end:.6g}"
+        for name, begin, end in zip("xyz", lower, upper, strict=True)
     ]
     found = {
         "unit": f"{unit}, {'as the file states' if toolpath.unit_in_file else 'not in the file'}",

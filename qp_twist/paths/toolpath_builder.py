@@ -375,18 +375,13 @@ class ProgramBuilder:
         self._arcs += 1
         return points
 
-    def _words_passed_over(self) -> list[str]:
-        """A note on the words that move nothing, if there are any."""
-        notes = []
-        for said, applied in (
-            ("taken into account", True), ("passed over, since they move nothing", False),
-        ):  # fmt: skip
-            found = [(word, len(lines)) for word, lines in self._passed.items()
-                     if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
-            words = [word if count == 1 else f"{word} ({count})" for word, count in found]
-            count = times(sum(count for _, count in found))
-            notes += [f"{said} ({count}): {', '.join(words)}."] if words else []
-        return notes
+    def _words(self, said: str, *, applied: bool) -> list[str]:
+        """A note on words that move nothing, or that count for the motions behind them."""
+        found = [(word, len(lines)) for word, lines in self._passed.items()
+                 if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
+        words = [word if count == 1 else f"{word} ({count})" for word, count in found]
+        count = times(sum(count for _, count in found))
+        return [f"{said} ({count}): {', '.join(words)}."] if words else []
 
     def _divided(self, sense: str) -> list[str]:
         """A note on the arcs, if there are any."""
@@ -428,9 +423,13 @@ class ProgramBuilder:
                 *self._rapid_notes(),
                 *self._noted(left_out=False),
                 *self._divided(sense),
+                *self._words("words that change what follows are applied", applied=True),
                 *assumptions,
             ],
-            passed_over=[*self._words_passed_over(), *self._noted(left_out=True)],
+            passed_over=[
+                *self._words("passed over, since they move nothing", applied=False),
+                *self._noted(left_out=True),
+            ],
             unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )

@@ -526,7 +526,7 @@ def test_a_way_from_where_the_tool_is_not_known_is_no_cut(tmp_path: Path) -> Non
 def test_words_that_count_for_the_motions_behind_them_are_not_passed_over(tmp_path: Path) -> None:
     tilted = "G21 G90 G54\nG68.2 X0 Y0 Z0 I0 J90 K0\nG53.1\nG0 X0 Y0 Z5\nG1 Z0 F600\nX9\nG69\n"
     notes = read(tmp_path, tilted).notes
-    assert "taken into account (3 times): G68.2, G53.1, G69." in notes
+    assert "words that change what follows are applied (3 times): G68.2, G53.1, G69." in notes
     assert "passed over, since they move nothing (once): G54." in notes
     offset = read(tmp_path, "G21 G90\nG0 X0 Y0 Z5\nG1 Z0 F600\nG43.1 Z-10\nX9\n")
     assert millimetres(offset)[-1] == pytest.approx([9, 0, 0])
