@@ -67,7 +67,7 @@ def new(
 
     Args:
         robot: MJCF, URDF or xacro file, or a shipped scene.
-        path: Toolpath: table, point cloud, poses, APT-CL, G-code or program of a robot.
+        path: Toolpath: table, point cloud, poses, APT-CL, G-code, Klartext or program of a robot.
         frame: The robot's frame that follows it; if omitted, the only possible one.
         frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.

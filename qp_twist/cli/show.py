@@ -34,7 +34,7 @@ def show(
     rapid motions.
 
     Args:
-        path: Toolpath: table, point cloud, poses, APT-CL, G-code or program of a robot.
+        path: Toolpath: table, point cloud, poses, APT-CL, G-code, Klartext or program of a robot.
         out: Page (.html) or still picture (.png) to write; if omitted, the page
             out/NAME_toolpath.html with the file's name.
         reading: How the file is read.

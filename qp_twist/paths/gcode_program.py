@@ -27,7 +27,7 @@ _NUMBER = re.compile(r"N\s*0*([0-9]+)")
 _PROGRAM = re.compile(r"[O:]\s*0*([0-9]+)(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)")
 _SIMPLE = re.compile(r"[#\[]|^\s*(?:N[0-9]+\s*)?(?:O|IF|WHILE|GOTO|DO|END)|M9[789]|G65", re.I)
 """What a line has that needs more than to be read where it stands."""
-_ARGUMENTS = "ABC IJK DEF   H    M   QRSTUVWXYZ"
+_ARGUMENTS = "ABCIJKDEF H M   QRSTUVWXYZ"
 """FANUC: the variable #n of a macro has the n-th letter as its argument."""
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 

@@ -272,6 +272,8 @@ class _Reader:
         if name == "motion":
             self.to.modes.cycle = None
         if name == "relative":
+            if self.to.modes.filament_relative and not value:
+                self.out.note("G90 makes E absolute again after M83, as in Marlin; in Klipper not")
             self.to.modes.filament_relative = bool(value)
         setattr(self.to.modes, name, value)
 

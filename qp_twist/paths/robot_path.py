@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import mink
@@ -24,6 +25,8 @@ REFUSED: dict[tuple[str, ...], str] = {
 """Options that robot programs have no use for."""
 _ON_A_LINE = 1e-9
 """Sine of the angle between the chords of an arc below which its points are on a line."""
+_OVERRIDE = re.compile(r"VelSet|SpeedRefresh|\$OV_|OVERRIDE", re.IGNORECASE)
+"""Words that scale the speeds of the moves behind them."""
 _SLOWEST = 1e-9
 """A lower speed, m/s, is none."""
 
@@ -95,7 +98,7 @@ class RobotPath:
             mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
         ])  # fmt: skip
 
-    def toolpath(self, path: Path, passed: Iterable[tuple[int, str]]) -> Toolpath:
+    def toolpath(self, path: Path, passed: Sequence[tuple[int, str]]) -> Toolpath:
         """The toolpath.
 
         Raises:
@@ -112,8 +115,11 @@ class RobotPath:
         for out.line, word in passed:
             out.pass_over(word)
         assert self._used is not None
+        changed = {word for _, word in passed if _OVERRIDE.match(word)}
         notes = [f"coordinates are in {self._used[0] or 'the frame in force at its begin'}."]
         notes.append(f"orientations are those of {out.words.axis}; z is taken as the tool's axis.")
+        if changed:
+            notes.append(f"speeds are as programmed, without {', '.join(sorted(changed))}.")
         if self._elsewhere:
             notes.append(
                 "joint moves to where the file does not state the tool "
@@ -135,6 +141,9 @@ class RobotPath:
         """The end of a move in the frame of all; joint moves before it in that frame are added."""
         if self.feed < _SLOWEST:
             raise InvalidInput(f"a speed of {self.feed:g} m/s; expected one above 0")
+        if math.isnan(self.feed):
+            self.out.line = line
+            self.out.note("no speed along the path is stated for moves, or it is not in the file")
         name, pose = self._expressed(pose)
         before, self._used = self._used, (name, self.frame[1])
         if before is not None and (before[0] != name or self._moved_frame(before[1])):

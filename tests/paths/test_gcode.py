@@ -532,3 +532,12 @@ def test_words_that_count_for_the_motions_behind_them_are_not_passed_over(tmp_pa
     assert millimetres(offset)[-1] == pytest.approx([9, 0, 0])
     with pytest.raises(InvalidInput, match="a pattern of holes"):
         read(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nG81 Z-.5 R.1 F10. L0\nG70 I2. J30. L6\n")
+
+
+def test_arguments_of_a_macro_have_the_numbers_of_fanuc(tmp_path: Path) -> None:
+    """FANUC, *Custom Macro*, argument specification I: A to C, I to K, D to F, H, M, Q to Z."""
+    call = "%\nO1\nG21 G90\nG0 X0 Y0 Z0\nG1 F600\nG65 P2 X3. Y4. Z-1. I5. D7.\nM30\n"
+    macro = "O2\nG1 X#24 Y#25 Z#26\nX#4 Y#7\nM99\n%\n"
+    assert millimetres(read(tmp_path, call + macro)) == pytest.approx(
+        np.array([[0, 0, 0], [3, 4, -1], [5, 7, -1]])
+    )
