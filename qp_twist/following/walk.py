@@ -235,7 +235,10 @@ class _Run:
         def attempt(allowed: float | None) -> float:
             nonlocal found
             resolver.begin_waypoint(self._configuration, allowed)
-            found = self._iterate(resolver, row)
+            tried = self._iterate(resolver, row)
+            # What held the faster attempts back is why this one is slower.
+            held = dict.fromkeys((*found.binding, *tried.binding))
+            found = tried._replace(binding=tuple(held))
             if self._pace is None or not _sane(self._configuration.q):
                 return np.inf
             return missed_by(self.job.path_task, resolver.task, self._configuration)

@@ -256,13 +256,13 @@ def test_a_message_with_impossible_content_changes_nothing(page, caplog, capfd):
         moved((np.nan, 0.0, 0.0)),
         moved((0.0, 0.0, np.inf)),
         moved((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)),
-        changed(page._gain, np.nan),
-        changed(page._gain, -1.0),
-        changed(page._gain, "much"),
-        changed(page._method, "magic"),
-        changed(page._weight, "none"),
-        changed(page._speed, -(10**9)),
-        changed(page._slider, 10**9),
+        changed(page.controls._method.gain, np.nan),
+        changed(page.controls._method.gain, -1.0),
+        changed(page.controls._method.gain, "much"),
+        changed(page.controls._method.method, "magic"),
+        changed(page.controls._method.weight, "none"),
+        changed(page.controls._path.speed, -(10**9)),
+        changed(page.controls._path.slider, 10**9),
     ]
     send(page.server, CAMERA, *messages)
     time.sleep(0.3)
@@ -272,7 +272,7 @@ def test_a_message_with_impossible_content_changes_nothing(page, caplog, capfd):
     assert len(lines) == len(messages)
     assert all(line.startswith("ignored a ") for line in lines)
     assert "Traceback" not in capfd.readouterr().err
-    send(page.server, CAMERA, changed(page._speed, 77), moved((0.1, 2.0, 0.0)))
+    send(page.server, CAMERA, changed(page.controls._path.speed, 77), moved((0.1, 2.0, 0.0)))
     time.sleep(0.3)
     assert session.speed == 77.0
     assert session.task is not task
