@@ -9,8 +9,9 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.files import AngleUnit, LengthUnit
+from qp_twist.paths.toolpath_builder import LONGEST_REACH
 
-_REACH = 9.4
+_REACH = 2.0 * LONGEST_REACH
 """Twice the reach of the longest arm on the market, m: what a path in it is at most across."""
 _ROOM = 100.0
 """Size of a path beside which an arm may drive, m."""

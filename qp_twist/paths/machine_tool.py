@@ -285,11 +285,11 @@ class MachineTool:
         unread = not tip and axis.turned and not axis.machine
         missing = {"X", "Y", "Z"} - self.at.keys()
         unknown = missing & (self.gone if relative else self.gone | self._stated)
-        comes_from_nowhere = moves and not missing and len(start) < 3
-        if cut and comes_from_nowhere and not word and not unread and not relative:
+        straight = cut and not word and not unread
+        from_nowhere = moves and not missing and len(start) < 3 and not relative
+        if straight and (unknown or from_nowhere):
             self.out.note("cuts are left out while it is not known where the tool comes from")
-        if cut and unknown and not word and not unread:
-            self.out.note("cuts are left out while it is not known where the tool comes from")
+        if straight and unknown:
             self.out.begin_curve()
         elif cut and missing and moves and not unread:
             for name in sorted(missing):

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pytest
+from corpus.apt_nx import END as NX_END
+from corpus.apt_nx import HEAD as NX
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,20 +21,6 @@ from qp_twist.paths import Toolpath, read_toolpath
 from qp_twist.paths.splines import clamped_cubic
 
 Array = npt.NDArray[np.float64]
-NX = """TOOL PATH/CONTOUR,TOOL,MILL_20
-TLDATA/MILL,20.0000,1.0000,50.0000,0.0000,0.0000
-MSYS/0.0000,0.0000,0.0000,1.0000000,0.0000000,0.0000000,0.0000000,1.0000000,0.0000000
-$$ centerline data
-PAINT/PATH
-PAINT/SPEED,10
-LOAD/TOOL,2,ADJUST,2
-SELECT/TOOL,2
-PAINT/COLOR,186
-RAPID
-GOTO/20.0000,0.0000,10.0000,0.0000000,0.0000000,1.0000000
-FEDRAT/MMPM,600.0000
-"""
-NX_END = "PAINT/SPEED,10\nPAINT/TOOL,NOMORE\nEND-OF-PATH\n"
 CAMWORKS = """PARTNO/1
 UNIT/MM
 INSERT/[HOLDER=C40] 20.0mm END MILL
