@@ -9,6 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.paths.toolpath import SAME_POINT
 
 ArcAxis = Literal["right", "left"]
 """Sense of the motion about the axis of ``CIRCLE``: right-handed or left-handed."""
@@ -20,8 +21,12 @@ _OFF_CIRCLE = (2e-5, 1e-3)
 """How far the ends may be from the circle as programs round them: m, or a share of the radius."""
 _LARGEST_RADIUS = 1e6
 """Beyond it, m, rounding moves the points of an arc by more than a nanometre."""
+LARGEST_TURN = 36_000.0
+"""Largest angle of an arc, or turn of a rotary axis in a cut, degrees: beyond it, one is wrong."""
 MOST_POINTS = 1_000_000
 """Largest number of points of a file, those of its divided arcs and turns included."""
+_ON_A_LINE = 1e-9
+"""Sine of the angle between the chords of an arc below which its points are on a line."""
 _CLOSED = 1e-9
 """An end nearer to the start, m, is the start: the arc is a full circle."""
 _IN_LINE = 1e-9
@@ -67,6 +72,51 @@ class Arc(NamedTuple):
         check_radii(start, end, centre, axis, radius)
         return cls(start, end, centre, axis, angle_between(start, end, centre, axis))
 
+    @classmethod
+    def through(cls, start: Array, via: Array, end: Array) -> Arc | None:
+        """The arc from a point through another to a third, m; ``None`` on a straight line.
+
+        Raises:
+            InvalidInput: If two points are the same, or the line goes back.
+        """
+        u, v = via - start, end - via
+        normal, sizes = cross(u, v), _length(u) * _length(v)
+        if sizes < SAME_POINT**2 or _length(end - start) < SAME_POINT:
+            raise InvalidInput(
+                "two points of the arc are the same, so that its circle is not known"
+            )
+        if _length(normal) < _ON_A_LINE * sizes:
+            if u @ v < 0.0:
+                raise InvalidInput("the points of the arc are on a line, and not in its order")
+            return None
+        # The centre is equally far from the three points, in their plane.
+        right = [u @ (start + via) / 2.0, v @ (via + end) / 2.0, normal @ start]
+        centre = np.linalg.solve(np.array([u, v, normal]), right)
+        return cls.between(start, end, centre, normal / _length(normal))
+
+    @classmethod
+    def tangent(cls, start: Array, end: Array, heading: Array, normal: Array) -> Arc:
+        r"""The arc, or helix, that continues a direction in a plane.
+
+        With the chord :math:`\mathbf d` and :math:`\mathbf s = \mathbf n \times \mathbf h`, the
+        centre is :math:`\mathbf d^2 / (2\, \mathbf d \cdot \mathbf s)` along s.
+
+        Args:
+            start: First point, m, (3,).
+            end: Last point, m, (3,).
+            heading: Direction at the start, h, unit vector, (3,).
+            normal: Of the plane, n, unit vector, (3,).
+
+        Raises:
+            InvalidInput: If the end is straight on.
+        """
+        chord, side = _radial(end - start, normal), cross(normal, heading)
+        across = float(chord @ side)
+        if abs(across) < _CLOSED:
+            raise InvalidInput("CT: its end is straight on, so it is no arc")
+        centre = start + side * float(chord @ chord) / (2.0 * across)
+        return cls.between(start, end, centre, math.copysign(1.0, across) * normal)
+
     def points(self, error: float = ARC_ERROR) -> tuple[Array, Array]:
         r"""Points so dense that chords stay within an error of the arc.
 
@@ -86,11 +136,13 @@ class Arc(NamedTuple):
         """
         s, e = self.start - self.centre, self.end - self.centre
         u = _radial(s, self.axis)
-        r_start, r_end = float(np.linalg.norm(u)), float(np.linalg.norm(_radial(e, self.axis)))
+        r_start, r_end = _length(u), _length(_radial(e, self.axis))
         u = u / r_start
         largest = max(r_start, r_end)
         step = min(_LARGEST_STEP, 4.0 * math.asin(min(1.0, math.sqrt(0.5 * error / largest))))
         count = max(1, math.ceil(abs(self.sweep) / step * (1.0 - 1e-12)))
+        if count == 1:
+            return self.end[None], np.ones(1)
         if count > MOST_POINTS:
             raise InvalidInput(
                 f"the arc has {count} chords within {1e3 * error:g} mm of it, and at most "
@@ -98,7 +150,7 @@ class Arc(NamedTuple):
             )
         shares = np.arange(1, count + 1) / count
         angles = (self.sweep * shares)[:, None]
-        around = np.cos(angles) * u + np.sin(angles) * np.cross(self.axis, u)
+        around = np.cos(angles) * u + np.sin(angles) * cross(self.axis, u)
         radii = r_start + shares * (r_end - r_start)
         heights = (s + shares[:, None] * (e - s)) @ self.axis
         points = self.centre + radii[:, None] * around + heights[:, None] * self.axis
@@ -126,7 +178,7 @@ def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Ar
     check_radius(radius)
     flat = end - axis * float((end - start) @ axis)
     chord = flat - start
-    length = float(np.linalg.norm(chord))
+    length = _length(chord)
     if length < 1e-7:
         raise InvalidInput("an arc with a radius R ends at its start; write a full circle by I, J")
     height = radius**2 - 0.25 * length**2
@@ -136,7 +188,7 @@ def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Ar
             f"{1e3 * abs(radius):.6g} mm"
         )
     side = math.copysign(math.sqrt(max(0.0, height)), radius) / length
-    centre: Array = 0.5 * (start + flat) + side * np.cross(axis, chord)
+    centre: Array = 0.5 * (start + flat) + side * cross(axis, chord)
     return centre
 
 
@@ -162,11 +214,11 @@ def cut_corner(
     Raises:
         InvalidInput: If a cut is too short for it, or goes back.
     """
-    lengths = [float(np.linalg.norm(end - corner)) for end in (before, after)]
+    lengths = [_length(end - corner) for end in (before, after)]
     if min(lengths) < _CLOSED:
         raise InvalidInput("a corner is cut between two motions, and one of them has no length")
     u, v = (before - corner) / lengths[0], (after - corner) / lengths[1]
-    turn = math.pi - math.atan2(float(np.linalg.norm(np.cross(u, v))), float(u @ v))
+    turn = math.pi - math.atan2(_length(cross(u, v)), float(u @ v))
     if turn < _IN_LINE:
         return corner, None
     if math.pi - turn < 1e-6:
@@ -179,10 +231,10 @@ def cut_corner(
             f"the corner takes {1e3 * back:.6g} mm of cuts that are {1e3 * lengths[0]:.6g} mm and "
             f"{1e3 * lengths[1]:.6g} mm long"
         )
-    axis = np.cross(v, u)
-    axis /= np.linalg.norm(axis)
+    axis = cross(v, u)
+    axis /= _length(axis)
     start = corner + back * u
-    centre = start + back / math.tan(0.5 * turn) * np.cross(axis, -u)
+    centre = start + back / math.tan(0.5 * turn) * cross(axis, -u)
     return start, Arc(start, corner + back * v, centre, axis, turn)
 
 
@@ -202,7 +254,7 @@ def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float
         InvalidInput: If the points are so close together that a full circle and none look alike.
     """
     s, e = _radial(start - centre, axis), _radial(end - centre, axis)
-    apart = float(np.linalg.norm(e - s))
+    apart = _length(e - s)
     if apart < _CLOSED:
         return 2.0 * math.pi
     if apart < _UNCLEAR:
@@ -210,7 +262,7 @@ def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float
             f"the arc ends {1e3 * apart:.2g} mm from its start, which may be a full circle or "
             "nearly none; end it at its start, or leave it out"
         )
-    angle = math.atan2(float(axis @ np.cross(s, e)), float(s @ e))
+    angle = math.atan2(float(axis @ cross(s, e)), float(s @ e))
     return angle if angle > 0.0 else angle + 2.0 * math.pi
 
 
@@ -221,9 +273,8 @@ def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: fl
         InvalidInput: If a distance from the axis differs from the others by more than 0.02 mm and
             by more than 0.1 %, or the radius is zero or more than 1000 km.
     """
-    check_radius(max(float(np.abs(p - centre).max()) for p in (start, end)))
-    check_radius(radius or 0.0)
-    r_start, r_end = (float(np.linalg.norm(_radial(p - centre, axis))) for p in (start, end))
+    r_start, r_end = (_length(_radial(p - centre, axis)) for p in (start, end))
+    check_radius(max(r_start, r_end, abs(radius or 0.0)))
     radii = [r_start, r_end] if radius is None else [r_start, r_end, radius]
     if min(radii) < 1e-9:
         raise InvalidInput("the arc has the radius zero")
@@ -246,6 +297,16 @@ def check_radius(radius: float) -> None:
             f"the arc has a radius above {_LARGEST_RADIUS:g} m; write a straight motion, or check "
             "its centre"
         )
+
+
+def cross(a: Array, b: Array) -> Array:
+    """The cross product of two vectors, (3,), without the time that numpy's takes for any shape."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def _length(vector: Array) -> float:
+    return math.hypot(*vector.tolist())
 
 
 def _radial(vector: Array, axis: Array) -> Array:

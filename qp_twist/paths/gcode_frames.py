@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.gcode_words import NUMBER_PATTERN
-from qp_twist.paths.machine_tool import NOTHING, Frame
+from qp_twist.paths.program_frame import NOTHING, Frame
 
 _ORDERS = {27: "ZYX", 39: "ZXY", 57: "XYZ", 45: "XZY", 30: "YZX", 54: "YXZ"}
 """CYCLE800: the axes about which the plane is turned one after the other, each as it was turned."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.heidenhain_blocks import number, words
-from qp_twist.paths.machine_tool import Frame
+from qp_twist.paths.program_frame import Frame
 
 _NOTHING = {9: "dwell", 13: "orientation of the spindle", 32: "tolerance", 392: "load"}
 """Cycles that act at once and move nothing."""

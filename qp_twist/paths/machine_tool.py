@@ -5,64 +5,23 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import Arc, cut_corner
+from qp_twist.paths.arcs import LARGEST_TURN, Arc, cut_corner
 from qp_twist.paths.gcode_facts import Facts
 from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
 from qp_twist.paths.gcode_words import Block
+from qp_twist.paths.program_frame import Frame
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 
-NOTHING = RigidTransform.identity()
 _LARGEST_TURN = 3.0
 """Rotary axes move in proportion; the tool axis is computed at least every this many degrees."""
-_MOST_TURNED = 36_000.0
-"""Largest turn of a rotary axis in one cut, degrees: beyond it, a number is wrong."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The frame of a program's coordinates in that of the part: one transform after the other.
-
-    Attributes:
-        datum: A shift of the datum, m.
-        plane: A tilted plane, whose normal is the tool axis; ``None`` without one.
-        shift: A shift or turn of the coordinates, in that plane.
-    """
-
-    datum: RigidTransform = NOTHING
-    plane: RigidTransform | None = None
-    shift: RigidTransform = NOTHING
-
-    @cached_property
-    def whole(self) -> RigidTransform:
-        """From the frame of the coordinates to that of the part."""
-        plane = NOTHING if self.plane is None else self.plane
-        return self.datum * plane * self.shift
-
-    @cached_property
-    def changed(self) -> bool:
-        """Whether coordinates are not those of the part."""
-        return self.plane is not None or bool(np.any(self.whole.as_matrix() != np.eye(4)))
-
-    @cached_property
-    def axis(self) -> tuple[float, ...] | None:
-        """The tool axis in a tilted plane; ``None`` without one."""
-        return None if self.plane is None else tuple(self.plane.as_matrix()[:3, 2].tolist())
-
-    @cached_property
-    def turned(self) -> bool:
-        """Whether coordinates are turned in their plane."""
-        return float(self.shift.rotation.magnitude()) > 0.0
 
 
 class Hole(NamedTuple):
@@ -314,10 +273,10 @@ class MachineTool:
             # In rapid motion the way of the axis does not matter, and it is one motion.
             self._add_point(self.at, begin, cut=cut)
         else:
-            if turn > _MOST_TURNED:
+            if turn > LARGEST_TURN:
                 raise InvalidInput(
                     f"a rotary axis turns by {turn:.6g} degrees in one cut, more than "
-                    f"{_MOST_TURNED:g}; check the angle"
+                    f"{LARGEST_TURN:g}; check the angle"
                 )
             first, end = _point(start), _point(self.at)
             step = self.axis.largest_step(first, end, tip=self._of_tip())

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import Arc
+from qp_twist.paths.arcs import LARGEST_TURN, Arc
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ProgramBuilder, ProgramWords, of_lines
 from qp_twist.paths.toolpath_options import ReadingOptions
@@ -23,16 +23,10 @@ REFUSED: dict[tuple[str, ...], str] = {
     for name in ("columns", "feed_unit", "angle_unit", "arc_axis", "rotary", "rollover")
 }
 """Options that robot programs have no use for."""
-_ON_A_LINE = 1e-9
-"""Sine of the angle between the chords of an arc below which its points are on a line."""
 _OVERRIDE = re.compile(r"VelSet|SpeedRefresh|\$OV_|OVERRIDE", re.IGNORECASE)
 """Words that scale the speeds of the moves behind them."""
 _SLOWEST = 1e-9
 """A lower speed, m/s, is none."""
-
-
-_LARGEST_SWEEP = 36_000.0
-"""Largest angle of an arc, degrees: beyond it, a number is wrong."""
 
 
 class SeveralFrames(InvalidInput):
@@ -178,23 +172,14 @@ class RobotPath:
 
 def _arc(a: Array, b: Array, c: Array, sweep_deg: float | None) -> Arc | None:
     """The arc from a through b to c, or by an angle; ``None`` if it is a straight line."""
-    u, v = b - a, c - b
-    normal, sizes = np.cross(u, v), float(np.linalg.norm(u) * np.linalg.norm(v))
-    if sizes < SAME_POINT**2 or np.linalg.norm(c - a) < SAME_POINT:
-        raise InvalidInput("two points of the arc are the same, so that its circle is not known")
-    if np.linalg.norm(normal) < _ON_A_LINE * sizes:
-        if u @ v < 0.0 or sweep_deg is not None:
-            raise InvalidInput("the points of the arc are on a line, and not in its order")
-        return None
-    # The centre is equally far from the three points, in their plane.
-    right = [u @ (a + b) / 2.0, v @ (b + c) / 2.0, normal @ a]
-    centre = np.linalg.solve(np.array([u, v, normal]), right)
-    axis = normal / np.linalg.norm(normal)
+    arc = Arc.through(a, b, c)
     if sweep_deg is None:
-        return Arc.between(a, c, centre, axis)
-    if not 0.0 < abs(sweep_deg) <= _LARGEST_SWEEP:
-        raise InvalidInput(f"an arc by {sweep_deg:g} degrees; expected up to {_LARGEST_SWEEP:g}")
+        return arc
+    if arc is None:
+        raise InvalidInput("the points of the arc are on a line, and not in its order")
+    if not 0.0 < abs(sweep_deg) <= LARGEST_TURN:
+        raise InvalidInput(f"an arc by {sweep_deg:g} degrees; expected up to {LARGEST_TURN:g}")
     # Below 0 it goes the other way round than through the second point.
-    angle, axis = math.radians(abs(sweep_deg)), math.copysign(1.0, sweep_deg) * axis
-    end = centre + Rotation.from_rotvec(angle * axis).apply(a - centre)
-    return Arc(a, end, centre, axis, angle)
+    angle, axis = math.radians(abs(sweep_deg)), math.copysign(1.0, sweep_deg) * arc.axis
+    end = arc.centre + Rotation.from_rotvec(angle * axis).apply(a - arc.centre)
+    return Arc(a, end, arc.centre, axis, angle)
