@@ -1,7 +1,7 @@
 """The rows of a study in one SQLite file, which grows while the study runs.
 
-If the process is killed, the rows of the last second are lost and computed again. Each row has a
-checksum, so that a file that was damaged or altered is refused.
+The rows of a sample are committed together. Each has a checksum, so that a file that was damaged or
+altered is refused.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import math
 import sqlite3
-import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,8 +19,6 @@ from qp_twist.files import check_regular
 
 Row = dict[str, Any]
 
-_SECONDS = 1.0
-"""Time after which rows are committed."""
 BASE: dict[str, type] = {
     "sample": int,
     "method": str,
@@ -72,7 +69,8 @@ class Store:
             InvalidInput: If another process is writing.
         """
         lock = self.file.with_name(".lock")
-        names = ", ".join(f'"{name}" {_TYPES[kind]}' for name, kind in self.columns.items())
+        columns = ", ".join(f'"{name}" {_TYPES[kind]}' for name, kind in self.columns.items())
+        places = ", ".join("?" * (len(self.columns) + 1))
         # A lock of SQLite's ends with its process, on every system.
         with contextlib.closing(sqlite3.connect(lock, timeout=0.0, isolation_level=None)) as held:
             try:
@@ -85,27 +83,19 @@ class Store:
             try:
                 with self._connected() as database:
                     database.execute(
-                        f"CREATE TABLE IF NOT EXISTS results ({names}, checksum INTEGER, "
+                        f"CREATE TABLE IF NOT EXISTS results ({columns}, checksum INTEGER, "
                         "PRIMARY KEY (sample, method))"
                     )
-                    committed = time.monotonic()
-                    places = ", ".join("?" * (len(self.columns) + 1))
 
                     def add(rows: Sequence[Row]) -> None:
-                        nonlocal committed
                         values = [self._values(row) for row in rows]
-                        database.executemany(
-                            f"INSERT OR REPLACE INTO results VALUES ({places})",
-                            [(*v, _checksum(v)) for v in values],
-                        )
-                        if time.monotonic() - committed > _SECONDS:
-                            database.commit()
-                            committed = time.monotonic()
+                        with database:
+                            database.executemany(
+                                f"INSERT OR REPLACE INTO results VALUES ({places})",
+                                [(*v, _checksum(v)) for v in values],
+                            )
 
-                    try:
-                        yield add
-                    finally:
-                        database.commit()
+                    yield add
             finally:
                 lock.unlink(missing_ok=True)
 
@@ -122,11 +112,11 @@ class Store:
     def table(self, columns: Sequence[str]) -> dict[str, list[Any]]:
         """Some columns of all rows, ordered by sample."""
         rows = self._select(columns)
-        found: dict[str, list[Any]] = {}
-        for name, values in zip(columns, zip(*rows, strict=True) if rows else (), strict=False):
-            flag = self.columns[name] is bool
-            found[name] = [bool(v) if flag and v is not None else v for v in values]
-        return found or {name: [] for name in columns}
+        found = {name: [row[k] for row in rows] for k, name in enumerate(columns)}
+        for name in columns:
+            if self.columns[name] is bool:
+                found[name] = [None if value is None else bool(value) for value in found[name]]
+        return found
 
     def _select(self, columns: Sequence[str]) -> list[tuple[Any, ...]]:
         if not self.file.exists() or self.file.stat().st_size == 0:

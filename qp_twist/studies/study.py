@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import dataclasses
 import io
 import json
 import os
@@ -9,9 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from pydantic import Field
 from rich.console import Console
 
 from qp_twist import __version__
@@ -22,13 +23,12 @@ from qp_twist.paths import (
     METHODS,
     PathTask,
     check_method,
+    load_scene,
     load_task,
     refuse_joint_moves,
     shipped_folder,
 )
-from qp_twist.paths.section import Section
 from qp_twist.qp import check_solver
-from qp_twist.studies.fingerprint import digest, fingerprint
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
 from qp_twist.studies.store import EMPTY_STORE, Store
@@ -73,11 +73,11 @@ class Study:
         folder = Path(folder)
         before = _read(folder / _SETTINGS)
         job = Job(
-            path_task or load_task(before.task), before.vary, before.seed, before.methods,
-            before.solver, before.start, before.certify,
+            path_task or load_task(before["task"]), tuple(before["vary"]), before["seed"],
+            tuple(before["methods"]), before["solver"], before["start"], before["certify"],
         )  # fmt: skip
-        _check_same(folder, before, _settings(job, before.samples))
-        found = cls(folder, job, before.samples)
+        _check_same(folder, before, _settings(job, before["samples"]))
+        found = cls(folder, job, before["samples"])
         found._store().check()
         return found
 
@@ -199,11 +199,10 @@ class Study:
         progress: Callable[[int], None] | None = None,
     ) -> None:
         """Compute the missing samples; finished ones are stored even if interrupted."""
-        with self._store().writing() as add:
-            missing = self.missing()
-            for done, (_, rows) in enumerate(
-                each(self.job, missing, jobs=jobs, scheduler=scheduler), start=1
-            ):
+        missing = self.missing()
+        results = each(self.job, missing, jobs=jobs, scheduler=scheduler)
+        with self._store().writing() as add, contextlib.closing(results):
+            for done, (_, rows) in enumerate(results, start=1):
                 if done == 1:  # a run that fails before its first sample changes no settings
                     self._write_settings()
                 add(rows)
@@ -212,7 +211,7 @@ class Study:
             self._write_settings()
 
     def _write_settings(self) -> None:
-        text = _settings(self.job, self.count).model_dump_json(indent=2)
+        text = json.dumps(_settings(self.job, self.count), indent=2)
         write_atomically(self.folder / _SETTINGS, f"{text}\n")
 
     def _store(self) -> Store:
@@ -323,41 +322,44 @@ def study(
     return found
 
 
-class _Settings(Section):
+_SAME = ("vary", "seed", "methods", "solver", "start", "certify")
+"""Settings that two studies in one folder share, beside their task."""
+_NAMES_ONLY = {"name", "title", "source", "scene", "toolpath", "lines"}
+"""Fields of a task on which no sample depends: what a toolpath states is in the waypoints."""
+
+
+def _settings(job: Job, count: int) -> dict[str, Any]:
     """The content of ``study.json``."""
-
-    task: str
-    fingerprint: str
-    vary: tuple[str, ...]
-    samples: Annotated[int, Field(ge=1, le=_MOST_SAMPLES)]
-    seed: Annotated[int, Field(ge=0)]
-    methods: tuple[str, ...]
-    solver: str
-    start: Start
-    certify: bool
-    versions: dict[str, str]
-
-
-def _settings(job: Job, count: int) -> _Settings:
     source = job.path_task.source
     assert source is not None
     shipped = source.resolve().parent == shipped_folder("tasks").resolve()
-    packages = ("mink", "mujoco", "numpy")
-    return _Settings(
-        task=source.stem if shipped else str(source.resolve()),
-        fingerprint=fingerprint(job.path_task),
-        vary=job.vary,
-        samples=count,
-        seed=job.seed,
-        methods=job.methods,
-        solver=job.solver,
-        start=job.start,
-        certify=job.certify,
-        versions={"qp_twist": __version__, **{name: version(name) for name in packages}},
-    )
+    return {
+        "task": source.stem if shipped else str(source.resolve()),
+        "fingerprint": _fingerprint(job.path_task),
+        "samples": count,
+        **{key: getattr(job, key) for key in _SAME},
+        "vary": list(job.vary),
+        "methods": list(job.methods),
+        "versions": {"qp_twist": __version__}
+        | {name: version(name) for name in ("mink", "mujoco", "numpy")},
+    }
+
+
+def _fingerprint(path_task: PathTask) -> str:
+    """Digest of all that a sample depends on: the compiled models and the whole task."""
+    from joblib import hash as digest
+
+    varied, source = section_of(path_task).robot, path_task.source
+    scenes = () if varied is None or source is None else varied.scenes
+    others = [load_scene(source, scene).model for scene in scenes if source is not None]
+    names = {field.name for field in dataclasses.fields(path_task)} - _NAMES_ONLY
+    content = [(name, getattr(path_task, name)) for name in sorted(names)]
+    return str(digest((path_task.scene.name, content, others)))
 
 
 def _check_from_file(task: PathTask) -> None:
+    from joblib import hash as digest
+
     if task.source is None:
         raise InvalidInput("study: needs a task from a file, which it can load again.")
     stated = set(map(digest, load_task(task.source).constraints))
@@ -370,29 +372,30 @@ def _check_from_file(task: PathTask) -> None:
         )
 
 
-def _read(file: Path) -> _Settings:
+def _read(file: Path) -> dict[str, Any]:
     if not os.path.lexists(file):
         raise InvalidInput(f"{file.parent}: holds no study (no {file.name}).")
     try:
-        return _Settings.model_validate_json(read_text(file))
-    except ValueError as error:
-        reason = str(error).partition("\n")[0]
+        found = json.loads(read_text(file))
+    except ValueError:
+        found = None
+    if not isinstance(found, dict) or not {"task", "fingerprint", "samples", *_SAME} <= {*found}:
         raise InvalidInput(
-            f"{file}: cannot be read: {reason}. A study writes this file; restore it, or give "
-            "another folder."
-        ) from None
+            f"{file}: cannot be read. A study writes this file; restore it, or give another folder."
+        )
+    return found
 
 
-def _check_same(folder: Path, before: _Settings, now: _Settings) -> None:
+def _check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
     """Raise if the settings of two studies differ; the number of samples may."""
-    for key in ("vary", "seed", "methods", "solver", "start", "certify"):
-        if getattr(before, key) != getattr(now, key):
+    for key in _SAME:
+        if before[key] != now[key]:
             raise InvalidInput(
-                f"{folder}: holds a study with {key} = {getattr(before, key)!r}, not "
-                f"{getattr(now, key)!r}; give another folder, or the same arguments."
+                f"{folder}: holds a study with {key} = {before[key]!r}, not {now[key]!r}; give "
+                "another folder, or the same arguments."
             )
-    if before.fingerprint != now.fingerprint:
+    if before["fingerprint"] != now["fingerprint"]:
         raise InvalidInput(
-            f"{folder}: holds a study of the task {before.task!r} as it was then; the task or its "
-            "robot has changed since. Give another folder, or restore the file."
+            f"{folder}: holds a study of the task {before['task']!r} as it was then; the task or "
+            "its robot has changed since. Give another folder, or restore the file."
         )

@@ -1,17 +1,15 @@
-"""Run a job on every sample, in processes of this machine or of a cluster.
+"""Run a job on every sample by joblib: in processes of this machine, or on a Dask cluster.
 
-Both use futures: joblib's process pool (loky) on this machine, Dask's workers on a cluster. A
-process that dies (out of memory, killed, crashed in native code) breaks loky's pool: it is
-recreated, and the interrupted samples are run again. Dask does this itself.
+A process that dies (out of memory, killed, crashed in native code) ends joblib's call: the samples
+under way are run again, each alone, and the one that kills its process again is given up.
 """
 
 from __future__ import annotations
 
 import pickle
-from collections import Counter, deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from concurrent.futures.process import BrokenProcessPool
+import warnings
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from functools import lru_cache
 from importlib.util import find_spec
 from typing import Any, Protocol
@@ -20,12 +18,6 @@ from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 
 Rows = list[dict[str, Any]]
-
-TRIES = 2
-"""Number of deaths of its process after which a sample is given up."""
-_AHEAD = 2
-"""Number of queued samples per process."""
-_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 def check_installed() -> None:
@@ -39,7 +31,7 @@ def check_installed() -> None:
 
 
 class Work(Protocol):
-    """The job for a sample."""
+    """The job for a sample. It can be pickled."""
 
     def __call__(self, index: int) -> Rows:
         """The rows of a sample. Does not raise."""
@@ -50,11 +42,11 @@ class Work(Protocol):
 
 def each(
     job: Work, indices: Sequence[int], *, jobs: int | None, scheduler: str | None = None
-) -> Iterator[tuple[int, Rows]]:
+) -> Generator[tuple[int, Rows]]:
     """Yield each index with the rows of ``job(index)``, in the order in which they are done.
 
     Args:
-        job: Can be pickled.
+        job: The job.
         indices: Indices of the samples.
         jobs: Number of processes on this machine; one per core if ``None``.
         scheduler: Address of a Dask scheduler whose workers are used instead.
@@ -62,42 +54,53 @@ def each(
     Raises:
         InvalidInput: If there is no such scheduler, or it has no workers.
     """
-    pool = _Here(job, jobs) if scheduler is None else _Cluster(job, scheduler)
-    deaths: Counter[int] = Counter()
-    waiting = deque(indices)
-    under_way: dict[Future[Rows], int] = {}
-    try:
-        while waiting or under_way:
-            while waiting and len(under_way) < pool.room():
-                # A sample that ran when a process died is run alone, to identify the cause.
-                last_try = {i for i in (*under_way.values(), waiting[0]) if deaths[i] == TRIES - 1}
-                if last_try and under_way:
-                    break
-                index = waiting.popleft()
-                under_way[pool.submit(index)] = index
-            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-            if any(isinstance(future.exception(), BrokenProcessPool) for future in done):
-                done, _ = wait(under_way)
-                pool.renew()
-            for future in done:
-                index = under_way.pop(future)
-                error = future.exception()
-                if error is None:
-                    yield index, future.result()
+    from joblib import Parallel, delayed
+
+    pickled, died = pickle.dumps(job), _deaths()
+    left = dict.fromkeys(indices)
+    under_way: list[int] = []
+
+    def run(samples: Sequence[int]) -> Generator[tuple[int, Rows]]:
+        def calls() -> Iterator[Any]:
+            for index in samples:
+                under_way.append(index)
+                yield delayed(_do)(pickled, index)
+
+        ahead = 1 if jobs == 1 else "2 * n_jobs"
+        parallel = Parallel(batch_size=1, pre_dispatch=ahead, return_as="generator_unordered")
+        results = parallel(calls())
+        try:
+            for result in results:  # noqa: UP028 (its end is the next lines')
+                yield result
+        finally:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of samples that are not waited for
+                results.close()
+
+    with _backend(jobs, scheduler, pickled):
+        alone: list[int] = []
+        while left:
+            under_way.clear()
+            samples = alone[:1] or list(left)
+            try:
+                with closing(run(samples)) as found:
+                    for index, rows in found:
+                        del left[index]
+                        yield index, rows
+            except died as error:
+                if alone:
+                    why = str(error).strip().partition("\n")[0]
+                    message = f"its process died: {type(error).__name__}: {why}"
+                    del left[alone[0]]
+                    yield alone[0], job.failed(alone[0], message)
+                else:
+                    alone = [index for index in under_way if index in left]
                     continue
-                deaths[index] += 1
-                if isinstance(error, BrokenProcessPool) and deaths[index] < TRIES:
-                    waiting.appendleft(index)
-                    continue
-                message = str(error).strip().partition("\n")[0]
-                yield (
-                    index,
-                    job.failed(index, f"its process died: {type(error).__name__}: {message}"),
-                )
-    finally:
-        for future in under_way:
-            future.cancel()
-        pool.close()
+            alone = alone[1:]
+
+
+def _do(pickled: bytes, index: int) -> tuple[int, Rows]:
+    return index, _job(pickled)(index)
 
 
 @lru_cache(maxsize=1)
@@ -107,76 +110,43 @@ def _job(pickled: bytes) -> Work:
     return job
 
 
-def _do(pickled: bytes, index: int) -> Rows:
-    return _job(pickled)(index)
+def _deaths() -> tuple[type[Exception], ...]:
+    """What joblib's call raises when a process dies."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    try:
+        from distributed import KilledWorker
+    except ImportError:
+        return (TerminatedWorkerError,)
+    return TerminatedWorkerError, KilledWorker
 
 
-class _Here:
-    """Processes of this machine."""
+@contextmanager
+def _backend(jobs: int | None, scheduler: str | None, pickled: bytes) -> Iterator[None]:
+    """Have joblib use the processes of this machine, or the workers of a scheduler."""
+    from joblib import parallel_config
 
-    def __init__(self, job: Work, jobs: int | None) -> None:
-        from joblib import cpu_count
-
-        self._job = pickle.dumps(job)
-        self._jobs: int = jobs or cpu_count()
-        self.renew()
-
-    def renew(self) -> None:
-        """Replace a broken pool."""
-        from joblib.externals.loky import get_reusable_executor
-
-        self._executor = get_reusable_executor(self._jobs, env=_ONE_THREAD, timeout=60)
-
-    def room(self) -> int:
-        """Largest number of queued samples."""
-        return _AHEAD * self._jobs
-
-    def submit(self, index: int) -> Future[Rows]:
-        """Submit a sample."""
-        future: Future[Rows] = self._executor.submit(_do, self._job, index)
-        return future
-
-    def close(self) -> None:
-        """Terminate the processes."""
-        self._executor.shutdown(wait=True, kill_workers=True)
-
-
-class _Cluster:
-    """The workers of a Dask scheduler."""
-
-    def __init__(self, job: Work, scheduler: str) -> None:
-        try:
-            from distributed import Client
-        except ImportError:
-            raise InvalidInput(
-                "study(scheduler=…): Dask is not installed; install the extra: qp_twist[cluster]."
-            ) from None
-        try:
-            self._client = Client(scheduler, timeout=5, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise InvalidInput(
-                f"study(scheduler={scheduler!r}): {clause(error)}. Start one by `dask "
-                "scheduler`, and workers; or leave the scheduler out."
-            ) from error
-        if not self._client.ncores():
-            self._client.close()
+    if scheduler is None:
+        # With one process joblib would take this one, which then dies of a sample that kills it.
+        count = -1 if jobs is None else max(2, jobs)
+        with parallel_config("loky", n_jobs=count, inner_max_num_threads=1):
+            yield
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InvalidInput(
+            "study(scheduler=…): Dask is not installed; install the extra: qp_twist[cluster]."
+        ) from None
+    try:
+        client = Client(scheduler, timeout=5, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"study(scheduler={scheduler!r}): {clause(error)}. Start one by `dask scheduler`, and "
+            "workers; or leave the scheduler out."
+        ) from error
+    with client:
+        if not client.ncores():
             raise InvalidInput(f"study(scheduler={scheduler!r}): it has no workers; start some.")
-        self._executor: Executor = self._client.get_executor(pure=False)
-        # As a separate task, which the scheduler can rerun if its result is lost.
-        self._job = self._client.submit(bytes, pickle.dumps(job))
-
-    def renew(self) -> None:
-        """Nothing to do: the scheduler manages its workers."""
-
-    def room(self) -> int:
-        """Largest number of queued samples."""
-        return _AHEAD * max(1, sum(int(n) for n in self._client.ncores().values()))
-
-    def submit(self, index: int) -> Future[Rows]:
-        """Submit a sample."""
-        return self._executor.submit(_do, self._job, index)
-
-    def close(self) -> None:
-        """Disconnect from the scheduler."""
-        self._executor.shutdown(wait=False)
-        self._client.close()
+        with parallel_config("dask", n_jobs=-1, client=client, scatter=[pickled]):
+            yield

@@ -33,9 +33,9 @@ from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import section_of
 from qp_twist.studies.store import BASE, Store
 from qp_twist.studies.summary import Rate
-from qp_twist.studies.workers import _Here, each
+from qp_twist.studies.workers import each
 
-loky = pytest.importorskip("joblib.externals.loky", reason="the extra `study`")
+pytest.importorskip("joblib", reason="the extra `study`")
 
 ROOT = Path(__file__).parents[2]
 DEBURRING = qt.load_task("deburring")
@@ -63,21 +63,11 @@ def content(study: qt.Study) -> list[dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def twelve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[qt.Study]:
-    """Twelve samples, done at once by two processes."""
+def twelve(tmp_path_factory: pytest.TempPathFactory) -> qt.Study:
+    """Twelve samples, done at once by two processes; later studies use the same two."""
     folder = tmp_path_factory.mktemp("twelve")
     task = line_task(folder)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_Here, "close", lambda _: None)
-        done = qt.study(task, ["placement"], 12, METHODS, out=folder / "out", jobs=2, certify=False)
-    yield done
-    loky.get_reusable_executor(2).shutdown(kill_workers=True)
-
-
-@pytest.fixture
-def left_running(twelve: qt.Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A study uses the processes of ``twelve``: starting some takes longer than its samples."""
-    monkeypatch.setattr(_Here, "close", lambda _: None)
+    return qt.study(task, ["placement"], 12, METHODS, out=folder / "out", jobs=2, certify=False)
 
 
 # ---------------------------------------------------------------- what is drawn
@@ -255,7 +245,6 @@ def test_rows_that_were_added_before_a_process_was_killed_are_there(tmp_path: Pa
         f"with Store(Path({str(tmp_path)!r}), {{}}).writing() as add:\n"
         "    for sample in range(3):\n"
         "        add([{'sample': sample, 'method': 'qp'}])\n"
-        "        time.sleep(0.6)\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], check=False, timeout=120)
@@ -305,7 +294,6 @@ def test_a_table_that_was_altered_is_refused(twelve: qt.Study, tmp_path: Path) -
 # ---------------------------------------------------------------- who does it
 
 
-@pytest.mark.usefixtures("left_running")
 def test_a_process_that_dies_costs_a_retry(tmp_path: Path) -> None:
     rows = dict(each(Dying(tmp_path), range(20), jobs=2))
     assert sorted(rows) == list(range(20))
@@ -338,7 +326,6 @@ def test_a_study_has_a_row_for_every_sample_and_method(twelve: qt.Study) -> None
     assert done["z_over_least"] >= 1.0 - 1e-9
 
 
-@pytest.mark.usefixtures("left_running")
 def test_a_study_that_was_stopped_goes_on_and_grows(twelve: qt.Study, tmp_path: Path) -> None:
     task = line_task(tmp_path)
     arguments: dict[str, Any] = {"out": tmp_path / "out", "jobs": 2, "certify": False}
@@ -461,7 +448,6 @@ WITH_POST = """    <body name="post" pos="3 3 0">
   </worldbody>"""
 
 
-@pytest.mark.usefixtures("left_running")
 def test_a_study_does_not_go_on_with_a_task_that_has_changed(tmp_path: Path) -> None:
     scene = (ROOT / "scenes" / "planar_3r.xml").read_text("utf-8")
     geom = '<geom name="ball" size="0.05" pos="0.9 0 0" contype="1" conaffinity="1"/></body>'
@@ -518,7 +504,6 @@ def test_what_is_infeasible_is_certified(tmp_path: Path) -> None:
             assert "does not reach" in found["certificate"]
 
 
-@pytest.mark.usefixtures("left_running")
 def test_a_study_says_why_samples_fail(tmp_path: Path) -> None:
     far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
            "upper = [1.0, 2.5, 0.0]": "upper = [9.5, 9.0, 0.0]"}  # fmt: skip
@@ -584,7 +569,7 @@ def test_the_report_of_a_study(twelve: qt.Study) -> None:
 # ---------------------------------------------------------------- the command
 
 
-@pytest.mark.usefixtures("left_running", "undrawn")
+@pytest.mark.usefixtures("undrawn")
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     task, out = str(line_task(tmp_path)), str(tmp_path / "out")
     main(["study", task, "--samples", "3", "--methods", "qp_gradient", "--no-certify",
