@@ -2,6 +2,7 @@
 
 from .table import Problems as Problems
 from .table import Table as Table
+from .table import TextTable as TextTable
 from .table import columns_named as columns_named
 from .table_text import of_file as of_file
 from .table_text import own_exceptions as own_exceptions

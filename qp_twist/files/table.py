@@ -1,14 +1,13 @@
-"""Read a table of numbers with a header, and collect its problems."""
+"""Tables of numbers with names, read from a text or made by a reader, and their problems."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
@@ -68,22 +67,63 @@ class Problems:
             raise InvalidInput("\n  ".join(lines), options=options)
 
 
-class TableLine(NamedTuple):
-    """A line below the header.
+@dataclass(eq=False)
+class Table:
+    """A table of numbers.
 
     Attributes:
-        line: Of the file, from 1.
-        fields: Fields of the line; none if it repeats the header or the units.
-        numbers: Numbers of the requested columns; ``None`` for a blank line or text.
+        names: Names of the columns, with their units; empty without a header.
+        numbers: (N, columns), NaN for what is no number.
+        lines: Line of the file of each row, from 1, (N,).
+        breaks: Texts between the rows, empty for blank lines, by the row, from 0, that follows.
     """
 
-    line: int
-    fields: list[str]
-    numbers: tuple[float, ...] | None
+    names: tuple[str, ...]
+    numbers: Array
+    lines: npt.NDArray[np.int64]
+    breaks: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return int(self.numbers.shape[1])
+
+    def call(self, index: int) -> str:
+        """Name of a column in messages."""
+        return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
+
+    def texts(self, index: int) -> list[str]:
+        """The entries of a column."""
+        return [f"{value:g}" for value in self.numbers[:, index]]
+
+    def finite(
+        self, columns: Sequence[int], problems: Problems, may_be_blank: Collection[int] = ()
+    ) -> Array:
+        """The numbers of some columns, (N, columns); what is none is a problem.
+
+        Args:
+            columns: Their indices.
+            problems: Collects every invalid row.
+            may_be_blank: Those of them that may also be blank; NaN there.
+        """
+        values: Array = self.numbers[:, list(columns)]
+        for row in np.flatnonzero(~np.isfinite(values).all(axis=1)).tolist():
+            what, column = self._problem(row, columns, may_be_blank)
+            if what:
+                problems.add(int(self.lines[row]), what, column)
+        return values
+
+    def _problem(
+        self, row: int, columns: Sequence[int], may_be_blank: Collection[int]
+    ) -> tuple[str, str]:
+        """What is wrong with a row, and in which column; empty if nothing is."""
+        missing = [i for i in columns if not np.isfinite(self.numbers[row, i])]
+        wrong = [i for i in missing if i not in may_be_blank]
+        return ("the number is missing", self.call(wrong[0])) if wrong else ("", "")
 
 
-class Table:
-    """A table: its dialect, column names and first row.
+class TextTable(Table):
+    """A table in a text.
 
     Args:
         lines: Lines of the file.
@@ -95,11 +135,7 @@ class Table:
             first line of text (with ``texts`` the last) that has as many entries as a row.
 
     Attributes:
-        names: Names of the columns, with their units; empty without a header line.
-        width: Number of columns.
-        first: Index of the line with the first row.
-        first_row: That line.
-        title: Text between the header and the first row.
+        first_row: Line with the first row.
         counts: Line, from 1, that has the number of the rows, or numbers the columns from 0, as
             point clouds and pandas have it; ``None`` without one.
 
@@ -118,7 +154,7 @@ class Table:
     ) -> None:
         data = [k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)]
         dialect = Dialect.detected([lines[k] for k in data[:_LOOKED_AT]], least, expected)
-        self._lines, self._dialect, self._texts = lines, dialect, texts
+        self._text, self._dialect, self._has_texts = lines, dialect, texts
         found_rows = (k for k in data if not self._is_text(dialect.split(lines[k])))
         first, second = next(found_rows, None), next(found_rows, None)
         if first is None:
@@ -126,7 +162,7 @@ class Table:
         self.counts = None
         if second is not None and _counts(*(dialect.split(lines[k]) for k in (first, second))):
             self.counts, first = first + 1, second
-        self.width = len(_stripped(dialect.split(lines[first])))
+        width = len(_stripped(dialect.split(lines[first])))
         at, names = -1, list[str]()
         for index in range(first - 1, -1, -1) if texts else range(first):
             if index + 1 == self.counts:
@@ -134,12 +170,12 @@ class Table:
             comment = _is_comment(lines[index])
             text = _COMMENT.sub("", lines[index], count=1) if comment else lines[index]
             found = _stripped(dialect.names(text))
-            fits = len(found) == self.width
+            fits = len(found) == width
             if found and (fits or not comment) and is_header(found):
                 at, names = index, found
                 break
-            usable = fits and not comment and self.width >= least
-            if at < 0 and usable and not is_unit_row(found, self.width):
+            usable = fits and not comment and width >= least
+            if at < 0 and usable and not is_unit_row(found, width):
                 at, names = index, found
         between = [k for k in data if at < k < first]
         for index in between if names else ():
@@ -149,73 +185,70 @@ class Table:
                 names = [_with_unit(*pair) for pair in zip(names, units, strict=True)]
                 between.remove(index)
                 break
-        self.names, self.width = tuple(names), len(names) or self.width
-        self.first = between[0] if between and not texts else first
-        self.title = " ".join(filter(None, dialect.split(lines[between[-1]]))) if between else ""
-        self._header = lines[at] if names else None
         self.first_row = lines[first]
+        self._header = lines[at] if names else None
+        title = " ".join(filter(None, dialect.split(lines[between[-1]]))) if between else ""
+        begin = between[0] if between and not texts else first
+        super().__init__(tuple(names), *self._rows(begin, len(names) or width, title))
 
-    def call(self, index: int) -> str:
-        """Name of a column in messages."""
-        return f"column {self.names[index]!r}" if self.names else f"column {index + 1}"
-
-    def rows(
-        self, columns: Sequence[int], problems: Problems, may_be_blank: Sequence[int] = ()
-    ) -> Iterator[TableLine]:
-        """The rows, and the blank lines and lines of text between them.
-
-        Args:
-            columns: Indices of the columns that must contain finite numbers.
-            problems: Collects every invalid row.
-            may_be_blank: Those that may also be blank, which counts as 0.
-        """
-        for index in range(self.first, len(self._lines)):
-            line = self._lines[index]
-            if _is_comment(line):
-                continue
-            fields = self._dialect.split(line)
-            numbers = self._numbers(fields, columns, may_be_blank)
-            if numbers is not None or not any(fields):
-                yield TableLine(index + 1, fields, numbers)
-            elif self._texts and self._separates(fields, columns):
-                again = len(fields) == self.width and is_unit_row(fields, self.width)
-                yield TableLine(index + 1, [] if again or line == self._header else fields, None)
+    def _rows(
+        self, first: int, width: int, title: str
+    ) -> tuple[Array, npt.NDArray[np.int64], dict[int, str]]:
+        """The numbers, lines and breaks from the line ``first`` on."""
+        dialect, lines = self._dialect, self._text
+        last = len(lines)
+        while not lines[last - 1].strip():
+            last -= 1
+        if dialect.decimal == "." and len(dialect.delimiter) < 2:
+            try:  # fast, if every line is a row of numbers
+                plain = np.loadtxt(
+                    lines[first:last], delimiter=dialect.delimiter or None, comments=None, ndmin=2
+                )
+            except ValueError:
+                pass
             else:
-                self._explain(problems, index + 1, fields, columns)
+                if plain.shape == (last - first, width):
+                    return plain, np.arange(first + 1, last + 1), {0: title}
+        pattern = [k for k, field in enumerate(dialect.split(self.first_row))
+                   if dialect.number(field) is not None]  # fmt: skip
+        rows, at, breaks = list[list[float]](), list[int](), {0: title}
+        for index in range(first, last):
+            if _is_comment(lines[index]):
+                continue
+            fields = dialect.split(lines[index])
+            numbers = [dialect.number(field) for field in fields[:width]]
+            if not any(fields):
+                breaks.setdefault(len(rows), "")
+            elif self._has_texts and self._separates(fields, numbers, width, pattern):
+                again = lines[index] == self._header or (
+                    len(fields) == width and is_unit_row(fields, width)
+                )
+                text = "" if again else " ".join(filter(None, fields))
+                breaks[len(rows)] = text or breaks.get(len(rows), "")
+            else:
+                whole = len(fields) == width or len(_stripped(fields)) <= width <= len(fields)
+                rows.append([np.nan if n is None or not whole else n for n in numbers]
+                            + [np.nan] * (width - len(numbers)))  # fmt: skip
+                at.append(index + 1)
+        return np.array(rows).reshape(-1, width), np.array(at, dtype=np.int64), breaks
 
-    def sample(self, count: int) -> Array:
-        """The numbers of the first rows, (N, columns), NaN for other entries."""
-        found, width = [], self.width
-        for line in self._lines[self.first : self.first + 2 * count]:
-            fields = self._dialect.split(line)
-            if not _is_comment(line) and len(fields) >= width and any(fields):
-                numbers = [self._dialect.number(field) for field in fields[:width]]
-                found.append([np.nan if value is None else value for value in numbers])
-        return np.array(found[:count], dtype=np.float64).reshape(-1, width)
+    def texts(self, index: int) -> list[str]:
+        """The entries of a column; empty where a row is too short."""
+        rows = (self._dialect.split(self._text[line - 1]) for line in self.lines.tolist())
+        return [fields[index] if index < len(fields) else "" for fields in rows]
 
-    def _numbers(
-        self, fields: list[str], columns: Sequence[int], may_be_blank: Sequence[int]
-    ) -> tuple[float, ...] | None:
-        """The numbers of a row, or ``None`` if it is invalid."""
-        width = self.width
-        if len(fields) < width or (len(fields) > width and len(_stripped(fields)) > width):
-            return None
-        found = []
-        for index in columns:
-            value = self._dialect.number(fields[index])
-            if index in may_be_blank and not fields[index]:
-                value = 0.0
-            if value is None or not math.isfinite(value):
-                return None
-            found.append(value)
-        return tuple(found)
-
-    def _separates(self, fields: Sequence[str], columns: Sequence[int]) -> bool:
-        """Whether a line among the rows is text, not an invalid row."""
-        if len(fields) == self.width:
-            numbers = sum(self._dialect.number(fields[i]) is not None for i in columns)
+    def _separates(
+        self,
+        fields: Sequence[str],
+        numbers: Sequence[float | None],
+        width: int,
+        pattern: Sequence[int],
+    ) -> bool:
+        """Whether a line among the rows is text, not a row; numbers are expected in ``pattern``."""
+        if len(fields) == width:
+            found = sum(numbers[i] is not None for i in pattern)
             # Words between blanks may be as many as there are columns: "Inner seam 2".
-            if numbers and (self._dialect.delimiter or 2 * numbers >= len(columns)):
+            if found and (self._dialect.delimiter or 2 * found >= len(pattern)):
                 return False
         return self._is_text(fields)
 
@@ -226,40 +259,43 @@ class Table:
         """
         numbers = [self._dialect.number(field) is not None for field in fields if field]
         return not any(numbers) or (
-            self._texts and not numbers[0] and 2 * sum(numbers) <= len(numbers)
+            self._has_texts and not numbers[0] and 2 * sum(numbers) <= len(numbers)
         )
 
-    def _explain(
-        self, problems: Problems, line: int, fields: list[str], columns: Sequence[int]
-    ) -> None:
-        """Add the problem of a row."""
-        dialect, width, count = self._dialect, self.width, len(_stripped(fields))
+    def _problem(
+        self, row: int, columns: Sequence[int], may_be_blank: Collection[int]
+    ) -> tuple[str, str]:
+        dialect, width = self._dialect, self.width
+        fields = dialect.split(self._text[int(self.lines[row]) - 1])
+        count = len(_stripped(fields))
         if count > width:
-            row = shortened(" | ".join(fields))
-            what = f"{count} columns, where {width} are expected; the row reads {row!r}"
-            problems.add(line, what)
-            return
+            text = shortened(" | ".join(fields))
+            return f"{count} columns, where {width} are expected; the row reads {text!r}", ""
         for index in columns:
-            field = fields[index] if index < len(fields) else ""
-            value = dialect.number(field)
-            if not field:
+            entry = fields[index] if index < len(fields) else ""
+            value = dialect.number(entry)
+            if not entry:
+                if index in may_be_blank and len(fields) >= width:
+                    continue
                 short = f"; the row has {count} of {width} columns"
                 what = f"the number is missing{short if count < width else ''}"
             elif value is None:
                 other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
-                mark = (
-                    "" if other.number(field) is None else f"; elsewhere it is {dialect.decimal!r}"
-                )
-                hint = mark and f" with the decimal mark {other.decimal!r}{mark}"
-                what = f"expected a number, got {shortened(field)!r}{hint}"
-            elif not math.isfinite(value):
-                what = f"expected a finite number, got {shortened(field)!r}"
+                what = f"expected a number, got {shortened(entry)!r}"
+                if other.number(entry) is not None:
+                    what += (
+                        f" with the decimal mark {other.decimal!r}; elsewhere it is "
+                        f"{dialect.decimal!r}"
+                    )
+            elif not np.isfinite(value):
+                what = f"expected a finite number, got {shortened(entry)!r}"
             else:
                 continue
-            problems.add(line, what, self.call(index))
-            return
-        what = f"missing; the row has {len(fields)} of {width} columns"
-        problems.add(line, what, self.call(len(fields)))
+            return what, self.call(index)
+        if len(fields) < width:
+            what = f"missing; the row has {len(fields)} of {width} columns"
+            return what, self.call(len(fields))
+        return "", ""
 
 
 def columns_named(names: Sequence[str], name: str) -> list[int]:

@@ -8,6 +8,7 @@ from qp_twist.shipped import shipped_tasks as shipped_tasks
 
 from .arcs import ARC_ERROR as ARC_ERROR
 from .arcs import ArcAxis as ArcAxis
+from .column_names import Orientation as Orientation
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
@@ -41,13 +42,12 @@ from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve
 from .toolpath import Lines as Lines
 from .toolpath import Toolpath as Toolpath
-from .toolpath_builder import UnitQuestion as UnitQuestion
 from .toolpath_columns import ColumnChoice as ColumnChoice
-from .toolpath_columns import Orientation as Orientation
 from .toolpath_columns import UnclearColumns as UnclearColumns
 from .toolpath_options import Format as Format
 from .toolpath_options import ReadingOptions as ReadingOptions
 from .toolpath_options import ToolpathOptions as ToolpathOptions
+from .toolpath_points import UnitQuestion as UnitQuestion
 from .turning import angles_between as angles_between
 from .turning import transported as transported
 from .turning import turns_between as turns_between

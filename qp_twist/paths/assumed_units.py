@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.files import AngleUnit, LengthUnit
-from qp_twist.paths.toolpath_builder import LONGEST_REACH
+from qp_twist.paths.toolpath_points import LONGEST_REACH
 
 _REACH = 2.0 * LONGEST_REACH
 """Twice the reach of the longest arm on the market, m: what a path in it is at most across."""
@@ -49,16 +49,6 @@ def named_length_unit(lines: Sequence[str]) -> tuple[LengthUnit, str] | None:
             unit = _NAMES[word[:3]]
             found.setdefault(unit, f"line {number} says {match[0].strip()!r}")
     return next(iter(found.items())) if len(found) == 1 else None
-
-
-def with_unit(table: list[str], lines: Sequence[str]) -> list[str]:
-    """A table that was made of other lines, with the unit that these name in its header."""
-    named = named_length_unit(lines)
-    at = next((k for k, line in enumerate(table) if line.strip(" #")), None)
-    if named is None or at is None:
-        return table
-    header = re.sub(r"(?<![\w.])((?:position\.)?[xyz])(?=[;, ]|$)", rf"\1/{named[0]}", table[at])
-    return [*table[:at], header, *table[at + 1 :]]
 
 
 def assumed_length_unit(

@@ -1,86 +1,181 @@
-"""Poses in bags of ROS 2 (MCAP) as a table."""
+"""Poses in bags of ROS: MCAP and SQLite of ROS 2, the bags of ROS 1."""
 
 from __future__ import annotations
 
+import bz2
 import io
-from collections.abc import Callable, Iterable
-from typing import Any
+import sqlite3
+import struct
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import Table
 
-_BAGS = {
-    b"\x89MCAP": "",
-    b"SQLite format 3": "a ROS 2 bag in SQLite; ros2 bag convert writes it as MCAP",
-    b"#ROSBAG": "a ROS 1 bag; rosbags-convert writes it as MCAP",
-}
-"""Bags by their begin, and why another one is refused."""
-_ARRAYS: dict[str, Callable[[Any], Iterable[Any]]] = {
-    "geometry_msgs/msg/PoseArray": lambda message: message.poses,
-    "nav_msgs/msg/Path": lambda message: [stamped.pose for stamped in message.poses],
-}
-"""Messages that are a path, and the poses in them."""
-_SINGLE: dict[str, Callable[[Any], Iterable[Any]]] = {
-    "geometry_msgs/msg/Pose": lambda message: [message],
-    "geometry_msgs/msg/PoseStamped": lambda message: [message.pose],
-    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: [message.pose.pose],
-    "nav_msgs/msg/Odometry": lambda message: [message.pose.pose],
-}
-"""Messages that are a point of a path, likewise."""
+_MCAP, _SQLITE, _ROS_1 = b"\x89MCAP", b"SQLite format 3", b"#ROSBAG V2.0\n"
+_NAMES = (*(f"position.{c} [m]" for c in "xyz"), *(f"orientation.{c}" for c in "xyzw"))
+_ARRAYS = "PoseArray", "Path"
+"""Messages that are a path each."""
+_SINGLE = "Pose", "PoseStamped", "PoseWithCovarianceStamped", "Odometry"
+"""Messages that are a point of a path."""
+
+
+class _Message(NamedTuple):
+    topic: str
+    kind: str
+    data: bytes
+    ros: int
 
 
 def is_bag(content: bytes) -> bool:
     """Whether a file is a bag of ROS."""
-    return content.startswith(tuple(_BAGS))
+    return content.startswith((_MCAP, _SQLITE, b"#ROSBAG"))
 
 
-def bag_lines(content: bytes) -> tuple[list[str], list[str]]:
-    """The lines of a table, and notes.
+def bag_table(content: bytes) -> tuple[Table, list[str]]:
+    """The poses of a bag, and a note.
 
     Poses of ROS are in metres (REP 103). Of several messages that are a path each, the last counts.
 
     Raises:
-        InvalidInput: If it is another bag than MCAP, has no poses or those of several topics, or
-            the library is not installed.
+        InvalidInput: If it has no poses or those of several topics, or the library is not
+            installed.
     """
-    kind = next(kind for magic, kind in _BAGS.items() if content.startswith(magic))
-    text = "ros2 topic echo --csv TOPIC writes its poses as text while the bag is played"
-    if kind:
-        raise InvalidInput(f"this is {kind}.")
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise InvalidInput(
-            f'a bag (MCAP) needs a library: pip install "qp_twist[ros]"; or {text}.'
-        ) from error
-    topics: dict[tuple[str, str], list[Any]] = {}
-    reader = make_reader(io.BytesIO(content), decoder_factories=[DecoderFactory()])
-    for schema, channel, _, message in reader.iter_decoded_messages():
-        name = "" if schema is None else schema.name
-        topics.setdefault((channel.topic, name), []).append(message)
-    for types in (_ARRAYS, _SINGLE):
-        found = {topic: messages for topic, messages in topics.items() if topic[1] in types}
+    read = _mcap if content.startswith(_MCAP) else _sqlite if content[:6] == b"SQLite" else _ros_1
+    topics: dict[tuple[str, str], list[_Message]] = {}
+    for message in read(content):
+        if message.kind in (*_ARRAYS, *_SINGLE):
+            topics.setdefault(message[:2], []).append(message)
+    for kinds in (_ARRAYS, _SINGLE):
+        found = {topic: messages for topic, messages in topics.items() if topic[1] in kinds}
         if len(found) > 1:
             names = ", ".join(topic for topic, _ in found)
             raise InvalidInput(
-                f"the bag has poses of the topics {names}; write one to a file: {text}."
+                f"the bag has poses of the topics {names}; write one to a file: ros2 topic echo "
+                "--csv TOPIC writes its poses as text while the bag is played."
             )
-        if found:
-            [((topic, name), messages)] = found.items()
-            return _table(topic, types[name], messages[-1:] if types is _ARRAYS else messages,
-                          len(messages) if types is _ARRAYS else 1)  # fmt: skip
-    known = ", ".join(name.rpartition("/")[2] for name in (*_ARRAYS, *_SINGLE))
-    raise InvalidInput(f"the bag has no messages with poses; expected {known}.")
+        for (topic, _), messages in found.items():
+            counts = messages[-1:] if kinds is _ARRAYS else messages
+            last = f", the last of {len(messages)} messages" if len(messages) > len(counts) else ""
+            poses = np.array([pose for message in counts for pose in _poses(message)])
+            table = Table(_NAMES, poses.reshape(-1, 7), np.arange(1, len(poses) + 1), {0: ""})
+            return table, [f"the path is the topic {topic}{last}."]
+    raise InvalidInput(
+        f"the bag has no messages with poses; expected {', '.join((*_ARRAYS, *_SINGLE))}."
+    )
 
 
-def _table(
-    topic: str, poses: Callable[[Any], Iterable[Any]], messages: list[Any], of: int
-) -> tuple[list[str], list[str]]:
-    names = [f"position.{c} [m]" for c in "xyz"] + [f"orientation.{c}" for c in "xyzw"]
-    lines = [",".join(names)]
-    for message in messages:
-        for pose in poses(message):
-            at, turn = pose.position, pose.orientation
-            lines.append(",".join(map(repr, (at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w))))
-    last = f", the last of {of} messages" if of > 1 else ""
-    return lines, [f"the path is the topic {topic}{last}."]
+def _poses(message: _Message) -> Iterator[tuple[float, ...]]:
+    """The poses of a message: x, y, z and the quaternion, its scalar last.
+
+    ROS 2 writes CDR: a number stands at a multiple of its size behind four bytes that state the
+    order of bytes. ROS 1 writes numbers without gaps, and the number of a message in its header.
+    """
+    data, aligned = message.data, message.ros == 2
+    order, begin = ("<" if not aligned or data[1] & 1 else ">"), 4 if aligned else 0
+    at = begin
+
+    def take(form: str, size: int, count: int = 1) -> tuple[float, ...]:
+        nonlocal at
+        if aligned:
+            at += (begin - at) % size
+        at += size * count
+        return struct.unpack_from(f"{order}{count}{form}", data, at - size * count)
+
+    def skip_text() -> None:
+        nonlocal at
+        size = int(take("I", 4)[0])
+        at += size
+
+    def skip_header() -> None:
+        take("I", 4, 2 if aligned else 3)  # time, and the message's number
+        skip_text()
+
+    if message.kind != "Pose":
+        skip_header()
+    if message.kind == "Odometry":
+        skip_text()
+    count = int(take("I", 4)[0]) if message.kind in _ARRAYS else 1
+    for _ in range(count):
+        if message.kind == "Path":
+            skip_header()
+        yield take("d", 8, 7)
+
+
+def _mcap(content: bytes) -> Iterator[_Message]:
+    try:
+        from mcap.reader import make_reader
+    except ImportError as error:
+        raise InvalidInput(
+            'a bag (MCAP) needs a library: pip install "qp_twist[ros]"; ros2 bag convert writes '
+            "it as SQLite, which needs none."
+        ) from error
+    for schema, channel, message in make_reader(io.BytesIO(content)).iter_messages():
+        kind = "" if schema is None else schema.name.rpartition("/")[2]
+        ros = 1 if channel.message_encoding == "ros1" else 2
+        yield _Message(channel.topic, kind, message.data, ros)
+
+
+def _sqlite(content: bytes) -> Iterator[_Message]:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "bag.db3"
+        file.write_bytes(content)
+        bag = sqlite3.connect(file)
+        try:
+            rows = bag.execute(
+                "SELECT name, type, data FROM messages JOIN topics ON topics.id = topic_id "
+                "ORDER BY timestamp"
+            ).fetchall()
+        finally:
+            bag.close()
+    for topic, kind, data in rows:
+        yield _Message(str(topic), str(kind).rpartition("/")[2], data, 2)
+
+
+def _ros_1(content: bytes) -> Iterator[_Message]:
+    if not content.startswith(_ROS_1):
+        raise InvalidInput("this is a ROS 1 bag of an old version; rosbags-convert writes it anew.")
+    yield from _records(content[len(_ROS_1) :], {})
+
+
+def _records(part: bytes, connections: dict[bytes, tuple[str, str]]) -> Iterator[_Message]:
+    """Messages among the records of a bag of ROS 1, each a header of fields, and data."""
+    at = 0
+    while at < len(part):
+        header, at = _sized(part, at)
+        data, at = _sized(part, at)
+        fields = _fields(header)
+        match fields[b"op"]:
+            case b"\x05":  # a chunk of records
+                packing = fields[b"compression"].decode()
+                if packing not in ("none", "bz2"):
+                    raise InvalidInput(
+                        f"a ROS 1 bag packed by {packing}; rosbag decompress unpacks it, and "
+                        "rosbags-convert writes it as MCAP."
+                    )
+                chunk = bz2.decompress(data) if packing == "bz2" else data
+                yield from _records(chunk, connections)
+            case b"\x07":
+                kind = _fields(data)[b"type"].decode().rpartition("/")[2]
+                connections[fields[b"conn"]] = (fields[b"topic"].decode(), kind)
+            case b"\x02":
+                yield _Message(*connections[fields[b"conn"]], data, 1)
+
+
+def _sized(part: bytes, at: int) -> tuple[bytes, int]:
+    """Bytes behind their number, and where they end."""
+    (size,) = struct.unpack_from("<I", part, at)
+    return part[at + 4 : at + 4 + size], at + 4 + size
+
+
+def _fields(header: bytes) -> dict[bytes, bytes]:
+    found, at = dict[bytes, bytes](), 0
+    while at < len(header):
+        field, at = _sized(header, at)
+        name, _, value = field.partition(b"=")
+        found[name] = value
+    return found

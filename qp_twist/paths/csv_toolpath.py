@@ -1,14 +1,16 @@
-"""Toolpaths from tables: CSV and similar formats."""
+"""Toolpaths from tables: CSV and similar texts, and what other readers make a table of."""
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from qp_twist.checks import Array, Mask
+from qp_twist.errors import InvalidInput
 from qp_twist.files import (
     ANGLES,
     FEEDS,
@@ -16,41 +18,43 @@ from qp_twist.files import (
     LengthUnit,
     Problems,
     Table,
+    TextTable,
     columns_named,
     split_unit,
 )
 from qp_twist.paths.assumed_units import assumed_angle_unit, assumed_length_unit, named_length_unit
+from qp_twist.paths.column_names import has_position, names_in, usual
+from qp_twist.paths.orientation import tangents
 from qp_twist.paths.toolpath import Toolpath
-from qp_twist.paths.toolpath_builder import Row, RowsOfCurve, ToolpathFormat, toolpath_of
+from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_columns import (
     ColumnChoice,
     ColumnRoles,
+    called,
     column_roles,
-    has_position,
-    names_in,
     unit_of,
-    usual,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
+from qp_twist.paths.toolpath_points import (
+    Points,
+    PointsOfCurve,
+    curves_between_rapids,
+    toolpath_of,
+)
 
 _LISTED = 12
 """Number of unused columns that are named; the others are counted."""
+_RAPID = re.compile(r"g?0+|rapid|travel|movej|ptp", re.IGNORECASE)
+_CUT = re.compile(r"g?0*1|cut|cutting|feed|linear|work|contact|process|movel|lin", re.IGNORECASE)
+_ARC = re.compile(r"g?0*[23]|arc|circ|circular|movec", re.IGNORECASE)
+"""Entries of a column of motions."""
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
-    """The toolpath of a table.
-
-    A blank line, a line of text between rows, or a new entry in the curve column begins another
-    curve; the text is its name.
-
-    Raises:
-        InvalidInput: If the table is ambiguous, or rows are invalid; with line and column of each.
-        UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
-    """
-    choice = options.columns or ColumnChoice()
-    chosen = [c for columns in vars(choice).values() if isinstance(columns, tuple) for c in columns]
-    by_name = [c for c in (*chosen, choice.curve, choice.feed) if isinstance(c, str)]
-    table = Table(
+    """The toolpath of a table in a text."""
+    stated = (options.columns or ColumnChoice()).stated
+    by_name = [c for columns in stated.values() for c in columns if isinstance(c, str)]
+    table = TextTable(
         lines,
         least=3,
         texts=True,
@@ -60,107 +64,235 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
             or (bool(by_name) and all(columns_named(names, name) for name in by_name))
         ),
     )
-    of_file_name = [] if table.names else names_in(path.stem, table.width)
-    table.names = table.names or tuple(of_file_name)
-    where = column_roles(table, choice, options.orientation, options.feed_unit)
-    notes, angle, feed = [*where.notes], 1.0, 1.0
-    if of_file_name:
+    notes, passed_over = list[str](), list[str]()
+    if not table.names and (of_file_name := names_in(path.stem, table.width)):
+        table.names = of_file_name
         named = ", ".join(of_file_name)
-        notes.insert(0, f"no header: the columns are {named}, by the file's name; --columns.")
-    unit, in_file = _length_unit(table, where, options, notes, named_length_unit(lines))
-    call = ", ".join(table.call(i) for i in where.direction)
-    if where.orientation in ("rpy", "rotation_vector"):
-        stated = any(split_unit(table.names[i])[1] for i in where.direction if table.names)
-        numbers = table.sample(sys.maxsize)[:, where.direction]
-        own = options.angle_unit or (
-            None if stated else assumed_angle_unit(numbers, where.angle_unit, unit)
-        )
-        angles, in_header = unit_of(table, "angle_unit", where.direction, own, ANGLES)
-        angle = ANGLES[angles]
-        if not in_header and options.angle_unit is None:
-            called = ", ".join(table.call(i) for i in sorted(where.direction))
-            word = "degrees" if angles == "deg" else "radians"
-            notes.append(f"{called} are read in {word}, by their numbers; --angle-unit.")
-    if where.feed is not None:
-        feed = FEEDS[unit_of(table, "feed_unit", (where.feed,), options.feed_unit, FEEDS)[0]]
-    problems = Problems()
-    curves = [*_curves(table, where, (LENGTHS[unit], angle, feed), problems)]
-    used = {*where.numbers, where.curve}
-    unused = [table.call(i) for i in range(table.width) if i not in used]
-    more = f" and {len(unused) - _LISTED} more" if len(unused) > _LISTED else ""
-    passed_over = [f"not used: {', '.join(unused[:_LISTED])}{more}."] if unused else []
+        notes = [f"no header: the columns are {named}, by the file's name; --columns."]
     if table.counts:
-        passed_over.append(f"line {table.counts} counts the rows or the columns.")
-    speeds = usual(table.names).get("feed", {}).get(0, [])
-    if where.feed is None and speeds:
-        passed_over.append(
-            f"{' and '.join(table.call(i) for i in speeds)} may state feeds, but not in which unit;"
-            ' write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to '
-            "[path]."
-        )
-    return toolpath_of(
-        path, where.orientation, curves, call, problems, assumptions=notes,
-        passed_over=passed_over, unit=unit,
-        unit_in_file=in_file,
-    )  # fmt: skip
-
-
-def _length_unit(
-    table: Table, where: ColumnRoles, options: ReadingOptions, notes: list[str],
-    named: tuple[LengthUnit, str] | None,
-) -> tuple[LengthUnit, bool]:  # fmt: skip
-    """The unit of the positions and whether the header states it; else the likely one, with a note.
-
-    ``named`` is what other lines say, which counts where the header does not.
-
-    Raises:
-        InvalidInput: If it is not stated, and the numbers leave it open.
-    """
-    chosen, likely = options.length_unit, None
-    stated = any(split_unit(table.names[i])[1] for i in where.position if table.names)
-    if chosen is None and not stated:
-        values = table.sample(sys.maxsize)[:, where.position]
-        values = values[np.isfinite(values).all(axis=1)]
-        likely = named or assumed_length_unit(values, where.length_unit)
-    if likely is not None:
-        other = "m" if likely[0] == "mm" else "mm"
-        answer = options.answer("length_unit", other)
-        notes.append(f"read as {likely[0]}: {likely[1]}; {answer} reads it so.")
-        chosen = likely[0]
-    return unit_of(table, "length_unit", where.position, chosen, LENGTHS)
+        passed_over = [f"line {table.counts} counts the rows or the columns."]
+    return table_toolpath(path, table, options, lines, notes, passed_over)
 
 
 CSV = ToolpathFormat(lambda suffix, lines: True, _read, {})
 """Tables."""
 
 
-def _curves(
-    table: Table, where: ColumnRoles, units: tuple[float, float, float], problems: Problems
-) -> Iterator[RowsOfCurve]:
-    """The rows of each curve, in units of length, angle and feed; invalid entries are problems."""
-    rows: list[Row] = []
-    name, label = table.title, None
-    of_length, of_angle, of_feed = units
-    blank = () if where.feed is None else (where.feed,)
-    last = math.nan
-    for line, fields, numbers in table.rows(where.numbers, problems, may_be_blank=blank):
-        entry = None if numbers is None or where.curve is None else fields[where.curve]
-        if rows and (numbers is None or (label is not None and entry != label)):
-            yield RowsOfCurve(rows, [], [])
-            rows, name = [], ""
-        if numbers is None:
-            name = " ".join(filter(None, fields)) or name
-            continue
-        label, name = entry, name if entry is None else entry
+def table_toolpath(
+    path: Path,
+    table: Table,
+    options: ReadingOptions,
+    lines: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    passed_over: Sequence[str] = (),
+) -> Toolpath:
+    """The toolpath of a table.
+
+    A blank line, a line of text between rows, or a new entry in the curve column begins another
+    curve; the text is its name.
+
+    Args:
+        path: The file.
+        table: Its points.
+        options: How to read it.
+        lines: Of the file, which may name the unit of length.
+        notes: On what was assumed already.
+        passed_over: What was passed over already.
+
+    Raises:
+        InvalidInput: If the table is ambiguous, or rows are invalid; with line and column of each.
+        UnclearColumns: If the columns have to be specified; with a suggestion if there is one.
+    """
+    choice = options.columns or ColumnChoice()
+    where = column_roles(table, choice, options.orientation, options.feed_unit)
+    rapid, notes = _rapid(table, where), [*notes, *where.notes]
+    unit, in_file = _length_unit(table, where, options, notes, lines)
+    angle, feed = _angle_scale(table, where, options, notes, unit), 1.0
+    lean = _lean(table, where, notes)
+    feed_column = where.single.get("feed")
+    if feed_column is not None:
+        feed = FEEDS[unit_of(table, "feed_unit", (feed_column,), options.feed_unit, FEEDS)[0]]
+    problems = Problems()
+    blank = () if feed_column is None else (feed_column,)
+    values = table.finite(where.numbers, problems, blank)
+    needed = [at not in blank for at in where.numbers]
+    whole: Mask = np.asarray(np.isfinite(values[:, needed]).all(axis=1))
+    begins, names = _curves(table, where)
+    feeds = np.full(len(whole), np.nan)
+    if feed_column is not None:
         # A blank leaves the feed as it was: RoboDK writes it where it changes.
-        last = math.nan if where.feed is None else numbers[-1] if fields[where.feed] else last
-        feed = of_feed * last
+        stated = np.where(np.isfinite(table.numbers[:, feed_column]), np.arange(len(whole)), -1)
+        last = np.maximum.accumulate(stated)
+        feeds = np.where(last < 0, np.nan, feed * table.numbers[last, feed_column])
         # No motion leads to the first point of a curve; tables often have 0 there.
-        if feed <= 0.0 and rows and where.feed is not None:
-            what = f"expected a feed above 0, got {numbers[-1]:g}"
-            problems.add(line, what, table.call(where.feed))
-        position = tuple(of_length * v for v in numbers[:3])
-        direction = tuple(of_angle * v for v in numbers[3 : 3 + len(where.direction)])
-        rows.append(Row(position, direction, line, feed, name=name))
-    if rows:
-        yield RowsOfCurve(rows, [], [])
+        for row in np.flatnonzero((feeds <= 0.0) & ~begins & whole).tolist():
+            what = f"expected a feed above 0, got {feeds[row] / feed:g}"
+            problems.add(int(table.lines[row]), what, table.call(feed_column))
+    begins, names = begins[whole], [name for name, row in zip(names, whole, strict=True) if row]
+    begins[:1] = True  # where the first row is invalid
+    ends = [*np.flatnonzero(begins).tolist(), len(begins)]
+    positions = LENGTHS[unit] * table.numbers[whole][:, where.position]
+    orientation, directions = where.orientation, angle * table.numbers[whole][:, where.direction]
+    if where.second:
+        second = table.numbers[whole][:, where.second]
+        directions = np.hstack([
+            directions, second if where.second_axis == "x" else np.cross(second, directions)
+        ])  # fmt: skip
+    if lean is not None:
+        orientation = "axis"
+        directions = _leaned(positions, directions, lean[whole], ends)
+    points = Points(positions, directions, table.lines[whole], feeds[whole])
+    if rapid is None:
+        curves = [PointsOfCurve(points.part(slice(a, b), names[a])) for a, b in pairwise(ends)]
+    else:
+        curves = curves_between_rapids(points, names, rapid[whole], begins)
+    return toolpath_of(
+        path,
+        orientation,
+        curves,
+        called(table, where.direction),
+        problems,
+        assumptions=notes,
+        passed_over=[*passed_over, *_unused(table, where, rapid=rapid is not None)],
+        unit=unit,
+        unit_in_file=in_file,
+    )
+
+
+def _length_unit(
+    table: Table,
+    where: ColumnRoles,
+    options: ReadingOptions,
+    notes: list[str],
+    lines: Sequence[str],
+) -> tuple[LengthUnit, bool]:
+    """The unit of the positions and whether the header states it; else the likely one, with a note.
+
+    Raises:
+        InvalidInput: If it is not stated, and the numbers leave it open.
+    """
+    chosen = options.length_unit
+    stated = any(split_unit(table.names[i])[1] for i in where.position if table.names)
+    if chosen is None and not stated:
+        values = table.numbers[:, where.position]
+        values = values[np.isfinite(values).all(axis=1)]
+        likely = named_length_unit(lines) or assumed_length_unit(values, where.length_unit)
+        if likely is not None:
+            chosen, why = likely
+            answer = options.answer("length_unit", "m" if chosen == "mm" else "mm")
+            notes.append(f"read as {chosen}: {why}; {answer} reads it so.")
+    return unit_of(table, "length_unit", where.position, chosen, LENGTHS)
+
+
+def _angle_scale(
+    table: Table, where: ColumnRoles, options: ReadingOptions, notes: list[str], length: LengthUnit
+) -> float:
+    """Radians in the unit of the angles, with a note if it is assumed; 1 for other directions."""
+    if where.orientation not in ("rpy", "rotation_vector"):
+        return 1.0
+    chosen, columns = options.angle_unit, where.direction
+    if chosen is None and not any(split_unit(table.names[i])[1] for i in columns if table.names):
+        chosen = assumed_angle_unit(table.numbers[:, columns], where.angle_unit, length)
+    unit, in_header = unit_of(table, "angle_unit", columns, chosen, ANGLES)
+    if not in_header and options.angle_unit is None:
+        word = "degrees" if unit == "deg" else "radians"
+        notes.append(
+            f"{called(table, sorted(columns))} are read in {word}, by their numbers; --angle-unit."
+        )
+    return ANGLES[unit]
+
+
+def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array | None:
+    """Lead and tilt at each point, rad, (N, 2); ``None`` without them."""
+    if where.orientation != "normal" or not {"lead", "tilt"} & where.single.keys():
+        return None
+    lean = np.zeros((len(table.lines), 2))
+    for place, key in enumerate(("lead", "tilt")):
+        if key in where.single:
+            column = where.single[key]
+            unit, _ = unit_of(table, key, (column,), "deg", ANGLES)
+            lean[:, place] = ANGLES[unit] * table.numbers[:, column]
+    if np.nanmax(np.abs(lean), initial=0.0) >= 0.5 * np.pi:
+        raise InvalidInput("lead and tilt are angles from the normal, below 90 degrees.")
+    notes.append(
+        "the tool leans from the normal by lead, towards the direction of the path, and by tilt, "
+        "to the left of it; --orientation none leaves both out."
+    )
+    return lean
+
+
+def _leaned(positions: Array, directions: Array, lean: Array, ends: Sequence[int]) -> Array:
+    r"""The directions with the tool's axis in place of the normal n, (N, 3) or (N, 6).
+
+    With t along each curve, perpendicular to n, lead λ and tilt τ, as Lead/Lean of Autodesk:
+
+    .. math:: \cos\tau\,(\cos\lambda\,\mathbf n + \sin\lambda\,\mathbf t)
+        + \sin\tau\,\mathbf n \times \mathbf t
+    """
+    found = directions.copy()
+    for a, b in pairwise(ends):
+        normals = directions[a:b, :3]
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        n = normals / np.where(lengths > 0.0, lengths, 1.0)
+        t = tangents("lead and tilt", positions[a:b], n)
+        lead, tilt = lean[a:b, :1], lean[a:b, 1:]
+        ahead = np.cos(lead) * n + np.sin(lead) * t
+        found[a:b, :3] = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
+    return found
+
+
+def _rapid(table: Table, where: ColumnRoles) -> Mask | None:
+    """Which motions are rapid by a column of their types; ``None`` without such a column.
+
+    Raises:
+        InvalidInput: If some are arcs, whose centres a table has no columns for.
+    """
+    if "type" not in where.single:
+        return None
+    entries = table.texts(where.single["type"])
+    arcs = [bool(_ARC.fullmatch(entry)) for entry in entries]
+    rapid = np.array([bool(_RAPID.fullmatch(entry)) for entry in entries])
+    cut = [bool(_CUT.fullmatch(entry)) for entry in entries]
+    if not (rapid | arcs | cut).all():
+        return None
+    if any(arcs):
+        raise InvalidInput(
+            "an arc, for which a table has no columns; write straight motions.",
+            line=int(table.lines[arcs.index(True)]),
+            column=table.call(where.single["type"]),
+        )
+    return rapid
+
+
+def _curves(table: Table, where: ColumnRoles) -> tuple[Mask, list[str]]:
+    """Where a curve begins, (N,), and the name of the part of the file that each row is in."""
+    count = len(table.lines)
+    begins, names = np.zeros(count, dtype=bool), [""] * count
+    begins[:1] = True
+    ends = [*table.breaks, count]
+    for begin, end in pairwise(ends):
+        if begin < count:
+            begins[begin] = True
+            names[begin:end] = [table.breaks[begin]] * (end - begin)
+    if "curve" in where.single:
+        names = table.texts(where.single["curve"])
+        begins[1:] |= [a != b for a, b in pairwise(names)]
+    return begins, names
+
+
+def _unused(table: Table, where: ColumnRoles, *, rapid: bool) -> list[str]:
+    """Notes on columns that are not used, and on feeds whose unit is open."""
+    used = {*where.numbers, where.single.get("curve")}
+    if rapid:
+        used.add(where.single["type"])
+    unused = [table.call(i) for i in range(table.width) if i not in used]
+    more = f" and {len(unused) - _LISTED} more" if len(unused) > _LISTED else ""
+    found = [f"not used: {', '.join(unused[:_LISTED])}{more}."] if unused else []
+    speeds = usual(table.names).get("feed", {}).get(0, [])
+    if "feed" not in where.single and speeds:
+        found.append(
+            f"{' and '.join(table.call(i) for i in speeds)} may state feeds, but not in which unit;"
+            ' write it into the header, e.g. "feed [mm/min]", or add feed_unit = "mm/min" to '
+            "[path]."
+        )
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from qp_twist.files import LENGTHS, LengthUnit
 from qp_twist.paths.gcode_words import NUMBER
-from qp_twist.paths.toolpath_builder import LONGEST_REACH
+from qp_twist.paths.toolpath_points import LONGEST_REACH
 
 _COMMENT = re.compile(r"\([^)\n]*\)?|;[^\n]*|\"[^\"\n]*\"")
 _NO_MOTION = re.compile(

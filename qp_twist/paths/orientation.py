@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mink
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput
@@ -50,8 +51,7 @@ def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: floa
 
     The tilt at each waypoint has the rotation vector :math:`\text{lead}\;\hat{\mathbf z} \times
     \hat{\mathbf t} + \text{tilt}\;\hat{\mathbf t}`, with z the tool's axis and t the direction of
-    the path perpendicular to it; where the path is parallel to z, t is that of the nearest waypoint
-    where it is not.
+    the path perpendicular to it (:func:`tangents`).
 
     Args:
         what: Name of the path in messages.
@@ -66,9 +66,22 @@ def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: floa
     Raises:
         InvalidInput: If the path goes along the tool's axis everywhere.
     """
-    tangents = np.gradient(positions, axis=0) if len(positions) > 1 else np.zeros((1, 3))
-    tangents -= (tangents * axes).sum(axis=1, keepdims=True) * axes
-    lengths = np.linalg.norm(tangents, axis=1)
+    t = tangents(what, positions, axes)
+    turns: Array = Rotation.from_rotvec(lead * np.cross(axes, t) + tilt * t).as_matrix()
+    return turns
+
+
+def tangents(what: str, positions: Array, axes: Array) -> Array:
+    """Directions of a path perpendicular to the tool's axes, unit vectors, (N, 3).
+
+    Where the path is parallel to the axis, that of the nearest waypoint where it is not.
+
+    Raises:
+        InvalidInput: If the path goes along the tool's axis everywhere.
+    """
+    found = np.gradient(positions, axis=0) if len(positions) > 1 else np.zeros((1, 3))
+    found -= (found * axes).sum(axis=1, keepdims=True) * axes
+    lengths = np.linalg.norm(found, axis=1)
     along = np.flatnonzero(lengths > 1e-6 * lengths.max(initial=1e-9))
     if not len(along):
         raise InvalidInput(
@@ -76,9 +89,8 @@ def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: floa
             "no meaning."
         )
     nearest = along[np.searchsorted((along[1:] + along[:-1]) / 2.0, np.arange(len(axes)))]
-    t = tangents[nearest] - (tangents[nearest] * axes).sum(axis=1, keepdims=True) * axes
-    t /= np.linalg.norm(t, axis=1, keepdims=True)
-    return np.array([mink.SO3.exp(v).as_matrix() for v in lead * np.cross(axes, t) + tilt * t])
+    t: Array = found[nearest] - (found[nearest] * axes).sum(axis=1, keepdims=True) * axes
+    return np.asarray(t / np.linalg.norm(t, axis=1, keepdims=True))
 
 
 def poses(positions: Array, rotations: Array) -> tuple[mink.SE3, ...]:

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import text_lines
+from qp_twist.files import Table, text_lines
 
 _PLY_TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -30,11 +30,8 @@ def is_cloud(content: bytes) -> bool:
     return content[:3] == b"ply" or _PCD.match(content) is not None
 
 
-def cloud_lines(content: bytes) -> list[str]:
-    """The lines of a table with a header.
-
-    Those of a text have the numbers that they have in the file. Points that are not finite, which
-    scanners write where they see nothing, are left out.
+def cloud_table(content: bytes) -> Table:
+    """The points of a cloud that are finite: scanners write others where they see nothing.
 
     Raises:
         InvalidInput: If the cloud is a mesh, or damaged.
@@ -56,7 +53,7 @@ def order_note(positions: Array) -> str:
     return f"the points of the cloud are passed in the order of the file{why}."
 
 
-def _ply(content: bytes) -> list[str]:
+def _ply(content: bytes) -> Table:
     end = re.search(rb"^end_header[ \t]*\r?\n?", content, re.M)
     if end is None:
         raise InvalidInput("the header of the PLY file has no end_header; it is damaged.")
@@ -91,8 +88,8 @@ def _ply(content: bytes) -> list[str]:
         )
     before, count, fields = elements[:at], elements[at][1], elements[at][2]
     if kind == "ascii":
-        skipped = sum(element[1] for element in before)
-        return _text(content, len(header), skipped, count, [name for name, _ in fields])
+        first = len(header) + sum(element[1] for element in before)
+        return _text(content, first, count, [name for name, _ in fields])
     order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(kind)
     if order is None:
         raise InvalidInput(f"the format of the PLY file is {kind!r}; expected ascii or binary.")
@@ -103,7 +100,7 @@ def _ply(content: bytes) -> list[str]:
     return _records(content[start:], types[-1], count)
 
 
-def _pcd(content: bytes, end: int) -> list[str]:
+def _pcd(content: bytes, end: int) -> Table:
     header = content[:end].decode("latin-1").splitlines()
     found = {words[0]: words[1:] for words in map(str.split, header) if words}
     fields, kinds, sizes = (found.get(key, []) for key in ("FIELDS", "TYPE", "SIZE"))
@@ -114,7 +111,7 @@ def _pcd(content: bytes, end: int) -> list[str]:
     if kind == "ascii":
         names = [n if c == 1 else f"{n}_{k}" for n, c in zip(fields, counts, strict=True)
                  for k in range(c)]  # fmt: skip
-        return _text(content, len(header), 0, total, names)
+        return _text(content, len(header), total, names)
     forms = [
         (f"{name}{'' if name != '_' else k}", f"<{letter.lower()}{size}", count)
         for k, (name, letter, size, count)
@@ -158,26 +155,32 @@ def _unpacked(data: bytes, size: int) -> bytes:
     return bytes(out)
 
 
-def _text(content: bytes, header: int, skipped: int, count: int, names: Sequence[str]) -> list[str]:
-    """The lines of a cloud in text, with its header as a comment above the names."""
-    lines = text_lines(content)
-    first = header + skipped
-    rows = ["#" if "nan" in line.lower() else line for line in lines[first : first + count]]
+def _text(content: bytes, first: int, count: int, names: Sequence[str]) -> Table:
+    """The points of a cloud in text, from the line ``first`` on."""
+    rows = text_lines(content)[first : first + count]
     if len(rows) < count or not all(row.strip() for row in rows):
         raise InvalidInput(f"the header says {count} points, and there are fewer; it is damaged.")
-    return ["#"] * (header - 1) + [" ".join(names)] + ["#"] * skipped + rows
+    try:
+        values = np.loadtxt(rows, usecols=range(len(names)), ndmin=2, comments=None)
+    except ValueError as error:
+        raise InvalidInput(f"a row of points is none: {error}.") from error
+    return _finite(values, names, np.arange(first + 1, first + count + 1))
 
 
-def _records(data: bytes, form: npt.DTypeLike, count: int) -> list[str]:
+def _records(data: bytes, form: npt.DTypeLike, count: int) -> Table:
     dtype = np.dtype(form)
     if len(data) < count * dtype.itemsize:
         raise InvalidInput(f"the header says {count} points, and there are fewer; it is damaged.")
     return _rows(np.frombuffer(data, dtype, count))
 
 
-def _rows(points: npt.NDArray[np.void]) -> list[str]:
+def _rows(points: npt.NDArray[np.void]) -> Table:
     names = [n for n in points.dtype.names or () if points[n].ndim == 1]
     with np.errstate(invalid="ignore"):  # signalling NaN
         values = np.column_stack([points[n].astype(np.float64) for n in names])
-    values = values[np.isfinite(values).all(axis=1)]
-    return [",".join(names), *(",".join(map(repr, row)) for row in values.tolist())]
+    return _finite(values, names, np.arange(1, len(values) + 1))
+
+
+def _finite(values: Array, names: Sequence[str], lines: npt.NDArray[np.int64]) -> Table:
+    whole = np.isfinite(values).all(axis=1)
+    return Table(tuple(names), values[whole], lines[whole])

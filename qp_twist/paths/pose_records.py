@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.files import Table
+from qp_twist.paths.column_names import has_position, usual
 from qp_twist.paths.suggested_columns import have_length_1, quaternion_order
-from qp_twist.paths.toolpath_columns import usual
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _SUFFIXES = ".yaml", ".yml", ".json"
@@ -35,19 +37,18 @@ _OPEN = ("first", "second", "third", "fourth")
 
 
 class _Pose(NamedTuple):
-    values: dict[str, str]
+    values: dict[str, float]
     line: int
     group: int
 
 
-def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]] | None:
-    """The lines of a table, one pose each, and notes; ``None`` if the text is no YAML and no JSON.
+def pose_table(suffix: str, lines: Sequence[str]) -> tuple[Table, list[str]] | None:
+    """A table of the poses in a text, and notes; ``None`` if the text is no YAML and no JSON.
 
     A pose is the smallest mapping, or list of numbers, that has one position: with the keys x, y,
     z, or a key for it (``position``, ``translation``), or 12 or 16 numbers of a pose matrix; x, y
-    and z that are lists are those of many. The
-    poses of a list are a curve, as are those that are in no list. If each begins in a line of its
-    own, it keeps it.
+    and z that are lists are those of many. The poses of a list are a curve, as are those that are
+    in no list.
 
     Raises:
         InvalidInput: If there is no pose, an entry of a list of poses is none, or the text is
@@ -81,11 +82,13 @@ def pose_lines(suffix: str, lines: Sequence[str]) -> tuple[list[str], list[str]]
             "there is one, an orientation. Positions of joints are no toolpath."
         )
     names = list(dict.fromkeys(name for pose in poses for name in pose.values))
-    rows = [[pose.values.get(name, "") for name in names] for pose in poses]
-    names, notes = _ordered(names, rows)
+    numbers = np.array([[pose.values.get(name, np.nan) for name in names] for pose in poses])
+    names, notes = _ordered(names, numbers)
     if walk.named:
         notes.append("poses with names are passed in the order of the file.")
-    return _table(names, rows, poses), notes
+    changes = [k for k, (a, b) in enumerate(pairwise(poses), start=1) if a.group != b.group]
+    at = np.array([pose.line for pose in poses], dtype=np.int64)
+    return Table(tuple(names), numbers, at, dict.fromkeys([0, *changes], "")), notes
 
 
 class _Walk:
@@ -113,13 +116,13 @@ class _Walk:
             self._lists += 1
             for row in zip(*columns.values(), strict=True):
                 values = dict(zip(columns, row, strict=True))
-                yield _Pose(values, node.start_mark.line, self._lists)
+                yield _Pose(values, node.start_mark.line + 1, self._lists)
             return
         lists = [found for part in self._lists_in(node) for found in self.poses(part, group)]
         if lists or not isinstance(node, yaml.MappingNode):
-            yield from lists or [_Pose(values, node.start_mark.line, group)]
+            yield from lists or [_Pose(values, node.start_mark.line + 1, group)]
         elif whole:
-            yield _Pose(values, node.start_mark.line, group)
+            yield _Pose(values, node.start_mark.line + 1, group)
         else:
             yield from self._entries(
                 [
@@ -157,24 +160,25 @@ class _Walk:
             elif isinstance(child, yaml.MappingNode):
                 yield from self._lists_in(child)
 
-    def _flat(self, node: yaml.Node, name: str) -> dict[str, str]:
+    def _flat(self, node: yaml.Node, name: str) -> dict[str, float]:
         """The numbers of a node by their keys, joined by points."""
         self._nodes += 1
         if self._nodes > _MOST_NODES:
             raise InvalidInput(f"the text has more than {_MOST_NODES} entries; divide it.")
         if isinstance(node, yaml.ScalarNode):
-            return {name: node.value} if not node.style and _is_number(node.value) else {}
+            number = None if node.style else _number(node)
+            return {} if number is None else {name: number}
         if isinstance(node, yaml.SequenceNode):
             numbers = _numbers(node)
             names = _names(name, len(numbers)) if len(numbers) in _COUNTS else []
             return dict(zip(names, numbers, strict=False))
-        found: dict[str, str] = {}
+        found: dict[str, float] = {}
         for key, child in node.value:
             found |= self._flat(child, f"{name}.{key.value}".strip("."))
         return found
 
 
-def _columns(node: yaml.MappingNode) -> dict[str, list[str]]:
+def _columns(node: yaml.MappingNode) -> dict[str, list[float]]:
     """The columns of a mapping of lists, among them x, y and z; none without these.
 
     Raises:
@@ -197,9 +201,7 @@ def _columns(node: yaml.MappingNode) -> dict[str, list[str]]:
 
 @lru_cache(maxsize=1000)
 def _have_position(names: tuple[str, ...]) -> bool:
-    """Whether some names have one x, y and z."""
-    places = usual(names).get("position", {})
-    return len(places) == 3 and all(len(columns) == 1 for columns in places.values())
+    return has_position(names, once=True)
 
 
 def _names(name: str, count: int) -> list[str]:
@@ -216,59 +218,42 @@ def _names(name: str, count: int) -> list[str]:
     return [f"{prefix}{letter}" for letter in letters.get(count, _MATRIX) if known]
 
 
-def _numbers(node: yaml.SequenceNode) -> list[str]:
+def _numbers(node: yaml.SequenceNode) -> list[float]:
     """The numbers of a list, or of a matrix of three or four rows; none if anything else is."""
-    found = list[str]()
+    found = list[float]()
     for child in node.value:
         if isinstance(child, yaml.SequenceNode) and len(node.value) in (3, 4):
             row = _numbers(child) if len(child.value) == 4 else []
         else:
-            number = isinstance(child, yaml.ScalarNode) and _is_number(child.value)
-            row = [child.value] if number else []
+            number = _number(child)
+            row = [] if number is None else [number]
         if not row:
             return []
         found += row
     return found
 
 
-def _is_number(text: str) -> bool:
+def _number(node: yaml.Node) -> float | None:
     try:
-        float(text)
+        return float(node.value) if isinstance(node, yaml.ScalarNode) else None
     except ValueError:
-        return False
-    return True
+        return None
 
 
-def _ordered(names: list[str], rows: list[list[str]]) -> tuple[list[str], list[str]]:
+def _ordered(names: list[str], numbers: Array) -> tuple[list[str], list[str]]:
     """The names with the order of a quaternion that its numbers show, and a note on it."""
     at = [k for k, name in enumerate(names) if name.rpartition(".")[2] in _OPEN]
     where = [columns[0] for _, columns in sorted(usual(names)["position"].items())]
-    if len(at) != 4 or not all(row[k] for row in rows for k in (*at, *where)):
+    if len(at) != 4 or not np.isfinite(numbers[:, [*at, *where]]).all():
         return names, []
-    values = np.array([[float(row[k]) for k in (*where, *at)] for row in rows])
-    if not have_length_1(values[:, 3:]):
+    if not have_length_1(numbers[:, at]):
         raise InvalidInput(
             "lists whose last four numbers are no quaternion, since their length is not 1; joint "
             "positions are no toolpath."
         )
-    order, why = quaternion_order(values[:, :3], values[:, 3:], timed=False)
+    order, why = quaternion_order(numbers[:, where], numbers[:, at], timed=False)
     if order is None:
         return names, []
     for k, letter in zip(at, order.rpartition("_")[2], strict=True):
         names[k] = f"orientation.{letter}"
     return names, [f"lists of four numbers are read as {order.replace('_', ' ')}{why}."]
-
-
-def _table(names: list[str], rows: list[list[str]], poses: list[_Pose]) -> list[str]:
-    at = [pose.line for pose in poses]
-    new = [False, *(a.group != b.group for a, b in pairwise(poses))]
-    keep = at[0] > 0 and all(
-        b - a > other for a, b, other in zip(at[:-1], at[1:], new[1:], strict=True)
-    )
-    lines = ["#"] * (at[0] if keep else 1)
-    lines[-1] = ";".join(names)
-    for line, other, row in zip(at, new, rows, strict=True):
-        lines += [""] * other
-        lines += ["#"] * (line - len(lines)) if keep else []
-        lines.append(";".join(row))
-    return lines

@@ -12,15 +12,14 @@ import numpy as np
 from qp_twist.errors import InvalidInput
 from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
-from qp_twist.paths.assumed_units import with_unit
-from qp_twist.paths.bag_poses import bag_lines, is_bag
-from qp_twist.paths.csv_toolpath import CSV
+from qp_twist.paths.bag_poses import bag_table, is_bag
+from qp_twist.paths.csv_toolpath import CSV, table_toolpath
 from qp_twist.paths.fanuc_toolpath import LS
 from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
 from qp_twist.paths.krl_toolpath import KRL
-from qp_twist.paths.point_cloud import cloud_lines, is_cloud, order_note
-from qp_twist.paths.pose_records import pose_lines
+from qp_twist.paths.point_cloud import cloud_table, is_cloud, order_note
+from qp_twist.paths.pose_records import pose_table
 from qp_twist.paths.rapid_toolpath import RAPID
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
@@ -78,24 +77,19 @@ def read_toolpath(
     options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
     with of_file(path):
-        lines, notes = _text(path.suffix.lower(), content)
-        toolpath = _read(path, lines, options)
+        if is_bag(content):
+            table, notes = bag_table(content)
+            return table_toolpath(path, table, options, notes=notes)
         if is_cloud(content):
+            header = content[:4000].partition(b"end_header")[0].decode("latin-1").splitlines()
+            toolpath = table_toolpath(path, cloud_table(content), options, header)
             points = np.concatenate([curve.positions for curve in toolpath.curves])
-            notes.append(order_note(points))
-        return replace(toolpath, assumptions=(*notes, *toolpath.assumptions))
-
-
-def _text(suffix: str, content: bytes) -> tuple[list[str], list[str]]:
-    """The lines of a file, those of a table for clouds, bags and poses, and notes on these."""
-    if is_cloud(content):
-        header = content[:4000].partition(b"end_header")[0].decode("latin-1").splitlines()
-        return with_unit(cloud_lines(content), header), []
-    if is_bag(content):
-        return bag_lines(content)
-    lines = text_lines(content)
-    poses = pose_lines(suffix, lines)
-    return (lines, []) if poses is None else (with_unit(poses[0], lines), poses[1])
+            return replace(toolpath, assumptions=(order_note(points), *toolpath.assumptions))
+        lines = text_lines(content)
+        poses = pose_table(path.suffix.lower(), lines)
+        if poses is not None:
+            return table_toolpath(path, poses[0], options, lines, poses[1])
+        return _read(path, lines, options)
 
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:

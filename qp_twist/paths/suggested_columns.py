@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from qp_twist.checks import Array
+from qp_twist.files import LengthUnit
+
+Places = dict[str, tuple[int, ...]]
+"""Indices of the columns of each group, in the order of the reader."""
 
 LOOKED_AT = 500
 """Number of rows whose numbers are looked at."""
@@ -28,30 +32,55 @@ class Suggestion:
     """Columns for ``[path.columns]``, and why.
 
     Attributes:
-        columns: Column numbers, from 1, by key.
+        places: Indices of columns by key.
         reasons: Evidence in the numbers, one clause each.
         angle_unit: Unit of roll, pitch and yaw, if the numbers show it.
         settled: Whether the numbers leave nothing open, so that it may be assumed.
+        length_unit: Unit of the positions, if a format that the numbers identify has one.
     """
 
-    columns: dict[str, tuple[int, ...]]
+    places: Places
     reasons: tuple[str, ...]
     angle_unit: str | None = None
     settled: bool = False
+    length_unit: LengthUnit | None = None
 
     @property
     def text(self) -> str:
         """As ``qp-twist new --columns`` takes it."""
-        columns = ";".join(f"{key}={','.join(map(str, at))}" for key, at in self.columns.items())
+        columns = ";".join(f"{key}={_counted(at, ',')}" for key, at in self.places.items())
         unit = f" --angle-unit {self.angle_unit}" if self.angle_unit else ""
         return f'"{columns}"{unit}'
 
+    @property
+    def note(self) -> str:
+        """What was assumed by the numbers alone."""
+        columns = " and ".join(
+            f"columns {_counted(at)} as {key.replace('_', ' ')}" for key, at in self.places.items()
+        )
+        directions = self.places.keys() & {"normal", "axis"}
+        other = "".join(
+            f", --orientation {({'normal', 'axis'} - {key}).pop()}" for key in directions
+        )
+        return f"no header: {columns} are read{self._why}; --columns{other} reads it otherwise."
+
+    @property
+    def _why(self) -> str:
+        return f" since {', '.join(self.reasons)}" if self.reasons else ""
+
     def __str__(self) -> str:
         """A sentence for the user."""
-        keys = ", ".join(f"{key} = {list(at)}" for key, at in self.columns.items())
+        keys = ", ".join(f"{key} = [{_counted(at)}]" for key, at in self.places.items())
         unit = f', with angle_unit = "{self.angle_unit}"' if self.angle_unit else ""
-        why = f" since {', '.join(self.reasons)}" if self.reasons else ""
-        return f"By the numbers in it: [path.columns] {keys}{unit}{why}; check it."
+        order = ""
+        if "quaternion_wxyz" in self.places and not self.reasons:
+            order = ", quaternion_xyzw if its scalar is the last number"
+        return f"By the numbers in it: [path.columns] {keys}{unit}{order}{self._why}; check it."
+
+
+def _counted(at: Sequence[int], mark: str = ", ") -> str:
+    """Columns counted from 1."""
+    return mark.join(str(k + 1) for k in at)
 
 
 def have_length_1(values: Array) -> bool:
@@ -114,7 +143,7 @@ def _explained(
         f"column {k + 1} {'has times' if _is_epoch(values[:, k]) else 'counts the rows'}"
         for k in counting if k not in position
     ]  # fmt: skip
-    settled, unit, spare = True, None, 0
+    settled, unit, spare, timed = True, None, 0, False
     if key == "rpy":
         key, at, unit, settled, what = _angles(values, at)
     elif key == "normal":
@@ -125,14 +154,15 @@ def _explained(
         timed &= _rises(values[:, 0]) or _is_epoch(values[:, 0])
         order, why = quaternion_order(values[:, position], values[:, at], timed=timed)
         key, settled, spare = order or key, bool(order), 2
+        timed &= key == "quaternion_xyzw"
         what = f"have the length 1{why or ' (or quaternion_xyzw)'}"
     if key:
         reasons.append(f"columns {min(at) + 1} to {max(at) + 1} {what}")
     elif clock in left and len(others) < 5:
         settled = False  # x, y, z and a speed, with x in even steps, would be read as t, x, y, z
     settled &= sum(k != clock and bool(values[:, k].any()) for k in left) <= spare
-    columns = {"position": _numbers(position), **({key: _numbers(at)} if key else {})}
-    return Suggestion(columns, tuple(reasons), unit, settled)
+    places = {"position": tuple(position), **({key: tuple(at)} if key else {})}
+    return Suggestion(places, tuple(reasons), unit, settled, "m" if timed else None)
 
 
 def _angles(values: Array, at: Sequence[int]) -> tuple[str, Sequence[int], str | None, bool, str]:
@@ -171,10 +201,10 @@ def _matrices(values: Array) -> Suggestion | None:
     off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
     if off > _UNIT or (np.linalg.det(turns) < 0.0).any():
         return None
-    last = at + np.array([4, 8, 12])
-    turned = [k for k in range(at + 1, at + 13) if k not in last]
-    columns = {"position": tuple(last.tolist()), "matrix": tuple(turned)}
-    return Suggestion(columns, ("the rows are pose matrices",), settled=True)
+    last = (at + 3, at + 7, at + 11)
+    turned = tuple(k for k in range(at, at + 12) if k not in last)
+    places = {"position": last, "matrix": turned}
+    return Suggestion(places, ("the rows are pose matrices",), settled=True)
 
 
 def quaternion_order(
@@ -222,11 +252,6 @@ def _spans(whole: Sequence[int], size: int) -> list[range]:
     """Neighbouring columns of numbers."""
     spans = [range(k, k + size) for k in whole]
     return [at for at in spans if {*at} <= {*whole}]
-
-
-def _numbers(at: Sequence[int]) -> tuple[int, ...]:
-    """Columns counted from 1."""
-    return tuple(k + 1 for k in at)
 
 
 def _is_flat(values: Array, constant: set[int], at: range) -> bool:

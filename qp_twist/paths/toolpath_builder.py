@@ -1,4 +1,4 @@
-"""What the readers of all formats share: options, rows, units, arcs, sizes, problems and notes."""
+"""A toolpath built from a program, block by block: units, feeds, arcs, problems and notes."""
 
 from __future__ import annotations
 
@@ -6,28 +6,24 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems
 from qp_twist.paths.arcs import MOST_POINTS, Arc
-from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Meaning, Toolpath
-from qp_twist.paths.toolpath_columns import Orientation
+from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.paths.turning import angles_between, turns_between
-
-LARGEST_COORDINATE = 100.0
-"""Coordinates beyond it, m, indicate a wrong unit."""
-LONGEST_REACH = 4.7
-"""Of the arms on the market, m: FANUC's M-2000iA/1700L reaches 4.68 m."""
-LARGEST_FEED = 100.0
-"""Feeds above it, m/s, indicate a wrong unit."""
+from qp_twist.paths.toolpath_points import (
+    LONGEST_REACH,
+    Points,
+    PointsOfCurve,
+    curves_between_rapids,
+    toolpath_of,
+)
 
 
 class ToolpathFormat(NamedTuple):
@@ -90,78 +86,8 @@ class Row(NamedTuple):
     name: str = ""
 
 
-class RowsOfCurve(NamedTuple):
-    """The rows of a curve, and those that lead to it, or away from it, in rapid motion."""
-
-    rows: list[Row]
-    before: list[Row]
-    after: list[Row]
-
-
 class TooManyPoints(InvalidInput):
     """The rest of a file is not read."""
-
-
-def toolpath_of(
-    path: Path,
-    orientation: Orientation,
-    curves: Sequence[RowsOfCurve],
-    call: str,
-    problems: Problems,
-    *,
-    assumptions: Iterable[str],
-    passed_over: Iterable[str],
-    unit: LengthUnit,
-    unit_in_file: bool,
-) -> Toolpath:
-    """The toolpath of some curves, with the checks common to all formats.
-
-    Args:
-        path: The file.
-        orientation: Meaning of the directions; angles in radians, a quaternion's w first.
-        curves: Their rows.
-        call: Name of the direction's columns in messages.
-        problems: Those of the reader; raised here together with those of the rows.
-        assumptions: What the reader assumed, a sentence each.
-        passed_over: What it passed over, likewise.
-        unit: Of the file's positions.
-        unit_in_file: Whether the file states it.
-
-    Raises:
-        InvalidInput: If there is no row, a row is too far away or too fast, or a direction is zero.
-    """
-    if not curves:
-        problems.refuse()
-        raise InvalidInput("there is no point in it.")
-    rows = [row for curve in curves for part in (curve.before, *curve[:1], curve.after)
-            for row in part]  # fmt: skip
-    _refuse_far(rows, problems, unit, unit_in_file=unit_in_file)
-    found: list[Curve] = []
-    repeated: list[int] = []
-    for number, (main, *ways) in enumerate(curves, start=1):
-        name = next((row.name for row in main if row.name), str(number))
-        curve = _curve(orientation, main, name, call, problems, feeds=_feeds(main, problems))
-        again = _repeats(curve)
-        repeated += curve.lines[again].tolist()
-        before, after = (
-            _curve(orientation, way, "", call, problems) if way else None for way in ways
-        )
-        found.append(replace(curve.part(~again), before=before, after=after))
-    problems.refuse()
-    whole = orientation in ("quaternion", "rpy", "rotation_vector", "matrix")
-    meaning: Meaning = "rotation" if whole else orientation  # type: ignore[assignment]
-    dropped = []
-    if len(repeated) == 1:
-        dropped = [f"a point that repeats the one before was dropped (line {repeated[0]})."]
-    elif repeated:
-        dropped = [
-            f"{len(repeated)} points that repeat the one before were dropped (the first in line "
-            f"{repeated[0]})."
-        ]
-    return Toolpath(
-        path, meaning, tuple(found), tuple(assumptions), (*passed_over, *dropped), unit,
-        unit_in_file,
-    )  # fmt: skip
 
 
 class Feeds:
@@ -375,20 +301,6 @@ class ProgramBuilder:
         self._arcs += 1
         return points
 
-    def _words(self, said: str, *, applied: bool) -> list[str]:
-        """A note on words that move nothing, or that count for the motions behind them."""
-        found = [(word, len(lines)) for word, lines in self._passed.items()
-                 if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
-        words = [word if count == 1 else f"{word} ({count})" for word, count in found]
-        count = times(sum(count for _, count in found))
-        return [f"{said} ({count}): {', '.join(words)}."] if words else []
-
-    def _divided(self, sense: str) -> list[str]:
-        """A note on the arcs, if there are any."""
-        error = 1e3 * self.options.arc_error
-        what = f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them (arc_error)."
-        return [what] if self._arcs else []
-
     def toolpath(
         self, path: Path, assumptions: Iterable[str] = (), *, has_axis: bool, sense: str = ""
     ) -> Toolpath:
@@ -409,23 +321,13 @@ class ProgramBuilder:
             nothing = "there is no motion to a point with all coordinates in it."
             uncut = f"no two points without {self.words.rapid} between them; nothing is cut."
             raise InvalidInput(uncut if self.rows else nothing)
-        orientation = self.options.orientation
-        no_axis = "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
         return toolpath_of(
             path,
-            orientation or self.words.direction,
+            self.options.orientation or self.words.direction,
             curves,
             self.words.axis,
             self.problems,
-            assumptions=[
-                *self._unit_notes(),
-                *([] if orientation or has_axis else [no_axis]),
-                *self._rapid_notes(),
-                *self._noted(left_out=False),
-                *self._divided(sense),
-                *self._words("words that change what follows are applied", applied=True),
-                *assumptions,
-            ],
+            assumptions=[*self._assumptions(has_axis=has_axis, sense=sense), *assumptions],
             passed_over=[
                 *self._words("passed over, since they move nothing", applied=False),
                 *self._noted(left_out=True),
@@ -434,44 +336,50 @@ class ProgramBuilder:
             unit_in_file=self.unit is not None,
         )
 
-    def _curves(self) -> list[RowsOfCurve]:
-        """The curves: points with no rapid motion between them.
+    def _curves(self) -> list[PointsOfCurve]:
+        rows = self.rows
+        if not rows:
+            return []
+        points = Points(
+            np.array([row.position for row in rows], dtype=np.float64),
+            np.array([row.direction for row in rows], dtype=np.float64).reshape(len(rows), -1),
+            np.array([row.line for row in rows], dtype=np.int64),
+            np.array([row.feed for row in rows], dtype=np.float64),
+        )
+        rapid, begins = np.array([(row.rapid, row.begins) for row in rows]).T
+        return curves_between_rapids(points, [row.name for row in rows], rapid, begins)
 
-        A point to which only rapid motion leads, and which only rapid motion leaves, belongs to no
-        curve: it is in ``before`` of the next one, or in ``after`` of the last.
-        """
-        runs: list[list[Row]] = []
-        for row in self.rows:
-            if not runs or row.rapid or row.begins:
-                runs.append([])
-            runs[-1].append(row)
-        found: list[RowsOfCurve] = []
-        waiting: list[Row] = []
-        for run in runs:
-            if all(_same_place(row, run[0]) for row in run[1:]):
-                waiting += run[:1] if not waiting or not _same_place(run[0], waiting[-1]) else []
-            else:
-                found.append(RowsOfCurve(run, waiting, []))
-                waiting = []
-        if found:
-            found[-1].after.extend(waiting)
-        return found
-
-    def _unit_notes(self) -> Iterator[str]:
-        """A note on a unit that nothing states."""
-        if self._likely is not None and self.unit is None and self.options.length_unit is None:
+    def _assumptions(self, *, has_axis: bool, sense: str) -> Iterator[str]:
+        """What was assumed about units, axes, rapid motions, arcs and words."""
+        options = self.options
+        if self._likely is not None and self.unit is None and options.length_unit is None:
             unit, why = self._likely
-            other = "inch" if unit == "mm" else "mm"
-            yield f"read as {unit}: {why}; {self.options.answer('length_unit', other)} reads it so."
-
-    def _rapid_notes(self) -> Iterator[str]:
-        """A note on rapid motions, if there are any."""
+            answer = options.answer("length_unit", "inch" if unit == "mm" else "mm")
+            yield f"read as {unit}: {why}; {answer} reads it so."
+        if not options.orientation and not has_axis:
+            yield "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
         if self._rapids:
             yield (
                 f'{self.words.rapid} ({times(self._rapids)}): with rapids = "keep" in [path] the '
                 "tool goes these ways at the speed of [feed]; otherwise [path.approach], "
                 "[path.retreat] and [path.transfer] lead it from curve to curve."
             )
+        yield from self._noted(left_out=False)
+        if self._arcs:
+            error = 1e3 * options.arc_error
+            yield (
+                f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them "
+                "(arc_error)."
+            )
+        yield from self._words("words that change what follows are applied", applied=True)
+
+    def _words(self, said: str, *, applied: bool) -> list[str]:
+        """A note on words that move nothing, or that count for the motions behind them."""
+        found = [(word, len(lines)) for word, lines in self._passed.items()
+                 if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
+        words = [word if count == 1 else f"{word} ({count})" for word, count in found]
+        count = times(sum(count for _, count in found))
+        return [f"{said} ({count}): {', '.join(words)}."] if words else []
 
 
 def _same_place(row: Row, other: Row) -> bool:
@@ -488,128 +396,3 @@ def of_lines(numbers: Sequence[int]) -> str:
     """Lines of a file for a message: the first one, and how many more there are."""
     more = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
     return f"line {numbers[0]}{more}"
-
-
-class UnitQuestion(NamedTuple):
-    """Whether a file is in another unit, in words, and the options that say so.
-
-    Attributes:
-        text: For a message, without a full stop.
-        likely: The unit in which it is small enough; ``None`` if there is none.
-        options: Options of the toolpath; none if the unit is to be changed in the file.
-    """
-
-    text: str
-    likely: LengthUnit | None
-    options: dict[str, str | None]
-
-    @classmethod
-    def of(cls, unit: LengthUnit, size: float, most: float, *, unit_in_file: bool) -> UnitQuestion:
-        """About a file of a size (m) above ``most`` (m)."""
-        factors = {other: LENGTHS[other] / LENGTHS[unit] for other in LENGTHS}
-        likely = next((u for u, f in factors.items() if f < 1.0 and f * size <= most), None)
-        if likely is None:
-            return cls("in no unit that is known would it be small enough", None, {})
-        if unit_in_file:
-            how = f"the file says {unit}, so write {likely} there"
-            return cls(f"is the file in {likely}? {how}", likely, {})
-        how = f'if it is, say length_unit = "{likely}"'
-        return cls(f"is the file in {likely}? {how}", likely, {"length_unit": likely})
-
-
-def _refuse_far(
-    rows: Sequence[Row], problems: Problems, unit: LengthUnit, *, unit_in_file: bool
-) -> None:
-    """Report all points that are too far away as one problem: a wrong unit."""
-    apart = np.abs([row.position for row in rows]).max(axis=1)
-    far = np.flatnonzero(apart > LARGEST_COORDINATE)
-    if len(far):
-        more = f", and {len(far) - 1} points more are as far" if len(far) > 1 else ""
-        question = UnitQuestion.of(
-            unit, float(apart.max()), LARGEST_COORDINATE, unit_in_file=unit_in_file
-        )
-        problems.add(
-            rows[far[0]].line,
-            f"the point is {apart[far[0]]:.4g} m from the origin of its file, more than "
-            f"{LARGEST_COORDINATE:g} m{more}; {question.text}",
-            options=question.options,
-        )
-
-
-def _feeds(rows: Sequence[Row], problems: Problems) -> Array | None:
-    """Feeds of the motions to the points, NaN for the first one of a curve."""
-    feeds = np.array([row.feed for row in rows])
-    feeds[0] = np.nan
-    fast = np.flatnonzero(feeds > LARGEST_FEED)
-    if len(fast):
-        many = f" (and to {len(fast) - 1} points more)" if len(fast) > 1 else ""
-        problems.add(
-            rows[fast[0]].line,
-            f"the feed to this point{many} is {feeds[fast[0]]:.4g} m/s, more than "
-            f"{LARGEST_FEED:g} m/s; check its unit",
-        )
-    return feeds if np.isfinite(feeds).any() else None
-
-
-def _curve(
-    orientation: Orientation,
-    rows: Sequence[Row],
-    name: str,
-    call: str,
-    problems: Problems,
-    feeds: Array | None = None,
-) -> Curve:
-    lines = np.array([row.line for row in rows], dtype=np.int64)
-    vectors = rotations = None
-    values = np.array([row.direction for row in rows], dtype=np.float64)
-    if orientation == "rpy":
-        rotations = Rotation.from_euler("xyz", values).as_matrix()
-    elif orientation == "rotation_vector":
-        rotations = Rotation.from_rotvec(values).as_matrix()
-    elif orientation == "matrix":
-        rotations = np.clip(values.reshape(-1, 3, 3), -2.0, 2.0)
-        turned = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        wrong = (turned > 0.01) | (np.linalg.det(rotations) < 0.0)
-        for k in np.flatnonzero(wrong):
-            problems.add(lines[k], "the matrix is no rotation; check which columns it is in", call)
-        rotations = np.where(wrong[:, None, None], np.eye(3), rotations)
-        rotations = Rotation.from_matrix(rotations).as_matrix()
-    elif orientation != "none":
-        vectors = _unit_vectors(orientation, values, lines.tolist(), call, problems)
-    if vectors is not None and orientation == "quaternion":
-        rotations, vectors = Rotation.from_quat(vectors, scalar_first=True).as_matrix(), None
-    positions = np.array([row.position for row in rows], dtype=np.float64)
-    return Curve(name, positions, vectors, rotations, lines, feeds)
-
-
-def _unit_vectors(
-    orientation: Orientation, values: Array, lines: list[int], call: str, problems: Problems
-) -> Array:
-    """The directions, normalised; those of length zero are problems."""
-    largest = np.abs(values).max(axis=1, keepdims=True)
-    nothing = largest[:, 0] < 1e-12
-    for k in np.flatnonzero(nothing):
-        problems.add(lines[k], f"the {orientation} is zero and has no direction", call)
-    units: Array = np.where(nothing[:, None], 1.0, values / np.where(nothing[:, None], 1, largest))
-    lengths = np.linalg.norm(units, axis=1)
-    units /= lengths[:, None]
-    if orientation == "quaternion":
-        lengths *= largest[:, 0]
-        for k in np.flatnonzero((np.abs(lengths - 1.0) > 0.01) & ~nothing):
-            problems.add(
-                lines[k],
-                f"the quaternion has the length {lengths[k]:.4g} instead of 1; check which columns "
-                "it is in",
-                call,
-            )
-    return units
-
-
-def _repeats(curve: Curve) -> Mask:
-    """Which points repeat the one before, (N,)."""
-    same = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1) < SAME_POINT
-    if curve.vectors is not None:
-        same &= angles_between(curve.vectors[:-1], curve.vectors[1:]) < SAME_DIRECTION
-    if curve.rotations is not None:
-        same &= turns_between(curve.rotations[:-1], curve.rotations[1:]) < SAME_DIRECTION
-    return np.concatenate([[False], same])

@@ -13,9 +13,10 @@ from pydantic import Field
 
 from qp_twist.files import AngleUnit, FeedUnit, LengthUnit
 from qp_twist.paths.arcs import ARC_ERROR, ArcAxis
+from qp_twist.paths.column_names import Orientation
 from qp_twist.paths.rotary_axes import Machine, Rollover, Rotary
 from qp_twist.paths.section import Positive, Section
-from qp_twist.paths.toolpath_columns import ColumnChoice, Orientation
+from qp_twist.paths.toolpath_columns import ColumnChoice
 
 _NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]{0,9}|\.[0-9]{1,9})\s*"
 _PIVOT = rf"^{_NUMBER}(,{_NUMBER}){{2}}((,{_NUMBER}){{3}})?$"

@@ -20,7 +20,7 @@ from qp_twist.files import (
     LENGTHS,
     TIMES,
     Problems,
-    Table,
+    TextTable,
     factor,
     split_unit,
     text_lines,
@@ -110,7 +110,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
         sure = {"velocity"} if joint_names is None else {"velocity", "position"}
         return not sure.isdisjoint(kinds) or {"time", "position"} <= kinds
 
-    table = Table(
+    table = TextTable(
         lines,
         least=1,
         texts=False,
@@ -122,7 +122,7 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
         raise InvalidInput(
             f"expected the names of the columns; put a line "
             f"with the joints' names above them, one for each of the {table.width} columns.",
-            line=table.first + 1,
+            line=int(table.lines[0]),
         )
     columns = [_Column.of(name, joint_names) for name in names]
     if not any(column.kind == "position" for column in columns):
@@ -133,13 +133,13 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
         )
     used = [k for k, c in enumerate(columns) if c.kind in ("time", *_RATES)]
     problems = Problems()
-    found = [row.numbers for row in table.rows(used, problems) if row.numbers is not None]
+    found = table.finite(used, problems)
     problems.refuse()
-    values = np.array(found) * [columns[k].scale(names[k]) for k in used]
+    values = found * [columns[k].scale(names[k]) for k in used]
     _refuse_other_units([columns[k] for k in used], [names[k] for k in used], values)
     notes = []
     if any(column.kind in _OTHERS for column in columns):
-        notes = _resting_axes(columns, table.sample(len(lines)))
+        notes = _resting_axes(columns, table.numbers)
     return _rows([columns[k] for k in used], values, metadata, notes)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,8 +36,9 @@ JOINTS = "waypoints:\n- {x: 1, y: 2, z: 3}\n- {config: [0.1, 0.2, 0.3, 0.4, 0.5,
         ("a.yaml", "a: [1, 2\nb: 3\n", "line 2: the text is no YAML"),
         ("a.yaml", "a: &a [*a, 1]\n", "cannot be read|no pose"),
         ("a.txt", "transforms:\n- child_frame_id: tool\n", "TF. are those of all frames"),
-        ("a.db3", "SQLite format 3\0", "ros2 bag convert writes it as MCAP"),
-        ("a.bag", "#ROSBAG V2.0\n", "rosbags-convert writes it as MCAP"),
+        ("a.db3", "SQLite format 3\0", "its content cannot be read"),
+        ("a.bag", "#ROSBAG V1.2\n", "rosbags-convert writes it anew"),
+        ("a.bag", "#ROSBAG V2.0\n", "the bag has no messages with poses"),
         ("a.csv", "0.1,0.2,0.3,3.1,0.1,0.2\n0.2,0.2,0.3,3.1,0.2,0.2\n", "6 columns and no header"),
         ("a.csv", "f(1.5,2.5,3.5,0.0,0.0,1.0)\nf(2.5,2.5,3.5,0,0,1)\n", "6 columns and no header"),
         ("a.csv", "5.5,1.25,3.5\n0,1.25,8\n", "the unit of column 1.* is not said"),
@@ -77,43 +79,123 @@ def test_the_points_of_a_scan_are_said_to_be_in_no_order(tmp_path: Path) -> None
         assert ("no path's" in note) == scattered
 
 
-def test_a_bag_has_its_only_path(tmp_path: Path) -> None:
-    pytest.importorskip("mcap_ros2")
-    from rosbags.rosbag2 import StoragePlugin, Writer
+def ros_message(store: Any, kind: str, shift: float) -> Any:
+    """A path of three poses, or one of them."""
+    types = store.types
+    stamp = types["builtin_interfaces/msg/Time"](1, 2)
+    header_type = types["std_msgs/msg/Header"]
+    header = header_type(*([7] if "seq" in header_type.__dataclass_fields__ else []), stamp, "part")
+    turn = types["geometry_msgs/msg/Quaternion"](0.6, 0.0, 0.0, 0.8)
+    at = [types["geometry_msgs/msg/Point"](0.1 * k + shift, 0.2, 0.3) for k in range(3)]
+    poses = [types["geometry_msgs/msg/Pose"](point, turn) for point in at]
+    if kind == "geometry_msgs/msg/PoseArray":
+        return types[kind](header, poses)
+    stamped = [types["geometry_msgs/msg/PoseStamped"](header, pose) for pose in poses]
+    if kind == "nav_msgs/msg/Path":
+        return types[kind](header, stamped)
+    covered = types["geometry_msgs/msg/PoseWithCovariance"](poses[0], np.zeros(36))
+    if kind == "geometry_msgs/msg/PoseWithCovarianceStamped":
+        return types[kind](header, covered)
+    return stamped[0]
+
+
+KINDS = ["geometry_msgs/msg/PoseArray", "nav_msgs/msg/Path", "geometry_msgs/msg/PoseStamped",
+         "geometry_msgs/msg/PoseWithCovarianceStamped"]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("container", ["mcap", "db3", "bag", "bz2"])
+def test_a_bag_has_its_only_path(tmp_path: Path, container: str, kind: str) -> None:
+    from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 2), "part")
-    turn = types["geometry_msgs/msg/Quaternion"](0.6, 0.0, 0.0, 0.8)
-
-    def message(shift: float) -> object:
-        at = [types["geometry_msgs/msg/Point"](0.1 * k + shift, 0.2, 0.3) for k in range(3)]
-        found = [types["geometry_msgs/msg/Pose"](point, turn) for point in at]
-        return types["geometry_msgs/msg/PoseArray"](header, found)
-
-    kind = "geometry_msgs/msg/PoseArray"
-    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+    ros_2 = container in ("mcap", "db3")
+    store = get_typestore(Stores.ROS2_HUMBLE if ros_2 else Stores.ROS1_NOETIC)
+    path = tmp_path / "bag"
+    if ros_2:
+        pytest.importorskip("mcap")
+        storage = (
+            rosbag2.StoragePlugin.MCAP if container == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        )
+        writer: Any = rosbag2.Writer(path, version=9, storage_plugin=storage)
+        serialize = store.serialize_cdr
+    else:
+        writer = rosbag1.Writer(path)
+        serialize = store.serialize_ros1
+        if container == "bz2":
+            writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    with writer as bag:
         topic = bag.add_connection("/tool_path", kind, typestore=store)
         for k in range(2):
-            bag.write(topic, k, store.serialize_cdr(message(0.5 * k), kind))
-    [path] = (tmp_path / "bag").glob("*.mcap")
-    toolpath = read_toolpath(path)
+            bag.write(topic, k, serialize(ros_message(store, kind, 0.5 * k), kind))
+    file = next(path.glob(f"*.{container}")) if ros_2 else path
+    toolpath = read_toolpath(file)
     [curve] = toolpath.curves
-    assert curve.positions == pytest.approx(np.array([[0.1 * k + 0.5, 0.2, 0.3] for k in range(3)]))
     assert curve.rotations is not None
     assert curve.rotations[0] @ [0, 0, 1] == pytest.approx([0.0, -0.96, 0.28])
-    assert "the path is the topic /tool_path, the last of 2 messages." in toolpath.assumptions
+    if kind in KINDS[:2]:
+        expected, last = [0.5, 0.6, 0.7], ", the last of 2 messages"
+    else:
+        expected, last = [0.0, 0.5], ""
+    assert curve.positions == pytest.approx(np.array([[x, 0.2, 0.3] for x in expected]))
+    assert f"the path is the topic /tool_path{last}." in toolpath.assumptions
 
 
-def test_a_tangent_is_no_second_position(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("names", "second"), [("tx,ty,tz", (1, 0, 0)), ("tangent_x,tangent_y,tangent_z", (3, 0, 1)),
+                          ("y_axis_x,y_axis_y,y_axis_z", (0, 2, 0))],
+)  # fmt: skip
+@pytest.mark.parametrize("first", ["nx,ny,nz", "i,j,k"])
+def test_a_second_axis_beside_the_first_is_the_roll(
+    tmp_path: Path, names: str, second: tuple[int, ...], first: str
+) -> None:
     path = tmp_path / "edge.csv"
-    rows = "".join(f"{10 * k},0,4,0,0,1,1,0,0\n" for k in range(3))
-    path.write_text(f"x,y,z,nx,ny,nz,tx,ty,tz\n{rows}", encoding="utf-8")
+    tail = ",".join(map(str, second))
+    rows = "".join(f"{10 * k},0,4,0,0,2,{tail}\n" for k in range(3))
+    path.write_text(f"x,y,z,{first},{names}\n{rows}", encoding="utf-8")
     toolpath = read_toolpath(path)
-    assert toolpath.meaning == "normal"
-    assert toolpath.passed_over == ("not used: column 'tx', column 'ty', column 'tz'.",)
-    assert toolpath.curves[0].positions[2] == pytest.approx(np.array([0.02, 0.0, 0.004]))
+    assert toolpath.meaning == ("normal" if first[0] == "n" else "axis")
+    [curve] = toolpath.curves
+    assert curve.positions[2] == pytest.approx(np.array([0.02, 0.0, 0.004]))
+    # Made perpendicular to the first axis, x or y is the second one.
+    assert curve.rotations == pytest.approx(np.array([np.eye(3)] * 3))
+    with pytest.raises(InvalidInput, match=r"line 3.*second axis is zero, or parallel"):
+        path.write_text(path.read_text().replace(f"10,0,4,0,0,2,{tail}", "10,0,4,0,0,2,0,0,1"))
+        read_toolpath(path)
+
+
+def test_lead_and_tilt_lean_the_tool_from_the_normal(tmp_path: Path) -> None:
+    """Along x with z up the tool leans by lead towards x, and by tilt to the left, which is y."""
+    path = tmp_path / "lean.csv"
+    rows = "".join(f"{10 * k},0,4,0,0,1,{lean}\n" for k, lean in enumerate(("30,0", "0,20", "0,0")))
+    path.write_text(f"x,y,z,nx,ny,nz,lead,tilt\n{rows}", encoding="utf-8")
+    toolpath = read_toolpath(path)
+    assert toolpath.meaning == "axis"
+    lead, tilt = np.radians([30.0, 20.0])
+    expected = [[np.sin(lead), 0, np.cos(lead)], [0, np.sin(tilt), np.cos(tilt)], [0, 0, 1]]
+    assert toolpath.curves[0].vectors == pytest.approx(np.array(expected))
+    assert any("leans from the normal" in note for note in toolpath.assumptions)
+    path.write_text(path.read_text().replace("30,0", "95,0"))
+    with pytest.raises(InvalidInput, match="below 90 degrees"):
+        read_toolpath(path)
+
+
+def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
+    path = tmp_path / "moves.csv"
+    moves = [("G0", 0, 50), ("G0", 0, 0), ("G1", 30, 0), ("G1", 60, 0), ("G00", 60, 50),
+             ("G0", 0, 40), ("G01", 10, 40), ("G0", 10, 50)]  # fmt: skip
+    rows = "".join(f"{kind},{x},0,{z}\n" for kind, x, z in moves)
+    path.write_text(f"type,x_mm,y_mm,z_mm\n{rows}", encoding="utf-8")
+    first, second = read_toolpath(path).curves
+    assert (1e3 * first.positions[:, 0]).tolist() == pytest.approx([0, 30, 60])
+    assert (1e3 * second.positions[:, 0]).tolist() == pytest.approx([0, 10])
+    assert first.before is not None and second.before is not None and second.after is not None
+    assert second.before.lines.tolist() == [6]
+    with pytest.raises(InvalidInput, match=r"line 4, column 'type': an arc"):
+        path.write_text(path.read_text().replace("G1,30", "G2,30"))
+        read_toolpath(path)
+    path.write_text(path.read_text().replace("G2,30", "seam,30"))
+    assert len(read_toolpath(path).curves) == 1
 
 
 def test_a_speed_holds_until_the_next_one(tmp_path: Path) -> None:

@@ -808,6 +808,24 @@ def test_a_file_in_millimetres_with_normals_becomes_waypoints_in_the_world(
     assert trajectory.axis_error.max() < 1e-8
 
 
+@pytest.mark.parametrize(("tool", "sign"), [("into", -1.0), ("out", 1.0)])
+def test_a_second_axis_of_the_file_is_the_roll_of_the_waypoints(
+    tmp_path: Path, tool: str, sign: float
+) -> None:
+    """z is along the normal or against it, x along the tangent: y completes them."""
+    csv = HEAD.replace("nz", "nz,tx,ty,tz") + "0,0,0,0,0,1,1,0,0\n20,0,0,0,0.6,0.8,1,0,0\n"
+    path = task(tmp_path, PLACED, csv, old='"seam.csv"', new=f'"seam.csv"\ntool = "{tool}"')
+    loaded = qt.load_task(path)
+    found = rotations_of(loaded)[[0, -1]]
+    turn = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    axes = np.array([[0, 0, 1], [0, 0.6, 0.8]])
+    for rotation, axis in zip(found, axes, strict=True):
+        assert rotation[:, 2] == pytest.approx(turn @ (sign * axis))
+        assert rotation[:, 0] == pytest.approx(turn @ [1.0, 0, 0])
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+    assert loaded.from_start == "nothing" and loaded.projector.rank == 5
+
+
 def test_the_tool_points_out_where_asked_and_the_roll_rule_gives_both_signs(
     tmp_path: Path,
 ) -> None:
@@ -1213,11 +1231,11 @@ def test_the_columns_that_are_suggested_fit_the_numbers(
     assert "By the numbers in it: [path.columns] position = [" in str(refused.value)
     # The suggestion is read without a further question.
     unit = suggestion.angle_unit
-    columns = ColumnChoice(**suggestion.columns)  # type: ignore[arg-type]
+    columns = ColumnChoice.model_validate(suggestion.text.split('"')[1])
     read = read_toolpath(
         tmp_path / "path.csv", columns=columns, length_unit="mm", angle_unit=unit  # type: ignore[arg-type]
     )  # fmt: skip
-    at = [k - 1 for k in suggestion.columns["position"]]
+    at = list(suggestion.places["position"])
     assert read.curves[0].positions * 1e3 == pytest.approx(table[:, at], abs=1e-6)
     # Without a header it is assumed if it is settled, and asked for otherwise.
     bare = write(tmp_path, "\n".join(lines))
