@@ -14,8 +14,9 @@ from PIL import Image
 
 import qp_twist as qt
 from qp_twist.pages.local_server import free_port
-from qp_twist.viewing import PageSettings, Session
 from qp_twist.viewing.page import Page
+from qp_twist.viewing.session import Session
+from qp_twist.viewing.settings import PageSettings
 
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent / "tests"))
@@ -36,7 +37,7 @@ def main() -> None:
     try:
         session.runs.wait(session.key, 300.0)
         with browser_page(SIZE) as opened:
-            opened.go(page.url)
+            opened.go(page.server.url)
             opened.page.wait_for_selector(".qt-bars")
             # Where software draws, a notice says so, over the scene.
             opened.page.add_style_tag(content=".mantine-Notifications-root { display: none }")

@@ -30,7 +30,8 @@ def view(
         browser: Open the page in a browser, if this runs in a terminal.
     """
     from qp_twist.pages.local_server import free_port
-    from qp_twist.viewing import PageSettings, Session
+    from qp_twist.viewing.session import Session
+    from qp_twist.viewing.settings import PageSettings
 
     free = free_port(port)
     path_task = load(task, path)
@@ -39,9 +40,9 @@ def view(
 
     session = Session(path_task, settings)
     page = Page(session, free)
-    cli.say(f"{path_task.name}: {page.url} (Ctrl-C ends)")
+    cli.say(f"{path_task.name}: {page.server.url} (Ctrl-C ends)")
     if browser and sys.stdout.isatty():
-        webbrowser.open(page.url)
+        webbrowser.open(page.server.url)
     try:
         page.run()
     except KeyboardInterrupt:

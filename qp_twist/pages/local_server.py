@@ -2,13 +2,11 @@
 
 viser accepts a websocket from any page and under any host name. Any web page open in a browser of
 this machine could send it the messages of the live page: directly (cross-site WebSocket hijacking),
-or under its own host name that resolves to 127.0.0.1 (DNS rebinding). :class:`LocalServer` checks
-each request before viser receives it.
+or under its own host name that resolves to 127.0.0.1 (DNS rebinding).
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import http.client
 import inspect
@@ -17,16 +15,13 @@ import logging
 import re
 import socket
 import threading
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
 from typing import Any
 
 import viser
 import websockets.asyncio.server as asyncio_server
 from websockets.asyncio.server import ServerConnection
-from websockets.datastructures import Headers
-from websockets.exceptions import InvalidMessage
-from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 
 from qp_twist.checks import whole_number
@@ -34,16 +29,14 @@ from qp_twist.errors import InvalidInput, QpTwistError
 
 HOST = "127.0.0.1"
 """The address that is served."""
-_FIRST_PORT, _TRIED = 8080, 50
-"""The ports of which the first free one is taken."""
 NAMES = (HOST, "localhost", "[::1]")
 """Host names under which a page is served; none that DNS could assign to others."""
+_FIRST_PORT, _TRIED = 8080, 50
+"""The ports of which the first free one is taken."""
 _FOREIGN = "foreign.invalid"
 """A host name that no machine has (RFC 2606), to test the refusal."""
-_LONGEST = 200
-"""Longest logged excerpt of a request, characters."""
-_MOST = 20
-"""Largest number of logged refusals."""
+_LONGEST, _MOST = 200, 20
+"""Longest logged excerpt of a request, characters; largest number of logged refusals."""
 _REPLACING = threading.Lock()
 """Lock while viser's start function is replaced."""
 
@@ -69,8 +62,7 @@ class LocalServer(viser.ViserServer):
     All others get 403 Forbidden. Any port in ``Host`` is accepted, because of forwarded ports
     (``ssh -L``). A query is refused because it can direct viser's page to another server
     (``?websocket=``), which could run scripts in the page. The page cannot be embedded in a frame
-    of another page, nor contact other servers (``Content-Security-Policy``). An invalid message
-    ends its connection and is logged in one line.
+    of another page, nor contact other servers (``Content-Security-Policy``).
     """
 
     def __init__(self, port: int, names: Sequence[str] = NAMES, **options: Any) -> None:
@@ -150,7 +142,7 @@ class _RequestFilter:
     """Decides which requests are answered.
 
     Attributes:
-        logs: Whether refusals are logged.
+        logs: Whether refusals are logged, each different one once.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -160,23 +152,20 @@ class _RequestFilter:
 
     def refusal(self, request: Request) -> str | None:
         """Why a request is refused; ``None`` if it is answered."""
-        headers = request.headers
-        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        why = None
         if len(hosts) != 1 or self._host.fullmatch(hosts[0].lower()) is None:
-            return f"a request for the host {_shown(hosts)}, which is not this page's"
-        if origins and [o.lower() for o in origins] != [f"http://{hosts[0]}".lower()]:
-            return f"a request of another page, {_shown(origins)}"
-        if not origins and headers.get_all("Upgrade"):
-            return "a websocket that no page of this server asked for (it has no Origin)"
-        if "?" in request.path:
-            return "an address with a query: the page's own has none"
-        return None
-
-    def log_refusal(self, why: str) -> None:
-        """Log one line for each different refusal."""
-        if self.logs and why not in self._logged and len(self._logged) < _MOST:
+            why = f"a request for the host {_shown(hosts)}, which is not this page's"
+        elif origins and [o.lower() for o in origins] != [f"http://{hosts[0]}".lower()]:
+            why = f"a request of another page, {_shown(origins)}"
+        elif not origins and request.headers.get_all("Upgrade"):
+            why = "a websocket that no page of this server asked for (it has no Origin)"
+        elif "?" in request.path:
+            why = "an address with a query: the page's own has none"
+        if why and self.logs and why not in self._logged and len(self._logged) < _MOST:
             self._logged.add(why)
             log.warning("refused %s", why)
+        return why
 
 
 @contextlib.contextmanager
@@ -188,9 +177,11 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
     :func:`_refuses` then checks that viser used the replacement.
     """
     original = asyncio_server.serve
+    silent = log.getChild("requests")  # else aborted requests are logged with a traceback
+    silent.setLevel(logging.CRITICAL)
 
     def serve(
-        handler: Callable[[ServerConnection], Awaitable[None]],
+        handler: Any,
         *arguments: Any,
         process_request: Callable[[ServerConnection, Request], Any] | None = None,
         **options: Any,
@@ -198,24 +189,18 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
         async def answer(connection: ServerConnection, request: Request) -> Response | None:
             why = requests.refusal(request)
             if why is not None:
-                requests.log_refusal(why)
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {why}.\n")
             response = process_request and process_request(connection, request)
             if inspect.isawaitable(response):
                 response = await response
             if response is not None:
-                _confine(response.headers, request.headers["Host"])
+                response.headers["Content-Security-Policy"] = (
+                    "frame-ancestors 'none'; connect-src 'self' "
+                    f"ws://{request.headers['Host']} data: blob:"
+                )
             return response
 
-        async def handle(connection: ServerConnection) -> None:
-            try:
-                await handler(connection)
-            except Exception as error:
-                log.warning("ended a connection: a message cannot be read (%s)", _named(error))
-                await connection.close(CloseCode.INVALID_DATA, "a message cannot be read")
-
-        asyncio.get_running_loop().set_exception_handler(_log_failed_task)
-        return original(handle, *arguments, process_request=answer, logger=_server_log(), **options)
+        return original(handler, *arguments, process_request=answer, logger=silent, **options)
 
     with _REPLACING:
         asyncio_server.serve = serve  # type: ignore[misc, assignment]
@@ -223,13 +208,6 @@ def _filtering(requests: _RequestFilter) -> Iterator[None]:
             yield
         finally:
             asyncio_server.serve = original  # type: ignore[misc]
-
-
-def _confine(headers: Headers, host: str) -> None:
-    """Headers: no embedding in frames of other pages, no connections to other servers."""
-    headers["Content-Security-Policy"] = (
-        f"frame-ancestors 'none'; connect-src 'self' ws://{host} data: blob:"
-    )
 
 
 def _refuses(port: int) -> bool:
@@ -252,39 +230,6 @@ def _refuses(port: int) -> bool:
     return True
 
 
-def _log_failed_task(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Log a failed task of viser: a valid message with impossible content."""
-    error = context.get("exception")
-    why = context["message"] if error is None else _named(error)
-    log.warning("ignored a message of the page (%s)", why)
-
-
-def _server_log() -> logging.Logger:
-    """Log requests that are not HTTP in one line; ignore cancelled ones."""
-    server = log.getChild("requests")
-    if not server.filters:
-        server.addFilter(_to_one_line)
-    return server
-
-
-def _to_one_line(record: logging.LogRecord) -> bool:
-    error = record.exc_info[1] if record.exc_info else None
-    if error is None:
-        return record.levelno < logging.WARNING
-    if not isinstance(error, InvalidMessage) or isinstance(error.__cause__, EOFError):
-        return False
-    record.msg, record.args, record.exc_info = "refused a request (%s)", (_named(error),), None
-    return True
-
-
-def _named(error: BaseException) -> str:
-    text = f"{type(error).__name__}: {error}".strip(": ")
-    cause = f", {error.__cause__}" if error.__cause__ else ""
-    return _shown([text + cause], quotes=False)
-
-
-def _shown(values: Sequence[str], quotes: bool = True) -> str:
+def _shown(values: Sequence[str]) -> str:
     """Values from a request, safe for a terminal."""
-    text = ", ".join(values)[:_LONGEST]
-    text = "".join(c if c.isprintable() and c.isascii() else "?" for c in text)
-    return f"“{text}”" if quotes else text
+    return ascii(", ".join(values)[:_LONGEST])

@@ -16,17 +16,15 @@ from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask
 from qp_twist.viewing.one_run import Moment
-from qp_twist.viewing.projectors import Roll, with_projector
-from qp_twist.viewing.settings import PageSettings
+from qp_twist.viewing.projectors import with_projector
+from qp_twist.viewing.settings import PageSettings, effective
 
 WAYPOINTS_PER_S = 20.0
 """A secondary's gain is per waypoint; here a second counts as this number of waypoints."""
 TARGET_GAIN = 0.25
 """Share of the task error that a step removes."""
-STEP_SHARE = 0.03
-"""Largest linear error of a step, as a share of the scene's extent."""
-STEP_ANGLE = np.radians(6.0)
-"""Largest angular error of a step, rad."""
+STEP_SHARE, STEP_ANGLE = 0.03, np.radians(6.0)
+"""Largest linear error of a step, as a share of the scene's extent, and angular error, rad."""
 
 
 class LiveArm:
@@ -36,10 +34,13 @@ class LiveArm:
     limits are those of the task; the secondary acts as a velocity.
 
     Attributes:
+        path_task: The task, with the page's projector.
         method: Name of the QP.
+        dt: Time between two steps, s.
+        task: What the controller keeps.
+        controller: The controller.
         configuration: The arm's configuration.
         target: Target pose of the frame.
-        last: The last step; ``None`` before the first one, or without a step.
     """
 
     def __init__(
@@ -61,37 +62,36 @@ class LiveArm:
             on_infeasible: Whether an infeasible target slows the arm down (``"scale"``) or is
                 approached in least squares (``"relax"``).
         """
-        self.method = METHODS[settings.method].qp
-        kind = METHODS[self.method]
-        model = path_task.model
+        self.method, self.dt = METHODS[settings.method].qp, dt
         self.path_task = with_projector(path_task, settings.projector)
-        projector = path_task.operational if kind.whole_twist else self.path_task.projector
-        self.dt = dt
+        kind, model = METHODS[self.method], path_task.model
         self.task = TwistTask(
             path_task.frame_name,
             path_task.frame_type,
-            projector,
+            path_task.operational if kind.whole_twist else self.path_task.projector,
             gain=TARGET_GAIN,
             max_linear_step=STEP_SHARE * float(model.stat.extent),
             max_angular_step=STEP_ANGLE,
             bands=() if kind.whole_twist else self.path_task.bands,
         )
         method = self._method_settings(settings)
-        self.ranges = JointRanges.of(model)
+        # A clearance remembers its last step, and a run may use the task's in another thread.
+        limits: list[mink.Limit] = [copy.copy(one) for one in path_task.constraints]
+        if settings.limits:
+            speeds, accelerations = path_task.velocity_limits, path_task.acceleration_limits
+            limits.insert(0, MotionLimit(model, velocity=speeds, acceleration=accelerations))
         self.controller = Controller(
             model,
             tasks=[self.task],
             secondary=secondary_objectives(path_task, self.task, method),
             secondary_space=kind.space,
-            limits=_limits(path_task, held=settings.limits),
+            limits=limits,
             solver=settings.solver,
             on_infeasible=on_infeasible,
-            metric=None if method.metric == "1" else self.ranges.metric,
+            metric=None if method.metric == "1" else JointRanges.of(model).metric,
         )
         self.configuration = mink.Configuration(model, finite_array("LiveArm(q)", q, (model.nq,)))
-        self.roll = Roll(path_task)
         self.target = self.pose
-        self.last: Step | None = None
 
     @property
     def pose(self) -> mink.SE3:
@@ -103,28 +103,23 @@ class LiveArm:
     def step(self) -> Moment:
         """Move towards the target for one time step; stand still if there is no step."""
         self.task.set_target(self.target)
-        sentence = ""
+        step: Step | None = None
         try:
-            self.last = self.controller.step(self.configuration, self.dt)
-            self.configuration.integrate_inplace(self.last.velocity, self.dt)
-            sentence = self.last.message
-        except mink.MinkError as error:
-            self.last, sentence = None, str(error)
-        return self._moment(sentence)
-
-    def _moment(self, sentence: str) -> Moment:
-        q = self.configuration.q.copy()
+            step = self.controller.step(self.configuration, self.dt)
+            self.configuration.integrate_inplace(step.velocity, self.dt)
+            sentence = step.message
+        except mink.MinkError as why:
+            sentence = str(why)
         error = self.task.state(self.configuration).error
-        return Moment(
-            q=q,
-            scale=0.0 if self.last is None else self.last.scale,
+        return Moment.at(
+            self.path_task,
+            self.configuration.q.copy(),
+            self.target,
+            scale=0.0 if step is None else step.scale,
             position_error=float(np.linalg.norm(error[:3])),
             axis_error=float(np.linalg.norm(error[3:])),
-            sigma_min=0.0 if self.last is None else self.last.sigma_min,
-            z=float(self.ranges.centring(q)),
-            margins=self.ranges.margins(q),
-            binding=() if self.last is None else tuple(str(b) for b in self.last.binding),
-            roll=self.roll.at(self.configuration, self.target),
+            sigma_min=0.0 if step is None else step.sigma_min,
+            binding=() if step is None else tuple(map(str, step.binding)),
             sentence=sentence,
         )
 
@@ -132,20 +127,8 @@ class LiveArm:
         """Settings of the QP, with the page's gain per step instead of per waypoint."""
         own = self.path_task.settings(self.method)
         if own.secondary == "plan":  # there is no plan here: use the plan's objective instead
-            own = own.model_copy(
-                update={"secondary": "centering", "weight": "natural", "gain": 0.05}
-            )
-        elif settings.has_weight:
+            centring = {"secondary": "centering", "weight": "natural", "gain": 0.05}
+            own = own.model_copy(update=centring)
+        elif "weight" in effective(settings):
             own = own.model_copy(update={"weight": settings.weight, "gain": settings.gain})
         return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})
-
-
-def _limits(path_task: PathTask, *, held: bool) -> list[mink.Limit]:
-    motion = MotionLimit(
-        path_task.model,
-        velocity=path_task.velocity_limits,
-        acceleration=path_task.acceleration_limits,
-    )
-    # A clearance remembers its last step, and a run may use the task's in another thread.
-    constraints = map(copy.copy, path_task.constraints)
-    return [motion, *constraints] if held else [*constraints]

@@ -5,20 +5,18 @@ from __future__ import annotations
 import threading
 import time
 
-import mink
-import numpy as np
-
+from qp_twist.kinematics import JointRanges
 from qp_twist.pages.local_server import LocalServer
 from qp_twist.viewing.controls import Controls
-from qp_twist.viewing.one_run import Moment, Run
-from qp_twist.viewing.panel import ReadingsPanel
+from qp_twist.viewing.one_run import Moment
+from qp_twist.viewing.panel import panel_html, status_html
 from qp_twist.viewing.session import Session
 from qp_twist.viewing.stage import Stage
 
 RATE_HZ = 40.0
-"""Clock: period of the dragged arm's steps and of the pictures, s."""
+"""Steps of the dragged arm, and pictures, per second."""
 _READ_EVERY = 3
-"""Number of clock ticks between two updates of the readings."""
+"""Number of pictures between two updates of the readings."""
 
 
 class Page:
@@ -27,7 +25,6 @@ class Page:
     Attributes:
         session: The session that it shows.
         server: Its server.
-        url: Its address.
         stage: The robot, the path and the target in space.
         controls: What a user may change.
     """
@@ -41,17 +38,23 @@ class Page:
         """
         self.session = session
         self.server = LocalServer(port, label="qp-twist")
-        self.url = self.server.url
-        self.server.gui.configure_theme(
+        gui = self.server.gui
+        gui.configure_theme(
             control_width="medium", show_logo=False, show_share_button=False,
             brand_color=(0, 114, 178),
         )  # fmt: skip
         self.stage = Stage(self.server, session.task, session.handle)
-        self._panel = ReadingsPanel(self.server.gui, session)
-        self.controls = Controls(self.server, session, self.stage)
-        self._drawn: tuple[Run | None, object] = (None, session.task)
-        self._shown: Moment | None = None
-        self._marked: mink.SE3 | None = None
+        panel = gui.add_panel()
+        with panel.add_tab(session.base.name):
+            self._status, self._readings = gui.add_html(""), gui.add_html("")
+        panel.expand()  # on a narrow page it is a section below the controls, closed otherwise
+        panel.dock_left()
+        panel.set_width(330)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(310)
+        self.controls = Controls(gui, session, self.stage)
+        self._ranges = JointRanges.of(session.base.model)
+        self._drawn: dict[str, object] = {"task": session.task}
         self._ticks = 0
         self._show(session.moment())
 
@@ -68,28 +71,33 @@ class Page:
             stop.wait(max(0.001, period - (time.monotonic() - now)))
 
     def _show(self, moment: Moment) -> None:
-        session = self.session
-        task, run = session.task, session.run  # another thread may replace them
+        task, run = self.session.task, self.session.run  # another thread may replace them
+        waypoint = task.waypoints[int(self.session.index)]
         with self.server.atomic():
-            drawn_run, drawn_task = self._drawn
-            moved = self._shown is None or not np.array_equal(moment.q, self._shown.q)
-            if task is not drawn_task:
+            placed = self._changed("task", task)
+            if placed:
                 self.stage.draw_path(task)
-            if moved or task is not drawn_task:
-                self.stage.show(moment.q)
-            if run is not drawn_run:
+            if self._changed("q", tuple(moment.q.tolist())) or placed:
+                self.stage.scene.show(moment.q)
+            if self._changed("run", run):
                 self.stage.draw_trace(None if run is None else run.trace)
-            self._drawn = (run, task)
-            index = int(session.index)
-            waypoint = task.waypoints[index]
-            if waypoint is not self._marked:
+            if self._changed("waypoint", waypoint):
                 self.stage.mark(waypoint)
-                self._marked = waypoint
             if self._ticks % _READ_EVERY == 0:
-                self._panel.update(moment, self.stage.near)
+                text, wrong = self.session.status(moment)
+                status = status_html(self.session.base.title, text, wrong=wrong)
+                if self._changed("status", status):
+                    self._status.content = status
+                readings = panel_html(self._ranges, moment, self.stage.scene.near)
+                if self._changed("readings", readings):
+                    self._readings.content = readings
                 self.controls.update()
-        self._shown = moment
         self._ticks += 1
+
+    def _changed(self, name: str, value: object) -> bool:
+        """Whether something is another one than was drawn last."""
+        drawn, self._drawn[name] = self._drawn.get(name), value
+        return not (drawn is value or (isinstance(value, (str, tuple)) and drawn == value))
 
     def close(self) -> None:
         """End the server and the session's worker."""

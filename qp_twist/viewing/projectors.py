@@ -14,10 +14,6 @@ from qp_twist.kinematics import check_bands, frame_pose
 from qp_twist.paths import PathTask
 
 OWN = "as the task says"
-WHOLE = "whole pose"
-FREE_ROLL = "free roll"
-FREE_TILT = "free tilt"
-POSITION_ONLY = "position only"
 
 
 def projector_choices(path_task: PathTask) -> dict[str, TwistProjector]:
@@ -28,13 +24,13 @@ def projector_choices(path_task: PathTask) -> dict[str, TwistProjector]:
     the position only. A robot that turns about one direction only has just the first and the last.
     """
     operational = path_task.operational
-    choices = {OWN: path_task.projector, WHOLE: operational}
+    choices = {OWN: path_task.projector, "whole pose": operational}
     if operational.angular.kind is ProjectorKind.FULL and operational.linear.axis is None:
         e = tool_axis(path_task)
-        for name, angular in ((FREE_ROLL, Projector.plane(e)), (FREE_TILT, Projector.line(e))):
+        for name, angular in (("free roll", Projector.plane(e)), ("free tilt", Projector.line(e))):
             choices[name] = TwistProjector(linear=operational.linear, angular=angular, frame="body")
     if operational.angular.rank:
-        choices[POSITION_ONLY] = TwistProjector(
+        choices["position only"] = TwistProjector(
             linear=operational.linear, angular=Projector.none(), frame=operational.frame
         )
     return choices
@@ -67,34 +63,21 @@ def with_projector(path_task: PathTask, choice: str) -> PathTask:
     return dataclasses.replace(path_task, projector=projector, segments=(), bands=bands)
 
 
-class Roll:
-    r"""Rotation of the frame from its target about one axis, rad in (−π, π].
+def roll(path_task: PathTask, configuration: mink.Configuration, target: mink.SE3) -> float | None:
+    """Rotation of the frame from a target about one axis, rad in (−π, π].
 
     For a robot with all rotations the axis is that of the tool; for one that rotates about a single
     direction it is that one; others have none.
     """
-
-    def __init__(self, path_task: PathTask) -> None:
-        operational = path_task.operational
-        angular = operational.angular
-        self._frame = (path_task.frame_name, path_task.frame_type)
-        self._rows: TwistProjector | None = None
-        if angular.kind is ProjectorKind.FULL:
-            self._rows = TwistProjector(
-                linear=Projector.none(), angular=Projector.line(tool_axis(path_task)), frame="body"
-            )
-        elif angular.kind is ProjectorKind.LINE:
-            self._rows = TwistProjector(
-                linear=Projector.none(), angular=angular, frame=operational.frame
-            )
-
-    def at(self, configuration: mink.Configuration, target: mink.SE3) -> float | None:
-        """The roll of a configuration relative to a target; ``None`` without an axis."""
-        if self._rows is None:
-            return None
-        rotation, position = frame_pose(configuration, *self._frame)
-        wanted = target.rotation().as_matrix()
-        error = twist_error(rotation, position, wanted, target.translation(), self._rows)
-        axis = self._rows.resolved(body=rotation, target=wanted).angular.axis
-        assert axis is not None
-        return -float(np.dot(axis, error[3:]))
+    angular, frame = path_task.operational.angular, path_task.operational.frame
+    if angular.kind is ProjectorKind.FULL:
+        angular, frame = Projector.line(tool_axis(path_task)), "body"
+    elif angular.kind is not ProjectorKind.LINE:
+        return None
+    rows = TwistProjector(linear=Projector.none(), angular=angular, frame=frame)
+    rotation, position = frame_pose(configuration, path_task.frame_name, path_task.frame_type)
+    desired = target.rotation().as_matrix()
+    error = twist_error(rotation, position, desired, target.translation(), rows)
+    axis = rows.resolved(body=rotation, target=desired).angular.axis
+    assert axis is not None
+    return -float(np.dot(axis, error[3:]))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import traceback
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 import mink
 
@@ -28,74 +27,50 @@ class Runs:
 
     def __init__(self) -> None:
         self.progress: tuple[float, str] | None = None
-        self._known: OrderedDict[Hashable, Run | str] = OrderedDict()
-        self._wanted: tuple[Hashable, Callable[[Progress], Run]] | None = None
-        self._closed = False
-        self._changed = threading.Condition()
-        self._worker = threading.Thread(target=self._work, name="runs", daemon=True)
-        self._worker.start()
+        self._known: dict[Hashable, Run | str] = {}
+        self._requested: Hashable = None
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="runs")
+        self._last: Future[None] | None = None
 
-    def want(self, key: Hashable, compute: Callable[[Progress], Run]) -> None:
+    def request(self, key: Hashable, compute: Callable[[Progress], Run]) -> None:
         """Request a run; a current run with another key is stopped."""
-        with self._changed:
-            if key in self._known:
-                self._known.move_to_end(key)
-                self._wanted = None
-            else:
-                self._wanted = (key, compute)
-                self.progress = (0.0, "waiting")
-            self._changed.notify_all()
+        self._requested = key
+        self.progress = None if key in self._known else (0.0, "waiting")
+        if key not in self._known:
+            self._last = self._worker.submit(self._compute, key, compute)
 
     def get(self, key: Hashable) -> Run | str | None:
         """The run; or a sentence why there is none; ``None`` if it is not finished."""
-        with self._changed:
-            return self._known.get(key)
+        return self._known.get(key)
 
     def wait(self, key: Hashable, timeout: float) -> Run | str | None:
-        """:meth:`get` when it is finished, or after ``timeout`` seconds."""
-        with self._changed:
-            self._changed.wait_for(lambda: key in self._known, timeout)
-            return self._known.get(key)
+        """:meth:`get` when the last requested run is finished, or after ``timeout`` seconds."""
+        if self._last is not None:
+            wait([self._last], timeout)
+        return self.get(key)
 
     def close(self) -> None:
         """Stop the current run and the thread."""
-        with self._changed:
-            self._closed, self._wanted = True, None
-            self._changed.notify_all()
-        self._worker.join(timeout=10.0)
+        self._requested = None
+        self._worker.shutdown(cancel_futures=True)
 
-    def _work(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._wanted is not None)
-                if self._closed or self._wanted is None:
-                    return
-                key, compute = self._wanted
-            found = self._computed(key, compute)
-            with self._changed:
-                if found is not None:
-                    self._known[key] = found
-                    while len(self._known) > _KEPT:
-                        self._known.popitem(last=False)
-                    if self._wanted is not None and self._wanted[0] == key:
-                        self._wanted = None
-                if self._wanted is None:
-                    self.progress = None
-                self._changed.notify_all()
-
-    def _computed(self, key: Hashable, compute: Callable[[Progress], Run]) -> Run | str | None:
+    def _compute(self, key: Hashable, compute: Callable[[Progress], Run]) -> None:
         def report(share: float, what: str) -> None:
-            with self._changed:
-                if self._wanted is None or self._wanted[0] != key:
-                    raise _Superseded
-                self.progress = (min(1.0, max(0.0, share)), what)
+            if self._requested != key:
+                raise _Superseded
+            self.progress = (min(1.0, max(0.0, share)), what)
 
         try:
-            return compute(report)
+            report(0.0, "waiting")
+            self._known[key] = compute(report)
         except _Superseded:
-            return None
+            return
         except mink.MinkError as error:
-            return str(error)
+            self._known[key] = str(error)
         except Exception as error:  # keep the page running; log the place of the error
             traceback.print_exc()
-            return f"an error that is none of yours: {type(error).__name__}: {error}"
+            self._known[key] = f"an error that is none of yours: {type(error).__name__}: {error}"
+        while len(self._known) > _KEPT:
+            del self._known[next(iter(self._known))]
+        if self._requested == key:
+            self.progress = None

@@ -12,11 +12,9 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, placed, refuse_joint_moves
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Moment, Run, run_once
-from qp_twist.viewing.projectors import Roll
 from qp_twist.viewing.runs import Runs
 from qp_twist.viewing.settings import PageSettings
 
@@ -30,6 +28,7 @@ class Session:
     All methods may be called from any thread.
 
     Attributes:
+        base: The task as its file states it.
         task: The task at the workpiece's current placement.
         settings: The user's settings.
         run: The run that is shown. While a new one is computed this is the previous one; ``None``
@@ -38,28 +37,22 @@ class Session:
         playing: Whether the run is being played.
         speed: Waypoints per second.
         arm: The arm that the user drags; ``None`` while a run is shown.
-        on_infeasible: What the dragged arm does at its limits.
         problem: Why the settings have no run; empty if they have one.
     """
 
     def __init__(self, path_task: PathTask, settings: PageSettings) -> None:
         refuse_joint_moves(path_task, "view")
         self.lock = threading.RLock()
-        self.base = path_task
-        self.task = path_task
+        self.base = self.task = path_task
         self.settings = settings
-        self.ranges = JointRanges.of(path_task.model)
         self.runs = Runs()
         self.run: Run | None = None
-        self.index = 0.0
-        self.playing = False
-        self.speed = 30.0
+        self.index, self.playing, self.speed = 0.0, False, 30.0
         self.arm: LiveArm | None = None
-        self.on_infeasible: Literal["scale", "relax"] = "scale"
         self.problem = ""
+        self._on_infeasible: Literal["scale", "relax"] = "scale"
         self._placement: tuple[float, ...] = ()
         self._due: float | None = None
-        self._start = self._at_start()
         self._request_run()
 
     # The workpiece
@@ -67,27 +60,23 @@ class Session:
     @property
     def handle(self) -> Array:
         """The workpiece's handle point, in the task file's placement, m, (3,)."""
-        study = self.base.study
-        if study is not None and study.placement is not None:
-            return np.array(study.placement.point, dtype=np.float64)
+        placement = None if self.base.study is None else self.base.study.placement
+        if placement is not None:
+            return np.array(placement.point, dtype=np.float64)
         middle: Array = 0.5 * (self.base.positions.min(axis=0) + self.base.positions.max(axis=0))
         return middle
-
-    @property
-    def part(self) -> str | None:
-        """Name of the workpiece's body in the scene, if the task file has it."""
-        study = self.base.study
-        return None if study is None or study.placement is None else study.placement.body
 
     def place(self, pose: mink.SE3) -> None:
         """Move the workpiece's handle to a pose; its run is computed :data:`DEBOUNCE_S` later.
 
         If the task cannot be placed there, only :attr:`problem` changes.
         """
+        placement = None if self.base.study is None else self.base.study.placement
+        body = None if placement is None else placement.body
+        rotation, position = pose.rotation(), pose.translation()
         with self.lock:
-            rotation, position = pose.rotation(), pose.translation()
             try:
-                self.task = placed(self.base, rotation, self.handle, position, self.part)
+                self.task = placed(self.base, rotation, self.handle, position, body)
             except InvalidInput as error:
                 self.problem = str(error)
                 return
@@ -111,8 +100,7 @@ class Session:
                 changes = {"gain": defaults.gain, "weight": defaults.weight, **changes}
             self.settings = dataclasses.replace(self.settings, **changes)
             self._request_run()
-            if self.arm is not None:
-                self._make_arm(self.arm.configuration.q.copy(), self.arm.target)
+            self._renew_arm()
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -127,17 +115,7 @@ class Session:
     def _request_run(self) -> None:
         task, settings = self.task, self.settings
         self.problem = ""
-        self.runs.want(self.key, lambda progress: run_once(task, settings, progress))
-        self._take()
-
-    def _take(self) -> None:
-        """Show the requested run if it is computed."""
-        found = self.runs.get(self.key)
-        if isinstance(found, str):
-            self.problem, self.run = found, None
-        elif found is not None and found is not self.run:
-            self.run = found
-            self.index = min(self.index, len(found) - 1.0)
+        self.runs.request(self.key, lambda progress: run_once(task, settings, progress))
 
     # The dragged arm
 
@@ -145,7 +123,8 @@ class Session:
         """Start to drag the arm from the configuration that is shown; return its frame's pose."""
         with self.lock:
             self.playing = False
-            return self._make_arm(self.moment().q, None).pose
+            self.arm = self._arm_at(self.moment().q)
+            return self.arm.pose
 
     def release(self) -> None:
         """Stop dragging and show the run again."""
@@ -161,24 +140,25 @@ class Session:
     def at_limits(self, what: Literal["scale", "relax"]) -> None:
         """Set what the dragged arm does where its target is infeasible."""
         with self.lock:
-            self.on_infeasible = what
-            if self.arm is not None:
-                self._make_arm(self.arm.configuration.q.copy(), self.arm.target)
+            self._on_infeasible = what
+            self._renew_arm()
 
-    def _make_arm(self, q: Array, target: mink.SE3 | None) -> LiveArm:
-        arm = LiveArm(self.task, self.settings, q, on_infeasible=self.on_infeasible)
-        if target is not None:
-            arm.target = target
-        self.arm = arm
-        return arm
+    def _arm_at(self, q: Array) -> LiveArm:
+        return LiveArm(self.task, self.settings, q, on_infeasible=self._on_infeasible)
+
+    def _renew_arm(self) -> None:
+        """Let the dragged arm have the present settings, where it is."""
+        if self.arm is not None:
+            target = self.arm.target
+            self.arm = self._arm_at(self.arm.configuration.q.copy())
+            self.arm.target = target
 
     # The clock
 
     def seek(self, index: float) -> None:
         """Show a waypoint, from 0."""
         with self.lock:
-            last = len(self.task.waypoints) - 1
-            self.index = float(np.clip(index, 0, last))
+            self.index = float(np.clip(index, 0, len(self.task.waypoints) - 1))
 
     def tick(self, dt: float) -> Moment:
         """Advance by ``dt`` seconds and return what to show."""
@@ -186,45 +166,42 @@ class Session:
             if self._due is not None and time.monotonic() >= self._due:
                 self._due = None
                 self._request_run()
-            self._take()
+            found = self.runs.get(self.key)
+            if isinstance(found, str):
+                self.problem, self.run = found, None
+            elif found is not None:
+                self.run = found
+                self.index = min(self.index, len(found.trace) - 1.0)
             if self.arm is not None:
                 return self.arm.step()
             if self.playing and self.run is not None:
                 self.index += self.speed * dt
-                if self.index > len(self.run) - 1:
+                if self.index > len(self.run.trace) - 1:
                     self.index = 0.0
             return self.moment()
 
     def moment(self) -> Moment:
         """The state at the waypoint that is shown; at the start if there is no run."""
         with self.lock:
-            return self._start if self.run is None else self.run.moment(int(self.index))
+            if self.run is None:
+                return Moment.at(self.base, self.base.start, self.base.waypoints[0])
+            return self.run.moment(int(self.index))
 
-    def status(self) -> str:
-        """A sentence about what is shown."""
+    def status(self, moment: Moment) -> tuple[str, bool]:
+        """A sentence about the moment that is shown, and whether something is wrong."""
         with self.lock:
+            name = self.settings.method
+            if self.arm is not None:
+                wrong = not moment.sentence.startswith("solved")
+                return f"in the hand, by {self.arm.method}: {moment.sentence}", wrong
             if self.problem:
-                return f"{self.settings.method}: no run: {self.problem}"
-            computing = self.computing  # read once: the worker may finish at any time
-            if computing is not None:
-                share, what = computing
-                return f"computing: {what} ({100 * share:.0f} %)"
-            return f"{self.settings.method}: {self.run.status if self.run else 'no run yet'}"
+                return f"{name}: no run: {self.problem}", True
+            if (computing := self.computing) is not None:
+                return f"computing: {computing[1]} ({100 * computing[0]:.0f} %)", False
+            if self.run is None:
+                return f"{name}: no run yet", True
+            return f"{name}: {self.run.status}", self.run.status != "ok"
 
     def close(self) -> None:
         """Stop the worker."""
         self.runs.close()
-
-    def _at_start(self) -> Moment:
-        q = self.base.start
-        configuration = mink.Configuration(self.base.model, q)
-        return Moment(
-            q=q,
-            scale=1.0,
-            position_error=0.0,
-            axis_error=0.0,
-            sigma_min=0.0,
-            z=float(self.ranges.centring(q)),
-            margins=self.ranges.margins(q),
-            roll=Roll(self.base).at(configuration, self.base.waypoints[0]),
-        )

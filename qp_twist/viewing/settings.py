@@ -1,4 +1,4 @@
-"""Settings of the page, and a method without its limits."""
+"""Settings of the page, and a task without its limits."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, MethodSettings, PathTask, check_method
-from qp_twist.qp import check_solver, installed_solvers
+from qp_twist.qp import check_solver
 from qp_twist.viewing.projectors import OWN
 
-WEIGHTS = ("gradient", "paper", "natural")
 _WIDER = 64.0
 """A power of two: scaling by it and back is exact."""
 
@@ -26,7 +24,7 @@ class PageSettings:
     Attributes:
         method: Name of the method.
         solver: Backend of the QPs.
-        projector: A name of :func:`projector_choices`.
+        projector: A name of :func:`~.projectors.projector_choices`.
         gain: Gain of the secondary, per waypoint.
         weight: Weight of centering: ``"gradient"``, ``"paper"`` or ``"natural"``.
         limits: Whether the limits hold, for methods with limits.
@@ -47,70 +45,36 @@ class PageSettings:
             InvalidInput: If the method is unknown or does not apply to the task.
             UnknownSolver: If the backend is not installed.
         """
-        if check_method(method) not in method_choices(path_task):
+        if check_method(method) not in path_task.method_names():
             raise InvalidInput(
                 f"{path_task.name}: {method} does not apply to this task; those that do: "
-                f"{', '.join(method_choices(path_task))}."
+                f"{', '.join(path_task.method_names())}."
             )
         stated = path_task.settings(method)
         return cls(method, check_solver(solver), gain=stated.gain, weight=stated.weight)
 
-    @property
-    def has_gain(self) -> bool:
-        """Whether the method has a secondary with a gain."""
-        return METHODS[self.method].defaults.secondary != "none"
-
-    @property
-    def has_weight(self) -> bool:
-        """Whether its secondary is centering with a selectable weight."""
-        kind = METHODS[self.method]
-        return kind.defaults.secondary == "centering" and not kind.peer
-
-    @property
-    def has_projector(self) -> bool:
-        """Whether the method has a null space: the others fix the whole pose."""
-        return not METHODS[self.method].whole_twist
-
-    @property
-    def has_solver(self) -> bool:
-        """Whether the method solves a quadratic program."""
-        kind = METHODS[self.method]
-        return kind.constrained or bool(kind.peer)
-
-    @property
-    def has_limits(self) -> bool:
-        """Whether the limits can be switched off."""
-        return can_drop_limits(self.method)
-
     def applied(self, path_task: PathTask) -> MethodSettings:
         """The task file's settings of the method, overridden by those of the page."""
-        stated = path_task.settings(self.method)
-        changes: dict[str, object] = {}
-        if self.has_gain:
-            changes["gain"] = self.gain
-        if self.has_weight:
-            changes["weight"] = self.weight
-        return stated.model_copy(update=changes)
+        known = effective(self) & {"gain", "weight"}
+        changes: dict[str, object] = {key: getattr(self, key) for key in known}
+        return path_task.settings(self.method).model_copy(update=changes)
 
 
-def method_choices(path_task: PathTask) -> list[str]:
-    """The methods that apply to a task."""
-    return path_task.method_names()
-
-
-def solver_choices() -> list[str]:
-    """The installed backends."""
-    return sorted(installed_solvers())
-
-
-def can_drop_limits(method: str) -> bool:
-    """Whether the method has limits that can be switched off.
+def effective(settings: PageSettings) -> set[str]:
+    """The settings that change the runs of the method.
 
     A plan is a search inside the limits, and other libraries have their own limits.
     """
-    kind = METHODS[method]
-    planned = kind.defaults.secondary == "plan"
-    return kind.holds_limits and not kind.peer and not planned
+    method = METHODS[settings.method]
+    secondary = method.defaults.secondary
+    counts = {
+        "gain": secondary != "none",
+        "weight": secondary == "centering" and not method.peer,
+        "projector": not method.whole_twist,
+        "solver": method.constrained or bool(method.peer),
+        "limits": method.holds_limits and not method.peer and secondary != "plan",
+    }
+    return {name for name, has_effect in counts.items() if has_effect}
 
 
 def without_limits(
@@ -124,16 +88,13 @@ def without_limits(
     h = k W(θ̄ − θ). That of h = k(θ̄ − θ) stays: its metric WᵀW is scaled as a whole.
     """
     model = copy.copy(path_task.model)
-    for joint in np.flatnonzero(model.jnt_limited):
-        lower, upper = model.jnt_range[joint]
-        middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
-        model.jnt_range[joint] = middle - _WIDER * half, middle + _WIDER * half
-    unlimited = np.full(len(JointRanges.of(model).names), np.inf)
-    powers = {"gradient": 2, "paper": 1}
-    power = powers.get(settings.weight, 0) if settings.secondary == "centering" else 0
-    return (
-        dataclasses.replace(
-            path_task, model=model, velocity_limits=unlimited, acceleration_limits=unlimited
-        ),
-        settings.model_copy(update={"gain": settings.gain * _WIDER**power}),
+    middle, half = model.jnt_range.mean(axis=1), 0.5 * np.ptp(model.jnt_range, axis=1)
+    model.jnt_range[:] = np.stack([middle - _WIDER * half, middle + _WIDER * half], axis=1)
+    unlimited = np.full(model.nv, np.inf)
+    task = dataclasses.replace(
+        path_task, model=model, velocity_limits=unlimited, acceleration_limits=unlimited
     )
+    power = {"gradient": 2, "paper": 1}.get(settings.weight, 0)
+    if settings.secondary != "centering":
+        power = 0
+    return task, settings.model_copy(update={"gain": settings.gain * _WIDER**power})

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.drawing.palette import ORANGE, RED, rgb
-from qp_twist.pages.near_pairs import NearPairs
+from qp_twist.pages.near_pairs import near_geoms, nearest_pair
 from qp_twist.paths import Tolerances
 
-NEAR_RGB, TOO_NEAR_RGB = rgb(ORANGE), rgb(RED)
 TWO = """
 <mujoco>
   <worldbody>
@@ -71,21 +69,19 @@ def test_the_closest_pair_is_that_of_the_least_distance_of_all(
             assert every[violated[k]] < 0.005 + 1e-5
 
 
-def test_between_a_ball_and_a_block_is_the_point_below_the_ball() -> None:
+def test_the_geoms_of_near_pairs_are_lit() -> None:
     model = mujoco.MjModel.from_xml_string(TWO)
     clearance = qt.Clearance(model, 0.01)
-    near = NearPairs(SimpleNamespace(model=model, clearances=(clearance,), tolerances=Tolerances()))
-    for up, distance, middle in ((0.0, 0.35, 0.275), (-0.37, -0.02, 0.09)):
-        found = near.nearest(np.array([up, 0.0]))
+    task = SimpleNamespace(model=model, clearances=(clearance,), tolerances=Tolerances())
+    for up, distance in ((0.0, 0.35), (-0.37, -0.02)):
+        found = nearest_pair(task, np.array([up, 0.0]))
         assert found is not None
-        assert found.name == "block to ball"
+        assert (found.name, found.too_near) == ("block to ball", distance < 0.01)
         assert found.distance == pytest.approx(distance, abs=1e-6)
-        np.testing.assert_allclose(found.middle, [0.0, 0.0, middle], atol=1e-4)
-    ball, rod = model.geom("ball").id, model.geom("rod").id
-    assert near.geoms(np.array([[0.0, 0.0]])) == {}
-    assert near.geoms(np.array([[-0.33, 0.0]])) == {model.geom("block").id: False, ball: False}
-    assert near.geoms(np.array([[-0.345, 0.0]])) == {model.geom("block").id: True, ball: True}
-    assert rod not in near.geoms(np.array([[-0.345, 0.0], [0.0, 0.0]]))
+    block, ball = model.geom("block").id, model.geom("ball").id
+    assert near_geoms(task, np.array([[0.0, 0.0]])) == {}
+    assert near_geoms(task, np.array([[-0.33, 0.0]])) == {block: False, ball: False}
+    assert near_geoms(task, np.array([[-0.345, 0.0], [0.0, 0.0]])) == {block: True, ball: True}
 
 
 @pytest.mark.usefixtures("without_picture")

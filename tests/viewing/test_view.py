@@ -62,8 +62,8 @@ def links(page):
 def marks(page):
     """Where the joints stand on their bars, by name."""
     return {
-        row.get_attribute("data-joint"): float(row.locator(".track").get_attribute("data-x"))
-        for row in page.locator(".qt-bars [data-joint]").all()
+        row.get_attribute("data-bar"): float(row.locator(".track").get_attribute("data-x"))
+        for row in page.locator(".qt-bars [data-bar]").all()
     }
 
 
@@ -88,7 +88,7 @@ def test_the_page_shows_the_robot_and_its_bars_move_when_scrubbed():
         for _ in range(3):
             page.keyboard.press("ArrowRight")  # with the keys alone
         page.wait_for_function(
-            "x => document.querySelector('[data-joint=joint_1] .track').dataset.x != x",
+            "x => document.querySelector('[data-bar=joint_1] .track').dataset.x != x",
             arg=f"{before['joint_1']:.2f}",
         )
         after = marks(page)

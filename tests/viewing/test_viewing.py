@@ -14,13 +14,14 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.pages.local_server import LocalServer, free_port
-from qp_twist.pages.near_pairs import NearPair, NearPairs
-from qp_twist.viewing import LiveArm, PageSettings, Session, projector_choices, run_once
-from qp_twist.viewing.bars import clearance_bar, joint_bars
-from qp_twist.viewing.one_run import Run
-from qp_twist.viewing.projectors import Roll, with_projector
-from qp_twist.viewing.readings import readings, sentence
+from qp_twist.pages.near_pairs import NearPair, nearest_pair
+from qp_twist.viewing.live_arm import LiveArm
+from qp_twist.viewing.one_run import Run, run_once
+from qp_twist.viewing.panel import clearance_bar, joint_bars, panel_html, status_html
+from qp_twist.viewing.projectors import projector_choices, roll, with_projector
 from qp_twist.viewing.runs import Runs
+from qp_twist.viewing.session import Session
+from qp_twist.viewing.settings import PageSettings
 from qp_twist.viewing.stage import Stage
 
 
@@ -133,7 +134,7 @@ def test_the_roll_is_the_turn_about_the_tool_against_the_waypoint():
     pose = configuration.get_transform_frame_to_world("tool", "site")
     for angle in (-2.0, -0.3, 0.0, 1.0, 3.0):
         about_tool = mink.SE3.from_rotation(mink.SO3.from_z_radians(-angle))
-        assert Roll(task).at(configuration, pose @ about_tool) == pytest.approx(angle, abs=1e-9)
+        assert roll(task, configuration, pose @ about_tool) == pytest.approx(angle, abs=1e-9)
 
 
 def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found():
@@ -151,12 +152,12 @@ def test_the_worker_gives_up_what_nobody_waits_for_and_remembers_what_it_found()
         return run
 
     try:
-        runs.want("endless", endless)
+        runs.request("endless", endless)
         assert began.wait(10.0)
-        runs.want("quick", quick)
+        runs.request("quick", quick)
         assert runs.wait("quick", 10.0) is run
         assert runs.get("endless") is None
-        runs.want("quick", quick)
+        runs.request("quick", quick)
         assert runs.wait("quick", 10.0) is run
         assert seen == ["computed"]
     finally:
@@ -175,7 +176,7 @@ def test_the_worker_says_why_there_is_no_run(capsys):
 
     try:
         for key, compute in (("refused", refused), ("broken", broken)):
-            runs.want(key, compute)
+            runs.request(key, compute)
             assert isinstance(runs.wait(key, 10.0), str)
         assert runs.get("refused") == "the path is out of reach."
         assert "ZeroDivisionError" in runs.get("broken")
@@ -220,7 +221,7 @@ def test_a_changed_setting_gives_another_run_and_the_first_one_comes_back(sessio
     session.change(method="twa")
     assert session.settings.weight == "paper"  # as the task file has it
     assert run_of(session).trajectory.method == "twa"
-    assert session.status().startswith("twa: leaves the limits")
+    assert session.status(session.moment())[0].startswith("twa: leaves the limits")
     session.change(method="minimum_norm")
     session.tick(0.0)
     assert session.run is first
@@ -251,7 +252,7 @@ def test_a_workpiece_out_of_reach_has_no_run_but_a_sentence(session):
     time.sleep(0.35)
     session.tick(0.0)
     assert "cannot be corrected" in run_of(session)
-    assert "cannot be corrected" in session.status()
+    assert "cannot be corrected" in session.status(session.moment())[0]
     assert session.run is None
     assert np.array_equal(session.moment().q, planar().start)
 
@@ -333,33 +334,49 @@ def test_a_grasped_session_follows_the_hand_and_goes_back(session):
     assert np.array_equal(session.tick(0.0).q, before)
 
 
-# Drawings
-
-
-def bars_of(q_deg, binding=()):
-    ranges = qt.JointRanges.of(planar().model)  # [0, 90], [0, 90], [0, 180] degrees
-    root = ET.fromstring(joint_bars(ranges, np.radians(q_deg), binding))
-    return {row.attrib["data-joint"]: row for row in root.iter("section")}
+# The panel
 
 
 def test_limits_are_lit_by_form_and_word():
-    rows = bars_of([30.0, 90.0, -5.0], ["joint_1 (upper velocity limit)"])
-    states = {name: group.attrib["data-state"] for name, group in rows.items()}
-    assert states == {"joint_1": "held", "joint_2": "at limit", "joint_3": "outside"}
-    words = {name: "".join(group.itertext()) for name, group in rows.items()}
-    assert "speed limit" in words["joint_1"]
-    assert "at limit" in words["joint_2"]
-    assert "outside" in words["joint_3"]
-    assert bars_of([30.0, 45.0, 90.0])["joint_1"].attrib["data-state"] == "free"
+    ranges = qt.JointRanges.of(planar().model)  # [0, 90], [0, 90], [0, 180] degrees
+    q = np.radians([30.0, 90.0, -5.0])
+    bars = joint_bars(ranges, q, ["joint_1 (upper velocity limit)"])
+    assert [(bar.name, bar.state, bar.value, bar.word) for bar in bars] == [
+        ("joint_1", "held", "30.0°", "velocity"),
+        ("joint_2", "at limit", "90.0°", "at limit"),
+        ("joint_3", "outside", "−5.0°", "outside"),
+    ]
+    assert [bar.at for bar in bars] == pytest.approx([100.0 / 3.0, 100.0, -100.0 * 5.0 / 180.0])
+    assert bars[2].labels == {0.0: "0°", 100.0: "180°"}
+    assert joint_bars(ranges, np.radians([30.0, 45.0, 90.0]))[0].state == "free"
 
 
-def test_the_numbers_have_their_units_and_what_is_wrong_has_a_sign(session):
-    text = readings(session.ranges, session.moment())
-    for unit in ("mm", "°", "joint_"):
-        assert unit in text
-    assert "⚠" in sentence("leaves the limits <at> 3", wrong=True)
-    assert "&lt;at&gt;" in sentence("leaves the limits <at> 3", wrong=True)
-    assert "⚠" not in sentence("ok", wrong=False)
+@pytest.mark.parametrize(
+    ("mm", "state", "shown", "word"),
+    [
+        (24.3, "free", "24.3 mm", ""),
+        (5.0, "held", "5.0 mm", "at limit"),
+        (2.1, "outside", "2.1 mm", "too near"),
+        (-57.1, "outside", "−57.1 mm", "overlap"),
+    ],
+)
+def test_the_bar_of_the_clearance_shows_distance_and_state(mm, state, shown, word):
+    bar = clearance_bar(NearPair(1e-3 * mm, 0.005, "a<b to c", state == "outside"))
+    assert (bar.state, bar.value, bar.word) == (state, shown, word)
+    assert "5 mm" in bar.labels.values()
+    assert bar.at == pytest.approx(max(2.0 * mm, -8.0))  # of 50 mm, and little below 0
+
+
+def test_the_panel_is_html_with_units_and_signs(session):
+    moment = dataclasses.replace(session.moment(), margins=np.array([0.5, -0.1, 0.2]))
+    near = NearPair(0.004, 0.005, "a<b to c", too_near=True)
+    text = panel_html(qt.JointRanges.of(planar().model), moment, near)
+    ET.fromstring(f"<div>{text.replace('&nbsp;', ' ')}</div>")
+    for words in ("mm", "°", "⚠ −0.100 joint_2", "a&lt;b to c", "✕", "roll "):
+        assert words in text
+    wrong = status_html("title", "leaves the limits <at> 3", wrong=True)
+    assert "⚠" in wrong and "&lt;at&gt;" in wrong
+    assert "⚠" not in status_html("title", "ok", wrong=False)
 
 
 # The port
@@ -378,31 +395,6 @@ def test_a_port_that_is_taken_is_refused_and_passed_over():
 
 
 # Clearance
-
-
-@pytest.mark.parametrize(
-    ("mm", "state", "shown", "word"),
-    [
-        (24.3, "free", "24.3 mm", None),
-        (5.0, "held", "5.0 mm", "at limit"),
-        (2.1, "outside", "2.1 mm", "too near"),
-        (-57.1, "outside", "−57.1 mm", "overlap"),
-    ],
-)
-def test_the_bar_of_the_clearance_shows_distance_pair_and_state(mm, state, shown, word):
-    def bar(mm):
-        near = NearPair(1e-3 * mm, 0.005, "a<b to c", np.zeros(3), state == "outside")
-        return ET.fromstring(clearance_bar(near))
-
-    [row], [track] = (bar(mm).findall(f".//*[@{name}]") for name in ("data-state", "data-x"))
-    texts = set(bar(mm).itertext())
-    assert row.get("data-state") == state
-    assert {"clearance", "5 mm", shown, "a<b to c"} <= texts
-    assert {"at limit", "too near", "overlap"} & texts == ({word} if word else set())
-    if mm > 0.0:  # a millimetre is 2 % of the 50 that are drawn
-        [farther] = bar(mm + 1.0).findall(".//*[@data-x]")
-        moved = float(farther.get("data-x")) - float(track.get("data-x"))
-        assert moved == pytest.approx(2.0, abs=0.02)
 
 
 def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints_alone():
@@ -429,11 +421,9 @@ def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints
               for a, b in clearance.pairs),
         )  # fmt: skip
     assert 0.005 - 1e-4 < least < 0.006
-    near = NearPairs(task).nearest(arm.configuration.q)
+    near = nearest_pair(task, arm.configuration.q)
     assert near is not None
-    assert near.asked == 0.005
-    distance = np.linalg.norm(near.middle[:2] - post[:2])
-    assert distance < 0.2  # the middle is beside the post
+    assert near.asked == 0.005 and "clamp" in near.name
 
 
 def test_the_live_page_shows_a_moving_part_where_it_is_in_the_cell() -> None:
@@ -443,7 +433,7 @@ def test_the_live_page_shows_a_moving_part_where_it_is_in_the_cell() -> None:
     try:
         stage = Stage(server, path_task, path_task.positions[0])
         q = path_task.start + 0.1
-        stage.show(q)
+        stage.scene.show(q)
         scene = path_task.scene_model
         assert scene is not None
         data = mujoco.MjData(scene)
