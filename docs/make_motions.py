@@ -29,8 +29,6 @@ DOCS = Path(__file__).parent
 VIEWS = {"panda__2cubes": (150.0, -18.0, 1.7), "fetch__hello": (-60.0, -20.0, 2.4)}
 """Azimuth and elevation of the camera, degrees, and its distance, m."""
 WIDTH, HEIGHT, FRAMES, SECONDS = 360, 300, 60, 6.0
-_SHOWN = 2
-"""Pixels of a frame for each pixel of the picture, per side, against jagged edges."""
 _COLOURS = 32
 _ROBOT, _BOX = (0.55, 0.62, 0.70, 1.0), (0.93, 0.68, 0.28, 1.0)
 
@@ -63,17 +61,13 @@ def draw(problem: Problem, q: Array, file: Path) -> None:
     light = model.vis.headlight
     light.ambient[:], light.diffuse[:], light.specular[:] = 0.45, 0.6, 0.1
     red = [*(channel / 255.0 for channel in rgb(RED)), 1.0]
-    view = View(model, _SHOWN * WIDTH, _SHOWN * HEIGHT, "", [(path, red)])
+    view = View(model, WIDTH, HEIGHT, "", [(path, red)])
     azimuth, elevation, distance = VIEWS[problem.task.name]
     view.camera.azimuth, view.camera.elevation, view.camera.distance = azimuth, elevation, distance
     view.camera.lookat[:] = 0.5 * (path.mean(axis=0) + np.array([0.0, 0.0, 0.4]))
     frames = []
     for k in np.linspace(0, len(q) - 1, FRAMES).round().astype(int):
-        view.update(q[k])
-        colours, far = view.colours(), view.depth() > 20.0
-        colours[far] = 1.0
-        whole = Image.fromarray((255.0 * colours).astype(np.uint8))
-        frames.append(whole.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS))
+        frames.append(Image.fromarray((255.0 * view.image(q[k])).astype(np.uint8)))
     palette = _palette([frames[0], frames[-1]])
     few = [frame.quantize(_COLOURS, palette=palette, dither=Image.Dither.NONE) for frame in frames]
     few[0].save(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import select
 import sys
 from collections.abc import Sequence
-from typing import TextIO
 
 from qp_twist import __version__
 
@@ -28,37 +26,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
         try:
             _main(words)
         finally:
-            for stream in _streams():
+            for stream in (sys.stdout, sys.stderr):
                 stream.flush()  # here, so that errors are reported, and not when Python exits
     except OSError as error:
-        unread = isinstance(error, BrokenPipeError) and not all(map(_is_read, _streams()))
-        for stream in _streams():
-            _discard_buffer(stream)
-        if unread:
+        for stream in (sys.stdout, sys.stderr):
+            try:
+                stream.flush()
+            except (
+                OSError
+            ):  # what is left in the buffer goes nowhere, or Python fails again at exit
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        if isinstance(error, BrokenPipeError):
             raise SystemExit(NOT_READ) from None
         print(f"qp-twist: {error}", file=sys.stderr)
         raise SystemExit(REFUSED) from None
-
-
-def _streams() -> list[TextIO]:
-    return [stream for stream in (sys.stdout, sys.stderr) if stream is not None]
-
-
-def _is_read(stream: TextIO) -> bool:
-    """Whether the other end of a pipe is still open."""
-    if not hasattr(select, "poll"):  # Windows
-        return False
-    end = select.poll()
-    end.register(stream.fileno(), 0)
-    return not any(event & (select.POLLERR | select.POLLHUP) for _, event in end.poll(0))
-
-
-def _discard_buffer(stream: TextIO) -> None:
-    """Empty a stream's buffer, so that Python does not fail on it again at exit."""
-    try:
-        stream.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _main(words: list[str]) -> None:

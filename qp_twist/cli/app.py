@@ -31,6 +31,10 @@ app = SubcommandApp()
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
+TABLE_WIDTH = 128
+"""Of the widest table, that with bands, in characters: no number is cut off."""
+
+
 class _Console(Console):
     """A console that raises if the output pipe is closed; rich itself would exit with code 1."""
 
@@ -97,6 +101,8 @@ def command(function: Command) -> Command:
 
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether progress, tables and the names of written files are left out."""
+typed: ContextVar[str] = ContextVar("typed", default="")
+"""The command line."""
 
 
 def say(*lines: str) -> None:
@@ -124,19 +130,14 @@ def fail(sentence: str) -> NoReturn:
 
 
 def show(table: RenderableType) -> None:
-    """Print a table; nothing if quiet."""
+    """Print a table, whose lines wrap on a narrow terminal; nothing if quiet."""
     if not quiet.get():
-        console().print(table)
-
-
-def console() -> Console:
-    """A console at least as wide as the tables: lines wrap, but no number is cut off."""
-    from qp_twist.comparison.table import WIDTH  # with all that is compared
-
-    found = _Console()
-    if not found.is_terminal:
-        return _Console(width=WIDTH, color_system=None)
-    return found if found.width >= WIDTH else _Console(width=WIDTH)
+        found = _Console()
+        if not found.is_terminal:
+            found = _Console(width=TABLE_WIDTH, color_system=None)
+        elif found.width < TABLE_WIDTH:
+            found = _Console(width=TABLE_WIDTH)
+        found.print(table)
 
 
 def terminal() -> Console | None:
@@ -157,10 +158,7 @@ def check_file(file: Path, option: str = "--out") -> None:
         raise InvalidInput(
             f"{option} {file}: the command reads this file; give another one to write."
         )
-    if why := _no_folder(file.parent):
-        raise InvalidInput(
-            f"{option} {file}: {file.parent}: {why[0]}; give a file in another folder."
-        )
+    _check_writable(file.parent, f"{option} {file}")
     if not file.parent.exists() and not quiet.get():
         print(f"note: {file.parent} is not there yet and will be made", file=sys.stderr)
 
@@ -173,23 +171,21 @@ def check_folder(folder: Path, option: str = "--out") -> None:
         raise InvalidInput(
             f"{option} {folder}: expected a folder, in which report.html is written."
         )
-    if why := _no_folder(folder):
-        raise InvalidInput(f"{option} {folder}: {why[0]}; {why[1]}.")
+    _check_writable(folder, f"{option} {folder}")
 
 
-def _no_folder(folder: Path) -> tuple[str, str] | None:
-    """Why a folder cannot be written to, and what to do; ``None`` if it can.
+def _check_writable(folder: Path, option: str) -> None:
+    """Refuse a folder in whose nearest existing one nothing can be written."""
+    from qp_twist.errors import InvalidInput
 
-    Tested with a temporary file in the nearest existing folder.
-    """
-    existing = folder.absolute()
-    while not existing.exists():
-        existing = existing.parent
+    existing = next(at for at in (folder, *folder.absolute().parents) if at.exists())
     if not existing.is_dir():
-        which = "this" if existing == folder.absolute() else str(existing)
-        return f"{which} is a file", "give a folder to write to"
+        raise InvalidInput(f"{option}: {existing} is a file; give another folder.")
     try:
         with tempfile.TemporaryFile(dir=existing):
-            return None
+            pass
     except OSError as error:
-        return f"nothing can be written there ({error.strerror})", "give another folder"
+        raise InvalidInput(
+            f"{option}: nothing can be written in {existing} ({error.strerror}); give another "
+            "folder."
+        ) from None

@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-from qp_twist.checks import number
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load, read_motion
 from qp_twist.cli.progress import working
 from qp_twist.trajectories import check_trajectory
-
-
-def check_tolerances(position: float | None, axis_deg: float | None) -> None:
-    """Refuse options that are not above 0, by their names on the command line.
-
-    Raises:
-        InvalidInput: If one is not.
-    """
-    for name, value in (("--position-tolerance", position), ("--axis-tolerance-deg", axis_deg)):
-        if value is not None:
-            number(name, value, above=0.0)
 
 
 @cli.command
@@ -35,7 +23,6 @@ def check(
 
     Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
     """
-    check_tolerances(position_tolerance, axis_tolerance_deg)
     path_task = load(task, path)
     rows = read_motion(trajectory, path_task, robot, as_modelled)
     with working("checking"):

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import ast
-import contextlib
 import importlib
 import io
+import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import tyro
 
 from qp_twist.cli import REFUSED
-from qp_twist.cli.app import app, quiet
-from qp_twist.cli.names import check_names
+from qp_twist.cli.app import app, quiet, typed
 
 # Each is a function in a module of its name; help lists them in this order.
 COMMANDS = (
@@ -41,7 +40,7 @@ def command(name: str) -> Callable[..., Any]:
 
 def run_command(words: Sequence[str]) -> None:
     """Run the command that the words of the command line name."""
-    before = quiet.set("--quiet" in words)
+    before = quiet.set("--quiet" in words), typed.set(shlex.join(["qp-twist", *words]))
     for stream in (sys.stdout, sys.stderr):
         # A terminal whose encoding lacks θ prints a question mark instead of a stack trace.
         if isinstance(stream, io.TextIOWrapper):
@@ -52,24 +51,45 @@ def run_command(words: Sequence[str]) -> None:
             print(overview())
             if not given:
                 raise SystemExit(REFUSED)
-            return
-        check_names(given, COMMANDS, command)
-        with contextlib.nullcontext() if given[0] == READS_NOTHING else _inputs_noted():
-            if given[0] in COMMANDS:  # the others need not be loaded
-                tyro.cli(command(given[0]), prog=f"qp-twist {given[0]}", args=given[1:])
-                return
+        elif given[0] == READS_NOTHING:
+            _run(given)
+        else:
+            _run_with_files(given)
+    finally:
+        quiet.reset(before[0])
+        typed.reset(before[1])
+
+
+def _run(given: list[str]) -> None:
+    tyro.cli(command(given[0]), prog=f"qp-twist {given[0]}", args=given[1:])
+
+
+def _run_with_files(given: list[str]) -> None:
+    """Run a command; the files that it reads are noted, so that it does not write over them."""
+    import mink
+
+    from qp_twist.checks import did_you_mean
+    from qp_twist.errors import InvalidInput
+    from qp_twist.files import inputs
+
+    read = inputs.set(set())
+    try:
+        if given[0] in COMMANDS:  # the others need not be loaded
+            _run(given)
+        elif given[0].startswith("--tyro-"):  # scripts by which a shell completes commands
             for name in COMMANDS:
                 command(name)
-            app.cli(prog="qp-twist", args=given)  # completion for a shell
-    except Exception as error:
-        import mink
-
-        if not isinstance(error, mink.MinkError):
-            raise
+            app.cli(prog="qp-twist", args=given)
+        else:
+            hint = did_you_mean(given[0], [*COMMANDS, "--help", "--quiet", "--version"])
+            raise InvalidInput(
+                f"there is no command {given[0]!r}{hint} Commands: {', '.join(COMMANDS)}."
+            )
+    except mink.MinkError as error:
         print(f"qp-twist: {error}", file=sys.stderr)
         raise SystemExit(REFUSED) from None
     finally:
-        quiet.reset(before)
+        inputs.reset(read)
 
 
 def overview() -> str:
@@ -85,15 +105,3 @@ def overview() -> str:
         first = " ".join(about.partition("\n\n")[0].split())
         lines += textwrap.wrap(first, 80, initial_indent=f"  {name:<9}", subsequent_indent=" " * 11)
     return "\n".join([*lines, "", "qp-twist COMMAND --help has its options.", _SWITCHES])
-
-
-@contextlib.contextmanager
-def _inputs_noted() -> Iterator[None]:
-    """Note the files that a command reads, so that it does not write over them."""
-    from qp_twist.files import inputs
-
-    read = inputs.set(set())
-    try:
-        yield
-    finally:
-        inputs.reset(read)

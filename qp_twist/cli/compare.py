@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -48,83 +47,51 @@ def compare(
     path_task = load(task, path)
     if (sample is None) != (from_ is None):
         raise InvalidInput("--sample N and --from DIR belong together: a sample of a study.")
+    cli.only_json(json or csv)
     if sample is not None and from_ is not None:
         drawn = Study.open(from_, path_task).sample(sample)
         path_task, solver = drawn.path_task, solver or drawn.solver
         path_task = dataclasses.replace(path_task, name=f"{path_task.name}_{sample}")
         methods = methods or ",".join(drawn.methods)
-        if not (json or csv):
-            cli.say(str(drawn))
+        cli.say(str(drawn))
     names = method_names(path_task, methods)
     path_task = with_secondary(path_task, names, gain, weight)
     folder = out or (None if json or csv else Path("out") / path_task.name)
     if folder is not None:
         cli.check_folder(folder)
-    try:
-        load_machine_code(path_task, names, solver)
-        with method_progress(names, len(path_task.waypoints) - 1) as progress:
+    load_machine_code(path_task, names, solver)
+    interrupted: Interrupted | None = None
+    with method_progress(names, len(path_task.waypoints) - 1) as progress:
+        try:
             comparison = compare_methods(
-                path_task,
-                names,
-                solver=solver,
-                progress=progress.done,
-                planning=progress.planning,
+                path_task, names, solver=solver, progress=progress.done, planning=progress.planning
             )
-    except Interrupted as interrupted:
-        comparison = interrupted.comparison
-        _print(comparison, json=json, csv=csv)
-        written = [] if folder is None else comparison.save(folder)
-        if not (json or csv):
-            cli.say(*_kept(comparison, len(names)), *(f"wrote {line}" for line in written))
-        raise
-    _print(comparison, json=json, csv=csv)
-    if folder is None:
-        return
-    typed = _command(
-        task,
-        methods=methods,
-        solver=solver,
-        gain=gain,
-        weight=weight,
-        path=path,
-        sample=sample,
-        **{"from": from_},
-        out=out,
-    )
-    with working("drawing the figures, writing the report"):
-        lines = comparison.report(folder, command=typed)
-    if not (json or csv):
-        cli.say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
-
-
-def _print(comparison: Comparison, *, json: bool, csv: bool) -> None:
-    """Print the metrics: as JSON, as CSV, or as a table with notes."""
+        except Interrupted as ended:
+            interrupted, comparison = ended, ended.comparison
     content = comparison.to_dict()
     if json or csv:
         sys.stdout.write(comparison.to_json() if json else csv_table(content))
-    else:
-        cli.show(rich_table(content))
-        cli.say(*notes(content))
+    cli.show(rich_table(content))
+    cli.say(*notes(content))
+    if interrupted is not None:
+        written = [] if folder is None else comparison.save(folder)
+        cli.say(*_kept(comparison, len(names)), *(f"wrote {line}" for line in written))
+        raise interrupted
+    if folder is not None:
+        with working("drawing the figures, writing the report"):
+            lines = comparison.report(folder, command=cli.typed.get())
+        cli.say(*(f"wrote {line}" if Path(line).exists() else line for line in lines))
 
 
 def _kept(comparison: Comparison, count: int) -> list[str]:
     """What an interrupted comparison of so many methods has, in sentences."""
     done = comparison.trajectories
-    plans = {name: run.interrupted_plan for name, run in done.items()}
     return [
         *(
-            f"{name}: planning was interrupted; followed is the best plan by then: {plan.result}"
-            for name, plan in plans.items()
-            if plan is not None
+            f"{name}: planning was interrupted; followed is the best plan by then: "
+            f"{run.interrupted_plan.result}"
+            for name, run in done.items()
+            if run.interrupted_plan is not None
         ),
         f"interrupted: this is what {len(done)} of {count} methods came to",
     ]
-
-
-def _command(task: str, **options: object) -> str:
-    """The command line with the options in use."""
-    words = ["qp-twist", "compare", task]
-    for name, value in options.items():
-        if value is not None:
-            words += [f"--{name}", str(value)]
-    return shlex.join(words)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from shlex import quote
 from typing import Annotated, Any, Literal
@@ -13,15 +11,12 @@ import tyro
 
 from qp_twist.authoring import NewTask, Request, new_task
 from qp_twist.cli import app as cli
-from qp_twist.cli.compiling import note_compiling
-from qp_twist.cli.progress import share_progress
+from qp_twist.cli.progress import note_compiling, progress_bar
 from qp_twist.cli.toolpath import given, name_option, options_of
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import ToolpathOptions
 
-_LONG = 2.0
-"""A longer search also prints how to end it, s."""
 Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Pose = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
 
@@ -127,7 +122,15 @@ def new(
             arguments=_named("--arg", arg, ":="),
             controller=controller,
         )
-        task = _made(request, out, force=force)
+        cli.check_file(out)
+        note_compiling()
+        with progress_bar(1.0) as report:
+            task = new_task(
+                request, out, force=force,
+                progress=lambda what, share: report(
+                    share, f"{what}; Ctrl-C ends the search with the best so far"
+                ),
+            )  # fmt: skip
     except InvalidInput as error:
         name_option(error, Request)
         raise
@@ -148,13 +151,6 @@ def new(
     cli.say(f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}")
 
 
-def _made(request: Request, out: Path, *, force: bool) -> NewTask:
-    cli.check_file(out)
-    note_compiling(quiet=cli.quiet.get())
-    with share_progress() as report:
-        return new_task(request, out, force=force, progress=_with_hint(report))
-
-
 def _facts(task: NewTask) -> dict[str, Any]:
     """What was written, ready for JSON."""
     ranges, start = JointRanges.of(task.path_task.model), None
@@ -170,17 +166,6 @@ def _facts(task: NewTask) -> dict[str, Any]:
         "method": task.method,
         "check": None if task.check is None else task.check.to_dict(),
     }
-
-
-def _with_hint(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """Add after two seconds that the search can be ended."""
-    began = time.monotonic()
-
-    def report_with_hint(what: str, share: float) -> None:
-        long = time.monotonic() - began > _LONG
-        report(f"{what}; Ctrl-C ends the search with the best so far" if long else what, share)
-
-    return report_with_hint
 
 
 def _named(option: str, texts: tuple[str, ...], mark: str) -> dict[str, str]:

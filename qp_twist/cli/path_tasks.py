@@ -8,13 +8,34 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from qp_twist.cli.app import quiet
-from qp_twist.cli.compiling import note_compiling
+from qp_twist.cli.progress import note_compiling
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import METHODS, PathTask, check_method, load_task
 from qp_twist.programs import SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import Check, TimedPath, joints_of, read_trajectory
+
+
+def load(task: str, path: Path | None = None) -> PathTask:
+    """Load a task; print on standard error what its robot's and toolpath's files leave out.
+
+    A note follows there if the command has to compile kernels.
+    """
+    if "numba" in sys.modules:  # a command that follows or plans loads it
+        note_compiling()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        path_task = load_task(task, path=path)
+    if path_task.clearances:  # their distances are kernels, too
+        note_compiling()
+    notes = [str(warning.message) for warning in caught]
+    if path_task.toolpath is not None:
+        notes += path_task.toolpath.notes
+    if not quiet.get():
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
+    return path_task
 
 
 def with_secondary(
@@ -30,38 +51,14 @@ def with_secondary(
     return with_options(path_task, methods, options, " and ".join(f"--{name}" for name in options))
 
 
-def failure(file: Path, check: Check, written: bool) -> str:
-    """The verdict on a file that does not pass, and whether it was written."""
-    if dialect_of(file) is None:
-        return f"{file}: {check.verdict}"
-    if written:
-        how = "written with a first line that stops a controller (--force)"
-    else:
-        how = "the program is not written (--force writes it, with a first line that stops a "
-        how += "controller)"
-        how += "; the file of this name is an older one" if file.exists() else ""
-    return f"{file}: {check.verdict}; {how}"
-
-
-def load(task: str, path: Path | None = None) -> PathTask:
-    """Load a task; print on standard error what its robot's and toolpath's files leave out.
-
-    A note follows there if the command has to compile kernels.
-    """
-    if "numba" in sys.modules:  # a command that follows or plans loads it
-        note_compiling(quiet=quiet.get())
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        path_task = load_task(task, path=path)
-    if path_task.clearances:  # their distances are kernels, too
-        note_compiling(quiet=quiet.get())
-    notes = [str(warning.message) for warning in caught]
-    if path_task.toolpath is not None:
-        notes += path_task.toolpath.notes
-    if not quiet.get():
-        for note in notes:
-            print(f"note: {note}", file=sys.stderr)
-    return path_task
+def method_names(path_task: PathTask, methods: str | None) -> list[str]:
+    """The methods named in an argument; without it all applicable ones."""
+    if methods is None:
+        return path_task.method_names()
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    if not names:
+        raise InvalidInput(f"--methods {methods!r}: no name in it; known: {', '.join(METHODS)}.")
+    return [check_method(name) for name in names]
 
 
 def program_joints(
@@ -87,11 +84,12 @@ def read_motion(
     return read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
 
 
-def method_names(path_task: PathTask, methods: str | None) -> list[str]:
-    """The methods named in an argument; without it all applicable ones."""
-    if methods is None:
-        return path_task.method_names()
-    names = [name.strip() for name in methods.split(",") if name.strip()]
-    if not names:
-        raise InvalidInput(f"--methods {methods!r}: no name in it; known: {', '.join(METHODS)}.")
-    return [check_method(name) for name in names]
+def failure(file: Path, check: Check, written: bool) -> str:
+    """The verdict on a file that does not pass, and whether it was written."""
+    if dialect_of(file) is None:
+        return f"{file}: {check.verdict}"
+    how = "written with a first line that stops a controller (--force)"
+    if not written:
+        older = "; the file of this name is an older one" if file.exists() else ""
+        how = f"the program is not written (--force writes it, to be seen only){older}"
+    return f"{file}: {check.verdict}; {how}"

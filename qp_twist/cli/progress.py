@@ -1,22 +1,23 @@
-"""A progress bar on terminals, nothing elsewhere."""
+"""A progress bar on terminals, nothing elsewhere; a note while machine code is made."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import cache
+from typing import Any
 
 from rich.progress import (
     BarColumn,
-    MofNCompleteColumn,
     Progress,
-    ProgressColumn,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 
-from qp_twist.cli.app import terminal
+from qp_twist.cli.app import quiet, terminal
 from qp_twist.kernel import COMPILED, MACHINE_CODE
 from qp_twist.paths import PathTask
 from qp_twist.qp import check_solver
@@ -26,13 +27,15 @@ Report = Callable[[float, str], None]
 
 
 @contextmanager
-def _bar(total: float, *columns: ProgressColumn) -> Iterator[Report]:
+def progress_bar(total: float) -> Iterator[Report]:
     """Draw a bar on standard error, if that is a terminal; yield what moves it."""
     console = terminal()
     if console is None:
         yield lambda done, what: None
         return
-    with Progress(*columns, console=console, transient=True) as progress:
+    columns = BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    text = TextColumn("{task.description}")
+    with Progress(*columns, text, console=console, transient=True) as progress:
         bar = progress.add_task("", total=total)
         yield lambda done, what: progress.update(bar, completed=done, description=what)
 
@@ -61,49 +64,51 @@ class MethodProgress:
 @contextmanager
 def method_progress(methods: Sequence[str], waypoints: int) -> Iterator[MethodProgress]:
     """Yield the receiver of progress."""
-    columns = TextColumn("{task.description:<20}"), BarColumn(), TaskProgressColumn()
-    with _bar(len(methods) * waypoints, *columns, TimeElapsedColumn()) as report:
+    with progress_bar(len(methods) * waypoints) as report:
         yield MethodProgress(report, methods, waypoints)
 
 
-@contextmanager
-def sample_progress(samples: int) -> Iterator[Callable[[int], None]]:
-    """Yield ``report(samples done)``."""
-    counted = TextColumn("samples"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    with _bar(samples, *counted, TextColumn("left"), TimeRemainingColumn()) as report:
-        yield lambda done: report(done, "")
-
-
-@contextmanager
-def share_progress() -> Iterator[Callable[[str, float], None]]:
-    """Yield ``report(what, share done)``."""
-    text = TextColumn("{task.description}")
-    with _bar(1.0, BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), text) as report:
-        yield lambda what, share: report(share, what)
-
-
-@contextmanager
-def working(what: str) -> Iterator[Callable[[str], None]]:
-    """Show a spinner with a text during work of unknown length; yield a setter of the text."""
+def working(what: str) -> AbstractContextManager[object]:
+    """Show a spinner with a text during work of unknown length."""
     console = terminal()
-    if console is None:
-        yield lambda words: None
-        return
-    with console.status(what) as status:
-        yield status.update
+    return nullcontext() if console is None else console.status(what)
 
 
-def load_machine_code(
-    path_task: PathTask, methods: Sequence[str] | None, solver: str | None
-) -> None:
+def load_machine_code(path_task: PathTask, methods: Sequence[str], solver: str | None) -> None:
     """Load the machine code of the runs, if they use it; the first time compiles it."""
     if check_solver(solver) != COMPILED:
         return
     from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
 
-    for method in path_task.method_names() if methods is None else methods:
+    for method in methods:
         settings = path_task.settings(method)
         if walk_known(path_task, method, settings):
             with working(f"loading; {MACHINE_CODE}"):
                 CompiledWalk(path_task, method, settings)
             return
+
+
+def note_compiling() -> None:
+    """Print a note, once, when a kernel is compiled from now on; nothing if quiet."""
+    _listener().due = not quiet.get()
+
+
+@cache
+def _listener() -> Any:
+    from numba.core import event  # numba takes half a second
+
+    class Listener(event.Listener):
+        due = False
+
+        def on_start(self, event: Any) -> None:
+            if self.due:
+                self.due = False
+                print(f"note: {MACHINE_CODE}", file=sys.stderr)
+
+        def on_end(self, event: Any) -> None:
+            """Nothing more is said."""
+
+    listener: Any = Listener()
+    of_numba: Any = event
+    of_numba.register("numba:compile", listener)
+    return listener

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from qp_twist.cli import app as cli
-from qp_twist.cli.check import check_tolerances
 from qp_twist.cli.path_tasks import load, read_motion
 from qp_twist.cli.progress import working
 
@@ -32,7 +31,6 @@ def report(
     """
     from qp_twist.pages import report as report_motion  # with what draws
 
-    check_tolerances(position_tolerance, axis_tolerance_deg)
     folder = out or Path("out") / f"{trajectory.stem}_report"
     cli.check_folder(folder)
     path_task = load(task, path)

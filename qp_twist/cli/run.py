@@ -8,11 +8,7 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
-from qp_twist.paths import (
-    DEFAULT_METHOD,
-    PathTask,
-    check_method,
-)
+from qp_twist.paths import DEFAULT_METHOD, check_method
 from qp_twist.trajectories import ENDINGS, TimedPath, check_program, run_task
 
 _STRETCHES = 8
@@ -73,20 +69,17 @@ def run(
             timing=lambda: progress.says("timing and checking"),
         )
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
+    how = _how(trajectory, stated=gain is not None or weight is not None)
     if rows is None or check is None:
-        _say_how(trajectory, stated=gain is not None or weight is not None)
+        cli.say(*how)
         cli.fail(f"{out}: not written: {method} {trajectory.ending}")
     what = f"wrote {out}" if done.written else f"did not write {out}"
     count = int(trajectory.at_waypoints.sum())
-    cli.say(f"{what}: {count} waypoints, {method}: {trajectory.summary}")
-    _say_how(trajectory, stated=gain is not None or weight is not None)
+    cli.say(f"{what}: {count} waypoints, {method}: {trajectory.summary}", *how)
     if len(rows.q) > count:
         more = len(rows.q) - count
         cli.say(f"{more} rows more between waypoints, where the joints would have left the path")
-    cli.say(*_timing(timed, rows))
-    cli.say(*check.notes)
-    if check.passes:
-        cli.say(check.verdict)
+    cli.say(*_timing(timed, rows), *check.notes)
     if report is not None:
         from qp_twist.pages import write_report  # with what draws
 
@@ -94,25 +87,25 @@ def run(
             made = write_report(trajectory.path_task, check, report, file=out.name)
         cli.say(*filter(None, (f"wrote {made.path}", made.remark)))
     if json_:
-        facts: dict[str, object] = {
+        clocked = timed is not None and path_task.durations is not None
+        facts = {
             "file": str(out),
             "written": done.written,
             "method": method,
-            "seconds": None,
-            "seconds_at_feed": None,
+            "seconds": float(timed.motion.times[-1]) if clocked and timed else None,
+            "seconds_at_feed": path_task.feed_time if clocked else None,
             "planning_interrupted": trajectory.interrupted_plan is not None,
+            "check": check.to_dict(),
         }
-        if timed is not None and path_task.durations is not None:
-            facts["seconds"] = float(timed.motion.times[-1])
-            facts["seconds_at_feed"] = path_task.feed_time
-        cli.show_json({**facts, "check": check.to_dict()})
+        cli.show_json(facts)
     if not check.passes:
         cli.fail(failure(out, check, done.written))
+    cli.say(check.verdict)
 
 
 def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:
     """Lines about times: what was added, how long, where slower than the feed."""
-    if timed is None or rows.path_task.durations is None:
+    if timed is None or timed.trajectory is None or rows.path_task.durations is None:
         return []
     lines, more = [], len(timed.q) - len(rows.q)
     if more:
@@ -120,36 +113,26 @@ def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:
             f"{more} rows more where ramps end, and beside corners, which are rounded within the "
             "tolerances"
         )
-    assert timed.trajectory is not None
     moves, total = timed.trajectory.path.moves, f"{timed.motion.times[-1]:.4g} s"
-    at_feed = f"{rows.path_task.feed_time:.4g} s at the feed"
+    whole = "" if rows.ended else "the whole path takes "
     if moves.any():
         total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
-        at_feed = f"the path takes {at_feed}"
-    if not rows.ended:
-        at_feed = f"the whole path takes {rows.path_task.feed_time:.4g} s at the feed"
-    lines.append(f"{total}; {at_feed}")
+        whole = whole or "the path takes "
+    lines.append(f"{total}; {whole}{rows.path_task.feed_time:.4g} s at the feed")
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
     if len(timed.slowed) > _STRETCHES:
         lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")
     return lines
 
 
-def _say_how(trajectory: Trajectory, *, stated: bool) -> None:
-    """Print the method's settings, ``stated`` in the command or not, and what was unusual."""
+def _how(trajectory: Trajectory, *, stated: bool) -> list[str]:
+    """The method's settings, ``stated`` in the command or not, and what was unusual."""
     path_task, method = trajectory.path_task, trajectory.method
-    plan = trajectory.interrupted_plan
-    if plan is not None:
-        cli.say(f"{method}: planning was interrupted; the best plan by then: {plan.result}")
-    source = "of the command" if stated else _source_of_settings(path_task, method)
-    cli.say(f"{method}: {path_task.settings(method)} ({source})")
+    own = path_task.methods.get(method)
+    in_file = own is not None and own.model_fields_set & {"secondary", "weight", "gain"}
+    source = "of the command" if stated else "of the task file" if in_file else "default"
+    lines = [f"{method}: {path_task.settings(method)} ({source})"]
+    if (plan := trajectory.interrupted_plan) is not None:
+        lines.insert(0, f"{method}: planning was interrupted; the best plan by then: {plan.result}")
     status = metrics(trajectory)["status"]
-    if status != "ok":
-        cli.say(f"{method}: {status}")
-
-
-def _source_of_settings(path_task: PathTask, method: str) -> str:
-    """Source of the secondary objective: the task file or the default."""
-    stated = path_task.methods.get(method)
-    own = stated is None or not stated.model_fields_set & {"secondary", "weight", "gain"}
-    return "default" if own else "of the task file"
+    return lines if status == "ok" else [*lines, f"{method}: {status}"]

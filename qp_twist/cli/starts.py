@@ -10,7 +10,7 @@ from rich.table import Table
 
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load
-from qp_twist.cli.progress import sample_progress
+from qp_twist.cli.progress import progress_bar
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, find_starts
 from qp_twist.kinematics import JointRanges
@@ -32,10 +32,11 @@ def starts(
     if count < 1:
         raise InvalidInput(f"--count {count}: expected a number of at least 1.")
     path_task = load(task)
-    with sample_progress(count) as report:
+    with progress_bar(count) as report:
         found = find_starts(
-            path_task, count, method=method, progress=lambda done, of: report(count - of + done)
-        )
+            path_task, count, method=method,
+            progress=lambda done, of: report(count - of + done, "starts"),
+        )  # fmt: skip
     # In the order of the scene's joints, which is that of the task file.
     scene = path_task.shown
     found = [replace(start, q=scene.configurations(start.q)) for start in found]

@@ -9,7 +9,7 @@ import tyro
 
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load, method_names
-from qp_twist.cli.progress import load_machine_code, sample_progress, working
+from qp_twist.cli.progress import load_machine_code, progress_bar, working
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import PathTask
 from qp_twist.studies import Start, Study
@@ -54,7 +54,7 @@ def study(
     names = method_names(path_task, methods)
     load_machine_code(path_task, names, solver)  # once, and not in every process
     try:
-        with sample_progress(samples) as progress:
+        with progress_bar(samples) as report:
             found = run_study(
                 path_task,
                 [name.strip() for name in vary.split(",")],
@@ -67,7 +67,7 @@ def study(
                 certify=certify,
                 jobs=jobs,
                 scheduler=scheduler,
-                progress=progress,
+                progress=lambda done: report(done, "samples"),
             )
     except KeyboardInterrupt:
         if not json_:

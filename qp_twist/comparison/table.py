@@ -16,7 +16,7 @@ from qp_twist.comparison.metrics import EXCESSES, tolerances_of, too_near
 from qp_twist.pages.tables import TIME, Cell, Table
 from qp_twist.paths import METHODS, Tolerances
 
-WIDTH = 128
+_WIDTH = 128
 """Width of the widest table, that with bands, in characters."""
 _COLUMNS = (
     "leaves limits", "min\nmargin", "mean\nz", "position\nerror mm", "axis\nerror °", "travel\n°",
@@ -104,7 +104,7 @@ def rich_table(comparison: dict[str, Any]) -> RichTable:
 
 def plain_table(comparison: dict[str, Any]) -> str:
     """The table without colour, and a note for each method whose status is not ok."""
-    console = Console(file=io.StringIO(), width=WIDTH, color_system=None, force_terminal=False)
+    console = Console(file=io.StringIO(), width=_WIDTH, color_system=None, force_terminal=False)
     console.print(rich_table(comparison))
     for line in notes(comparison):
         console.print(line, markup=False, soft_wrap=True)

@@ -7,12 +7,11 @@ caller gets a sentence instead of a picture.
 
 from __future__ import annotations
 
-import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,6 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
 from qp_twist.drawing.palette import RED, rgb
 from qp_twist.drawing.sight import Drawn, overview
 from qp_twist.drawing.surroundings import framed
@@ -82,10 +80,8 @@ def picture_of(
     """
     if lines is None:
         lines = [(np.insert(drawn.positions, drawn.joint_moves, np.nan, axis=0), RED)]
-    png = draw_scene(
-        framed(drawn), drawn.start, lines,
-        width=width, height=height, camera=overview(drawn.model),
-    )  # fmt: skip
+    camera = overview(drawn.model)
+    png = draw_scene(framed(drawn), drawn.start, lines, width=width, height=height, camera=camera)
     return Picture(png, text)
 
 
@@ -110,72 +106,37 @@ def draw_scene(
 
     Raises:
         NoPicture: If there is no OpenGL; the message says what to install.
-        ValueError: If an array has the wrong shape.
     """
-    q = np.asarray(configuration, dtype=np.float64)
-    if q.shape != (model.nq,):
-        raise ValueError(f"the configuration must have shape ({model.nq},), got {q.shape}")
-    points = [_points(line) for line, _ in lines]
-    settings = {
-        "width": width, "height": height, "camera": camera,
-        "colours": [(*(channel / 255.0 for channel in rgb(colour)), 1.0) for _, colour in lines],
-    }  # fmt: skip
-    with tempfile.TemporaryDirectory(prefix="qp_twist_") as temporary:
-        job = Path(temporary)
-        mujoco.mj_saveModel(model, str(job / "scene.mjb"), None)
-        (job / "settings.json").write_text(json.dumps(settings))
-        np.savez(job / "arrays.npz", q, *points)
-        _run(job)
-        return (job / "picture.png").read_bytes()
-
-
-def _points(line: npt.ArrayLike) -> Array:
-    points = np.asarray(line, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"a line must have shape (N, 3), got {points.shape}")
-    return points
-
-
-def _run(job: Path) -> None:
-    """Draw in a new process."""
+    tubes = [
+        (np.asarray(points, dtype=np.float64), [*(c / 255.0 for c in rgb(colour)), 1.0])
+        for points, colour in lines
+    ]
+    request = (model, np.asarray(configuration, dtype=np.float64), tubes, width, height, camera)
     environment = dict(os.environ)
     # MuJoCo reads MUJOCO_GL once, when it is imported: too late to set it in this process.
     if sys.platform == "linux" and not environment.get("MUJOCO_GL", "").strip():
         environment["MUJOCO_GL"] = "egl"
-    # The new process imports what this one imports, whatever the folder it starts in.
     environment["PYTHONPATH"] = os.pathsep.join(str(Path(entry).absolute()) for entry in sys.path)
     # As a file: `-m` would first import the package around it, which takes longer than the
     # picture. -P: the file's folder is not searched for modules.
     script = Path(__file__).with_name("picture_process.py")
     try:
         done = subprocess.run(
-            [sys.executable, "-P", str(script), str(job)],
-            env=environment, cwd=job, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            errors="replace", timeout=TIMEOUT_S, check=False,
+            [sys.executable, "-P", str(script)], input=pickle.dumps(request), env=environment,
+            capture_output=True, timeout=TIMEOUT_S, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         reason = f"no picture within {TIMEOUT_S:.0f} s"
-    except OSError as error:
-        raise NoPicture(
-            f"No picture of the scene: Python could not start a process to draw it ({error})."
-        ) from None
     else:
         if done.returncode == 0:
-            return
-        output = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        reason = output[-1][:300].rstrip(".") if output else f"exit status {done.returncode}"
+            return done.stdout
+        said = done.stderr.decode(errors="replace").strip().splitlines()
+        reason = said[-1].strip()[:300].rstrip(".") if said else f"exit status {done.returncode}"
         if done.returncode < 0:
-            reason = f"ended by {_signal_name(-done.returncode)}"
+            reason = f"ended by {signal.strsignal(-done.returncode)}"
     gl = environment.get("MUJOCO_GL", "")
     unset = "" if gl.lower() in ("", "egl") else ", and unset MUJOCO_GL"
     raise NoPicture(
         f"No picture of the scene: MuJoCo found no working offscreen OpenGL (MUJOCO_GL={gl}: "
         f"{reason}). On Debian/Ubuntu: apt-get install libegl1 libgl1-mesa-dri{unset}."
     )
-
-
-def _signal_name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"

@@ -86,33 +86,16 @@ def sight(path_task: Drawn) -> Sight:
     points = np.vstack([*corners, joints, path_task.positions])
     # Of an orthographic view fovy is a length.
     fov = float(np.radians(45.0 if view.orthographic else float(view.fovy)))
-    return _fitted(points, forward, fov)
-
-
-def _fitted(points: Array, forward: Array, fov: float) -> Sight:
-    """The nearest camera of a direction whose square picture has all points and a margin.
-
-    In camera axes (right, up, forward) the picture has a point at depth z beyond the camera if
-    ``|x|`` and ``|y|`` are at most t z, t = tan(fov/2): in each of the two directions the extreme
-    points on either side bound the camera's place, and the one farther back counts.
-
-    Args:
-        points: In the world, m, (N, 3).
-        forward: The camera's direction, a unit vector, (3,).
-        fov: Vertical, rad.
-    """
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    if not right.any():
-        right = np.array([0.0, 1.0, 0.0])  # from straight above or below
-    right /= np.linalg.norm(right)
+    # In the camera's axes, from the middle of the points, a square picture has a point beyond the
+    # camera's place by z if |x| and |y| are at most z tan(fov/2).
+    right = np.array([np.sin(a), -np.cos(a), 0.0])
     axes = np.stack([right, np.cross(right, forward), forward])
-    x, y, z = axes @ points.T
-    t = (1.0 - _MARGIN) * np.tan(0.5 * fov)
-    above = [(float((s - t * z).max()), float((-s - t * z).max())) for s in (x, y)]
-    back = min(-(one + other) / (2.0 * t) for one, other in above)
-    camera = axes.T @ np.array([*(0.5 * (one - other) for one, other in above), back])
-    distance = max(0.5 * float(z.min() + z.max()) - back, 0.1)
-    return Sight(camera + distance * forward, forward, distance, fov)
+    seen = points @ axes.T
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    x, y, z = (seen - middle).T
+    across = np.maximum(np.abs(x), np.abs(y))
+    distance = float((across / ((1.0 - _MARGIN) * np.tan(0.5 * fov)) - z).max())
+    return Sight(axes.T @ middle, forward, max(distance, 0.1), fov)
 
 
 def bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:

@@ -56,32 +56,25 @@ def make_matte(scene: Any) -> None:
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    surface: Any = PBRMaterial  # trimesh states no types of these
-    textured: Any = TextureVisuals
-
     def matte(mesh: Any) -> Any:
         visual = mesh.visual
         if visual.kind != "vertex" or len(np.unique(visual.vertex_colors, axis=0)) != 1:
             return mesh
-        found = mesh.copy()
+        found, colour = mesh.copy(), visual.vertex_colors[0]
         found.visual = textured(
-            material=surface(
-                baseColorFactor=visual.vertex_colors[0],
-                metallicFactor=0.0,
-                roughnessFactor=_ROUGHNESS,
-            )
+            material=surface(baseColorFactor=colour, metallicFactor=0.0, roughnessFactor=_ROUGHNESS)
         )
         return found
 
-    for name in ("add_mesh_trimesh", "add_batched_meshes_trimesh"):
-        setattr(scene, name, _with_first(getattr(scene, name), matte))
+    def with_matte(add: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda name, mesh, *args, **options: add(name, matte(mesh), *args, **options)
+
+    surface: Any = PBRMaterial  # trimesh states no types of these
+    textured: Any = TextureVisuals
     add_grid = scene.add_grid
+    scene.add_mesh_trimesh = with_matte(scene.add_mesh_trimesh)
+    scene.add_batched_meshes_trimesh = with_matte(scene.add_batched_meshes_trimesh)
     scene.add_grid = lambda name, **options: add_grid(name, **(options | _FLOOR))
-
-
-def _with_first(add: Callable[..., Any], change: Callable[[Any], Any]) -> Callable[..., Any]:
-    """A method of a scene whose mesh is changed first."""
-    return lambda name, mesh, *args, **options: add(name, change(mesh), *args, **options)
 
 
 def floor_height(path_task: Drawn) -> float | None:

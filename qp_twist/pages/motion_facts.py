@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import html
 import math
 from importlib.metadata import version
 
@@ -12,7 +11,6 @@ import numpy as np
 from qp_twist import __version__
 from qp_twist.geometry import ProjectorKind, TwistProjector
 from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.referee import Finding
 from qp_twist.robots import known_robot
 from qp_twist.trajectories import Check
 
@@ -29,42 +27,11 @@ _HELD = {
 """What a projector holds as a linear block, as an angular one, and what this leaves free."""
 
 
-def data(value: float, unit: str, of: str) -> str:
-    """A number as ``qp-twist check`` prints it, HTML, with its value in full and what it is of."""
-    text = f"{value:.4g}".replace("-", "−")
-    return (
-        f'<data value="{value!r}" data-of="{html.escape(of, quote=True)}">{text}</data>'
-        f"{with_space(unit)}"
-    )
-
-
-def data_of(finding: Finding) -> str:
-    """The value of a finding, HTML."""
-    return data(finding.value, finding.unit, finding.name)
-
-
-def with_space(unit: str) -> str:
-    """A unit as it follows its number: degrees without a space, nothing for no unit."""
-    return unit if unit in ("", "°") else f"\u00a0{unit}"
-
-
-def what_is_free(projector: TwistProjector) -> str:
-    """What the task holds, and what it leaves free."""
-    angular = _HELD[projector.angular.kind]
-    return " and ".join(filter(None, (_HELD[projector.linear.kind][0], angular[1]))) + angular[2]
-
-
 def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
-    """Robot, tool, path, files, versions, in plain text.
-
-    Args:
-        path_task: The task.
-        check: The check of the motion.
-        file: Name of the motion's file; empty without one.
-    """
+    """Robot, path, files, versions; ``file`` is the name of the motion's, empty without one."""
     steps = np.linalg.norm(np.diff(path_task.positions, axis=0), axis=1)
     length = float(steps[~in_joint_moves(path_task)].sum())
-    held = dict.fromkeys(what_is_free(projector) for projector in path_task.projectors)
+    held = dict.fromkeys(map(_held, path_task.projectors))
     toolpath = path_task.toolpath
     found = {
         "Robot": _robot(path_task),
@@ -84,6 +51,12 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
         "Made by": f"qp_twist {__version__}, MuJoCo {version('mujoco')}",
     }
     return {name: text for name, text in found.items() if text}
+
+
+def _held(projector: TwistProjector) -> str:
+    """What the task holds, and what it leaves free."""
+    _, turn, free = _HELD[projector.angular.kind]
+    return " and ".join(filter(None, (_HELD[projector.linear.kind][0], turn))) + free
 
 
 def _robot(path_task: PathTask) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from qp_twist.checks import Mask
@@ -23,25 +21,6 @@ _APART = 0.02
 """Stretches with fewer waypoints between them count as one, as a share of all waypoints."""
 
 
-class Stretch(NamedTuple):
-    """Waypoints between which a motion is slower than its feed."""
-
-    first: int
-    """Waypoint, from 1."""
-    last: int
-    lost: float
-    """Time more than at the feed, s."""
-    causes: tuple[str, ...]
-    """What holds it back, the most frequent first; empty if no limit does."""
-
-    def __str__(self) -> str:
-        """A sentence."""
-        where = f"waypoints {self.first} to {self.last}: {self.lost:.2g}\u00a0s more"
-        if not self.causes:
-            return f"{where}; none of the known limits is used up there"
-        return f"{' and '.join(self.causes[:2])}, {where}"
-
-
 def slower_intervals(path_task: PathTask, check: Check) -> Mask:
     """Which intervals between waypoints take longer than at the feed, (N − 1,)."""
     times = check.passing.times
@@ -51,8 +30,8 @@ def slower_intervals(path_task: PathTask, check: Check) -> Mask:
     return slow & ~in_joint_moves(path_task, len(times))
 
 
-def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
-    """The stretches that are slower than the feed, the most costly first."""
+def slower_stretches(path_task: PathTask, check: Check) -> list[str]:
+    """A sentence for each stretch that is slower than the feed, the most costly first."""
     slow = np.flatnonzero(slower_intervals(path_task, check))
     if path_task.durations is None or not len(slow):
         return []
@@ -60,29 +39,31 @@ def slower_stretches(path_task: PathTask, check: Check) -> list[Stretch]:
     lost = np.diff(times) - path_task.durations[1 : len(times)]
     apart = max(2, round(_APART * len(times)))
     moved = np.cumsum(in_joint_moves(path_task, len(times)))[slow]
-    breaks = (np.diff(slow) > apart) | (np.diff(moved) > 0)
+    breaks = np.flatnonzero((np.diff(slow) > apart) | (np.diff(moved) > 0)) + 1
+    stretches = sorted(np.split(slow, breaks), key=lambda intervals: -lost[intervals].sum())
     found = []
-    for intervals in np.split(slow, np.flatnonzero(breaks) + 1):
+    for intervals in stretches:
         first, last = int(intervals[0]), int(intervals[-1]) + 1
-        causes = _causes(path_task, check, times[first], times[last])
-        found.append(Stretch(first + 1, last + 1, float(lost[intervals].sum()), causes))
-    return sorted(found, key=lambda stretch: -stretch.lost)
+        causes = _causes(path_task, check, times[first], times[last])[:2]
+        why = f"{' and '.join(causes)}, " if causes else ""
+        where = f"waypoints {first + 1} to {last + 1}: {lost[intervals].sum():.2g}\u00a0s more"
+        none = "" if causes else "; none of the known limits is used up there"
+        found.append(f"{why}{where}{none}")
+    return found
 
 
-def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tuple[str, ...]:
+def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> list[str]:
     """The limits that are used up between two times, the longest used one first, and stops."""
-    motion = check.motion
-    names = JointRanges.of(path_task.model).names
+    motion, names = check.motion, JointRanges.of(path_task.model).names
     count: dict[str, int] = {}
     for kind, limits, use in (
         ("speed", check.limits.velocity, velocity_use),
         ("acceleration", check.limits.acceleration, acceleration_use),
     ):
         shares = use(motion, limits)[1]
-        pieces = len(shares) == len(motion.times) - 1  # else at the rows between them
-        opens, closes = (
-            (motion.times[:-1], motion.times[1:]) if pieces else (motion.times[1:-1],) * 2
-        )
+        opens, closes = motion.times[:-1], motion.times[1:]
+        if len(shares) != len(opens):  # at the rows between the pieces
+            opens = closes = motion.times[1:-1]
         tight = shares[(opens < end) & (closes > begin)] >= _TIGHT
         for joint in np.flatnonzero(tight.any(axis=0)):
             count[f"{names[joint]}'s {kind}"] = int(tight[:, joint].sum())
@@ -94,7 +75,7 @@ def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> tupl
             causes.append("a stop")
         elif len(at):
             causes.append("starting from rest" if at[0] == motion.times[0] else "coming to rest")
-    return tuple(causes)
+    return causes
 
 
 def failing_intervals(path_task: PathTask, check: Check) -> Mask:

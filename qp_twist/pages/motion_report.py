@@ -13,7 +13,7 @@ from qp_twist.drawing import NoPicture, picture_of
 from qp_twist.drawing.palette import BLUE, ORANGE, RED, rgb
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
-from qp_twist.pages.motion_facts import data, data_of, facts, with_space
+from qp_twist.pages.motion_facts import facts
 from qp_twist.pages.motion_intervals import (
     SLOWER,
     failing_intervals,
@@ -23,7 +23,6 @@ from qp_twist.pages.motion_intervals import (
 from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.referee import Finding
 from qp_twist.trajectories import Check, TimedPath, check_trajectory
 
 NAME = "report.html"
@@ -91,18 +90,42 @@ def write_report(
     path_task: PathTask, check: Check, out: str | Path, *, file: str = ""
 ) -> MotionReport:
     """Write the page of a motion that is checked already; see :func:`report`."""
+    # With Matplotlib, which takes half a second.
+    from qp_twist.pages.motion_charts import motion_charts, off_the_path
+
     bad = _widened(failing_intervals(path_task, check))
     slow = _widened(slower_intervals(path_task, check))
     colours = np.where(bad, RED, np.where(slow, ORANGE, BLUE)).tolist()
     frames, seconds = _frames(path_task, check)
-    scene = recorded_scene(
-        path_task,
-        {"motion": frames},
-        seconds=seconds,
-        path_rgb=np.array([rgb(colour) for colour in colours], dtype=np.uint8),
-    )
+    stretches = slower_stretches(path_task, check)
     picture, remark = _picture(path_task, check, colours)
-    page = _page(path_task, check, scene, picture, file, colours)
+    page = fill_template(
+        "motion",
+        task=path_task.name,
+        title=path_task.title,
+        check=check,
+        problems=_problems(check),
+        span=float(np.ptp(check.motion.times)) if check.passing.timed else None,
+        time=_cycle_time(path_task, check),
+        picture=picture,
+        scene=recorded_scene(
+            path_task,
+            {"motion": frames},
+            seconds=seconds,
+            path_rgb=np.array([rgb(colour) for colour in colours], dtype=np.uint8),
+        ),
+        faster=int(np.ceil(np.ptp(check.motion.times) / _LONGEST_S)),
+        slow=ORANGE in colours,
+        wrong=RED in colours,
+        lit=bool(path_task.clearances),
+        charts=motion_charts(path_task, check),
+        grey=bool(off_the_path(check)),
+        slower=stretches[:_STRETCHES],
+        more=len(stretches[_STRETCHES:]),
+        feed=path_task.durations is not None,
+        slower_share=SLOWER,
+        facts=facts(path_task, check, file),
+    )
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)
 
 
@@ -115,13 +138,12 @@ def _widened(bad: Mask) -> Mask:
 
 def _frames(path_task: PathTask, check: Check) -> tuple[Array, float]:
     """Configurations at equal times, (K, nq), and the playing time, s."""
-    motion = check.motion
-    span = float(motion.times[-1] - motion.times[0])
-    seconds = DURATION_S
+    times, seconds = check.motion.times, DURATION_S
     if check.passing.timed:
-        seconds = span if span <= _LONGEST_S else span / float(np.ceil(span / _LONGEST_S))
+        span = float(np.ptp(times))
+        seconds = span / max(1.0, float(np.ceil(span / _LONGEST_S)))
     count = int(np.clip(_RATE * seconds, 24, _FRAMES))
-    q = motion.at(np.linspace(motion.times[0], motion.times[-1], count)).q
+    q = check.motion.at(np.linspace(times[0], times[-1], count)).q
     return _configurations(path_task, q), seconds
 
 
@@ -151,38 +173,6 @@ def _picture(path_task: PathTask, check: Check, colours: list[str]) -> tuple[str
     return still_html(picture), ""
 
 
-def _page(
-    path_task: PathTask, check: Check, scene: str, picture: str, file: str, colours: list[str]
-) -> str:
-    # With Matplotlib, which takes half a second.
-    from qp_twist.pages.motion_charts import motion_charts, off_the_path
-
-    stretches = slower_stretches(path_task, check)
-    return fill_template(
-        "motion",
-        task=path_task.name,
-        title=path_task.title,
-        passes=check.passes,
-        problems=_problems(check),
-        sources=check.sources,
-        unchecked=check.unchecked,
-        time=_cycle_time(path_task, check),
-        picture=picture,
-        scene=scene,
-        speed=_playing(check),
-        slow=ORANGE in colours,
-        wrong=RED in colours,
-        lit=bool(path_task.clearances),
-        charts=motion_charts(path_task, check),
-        grey=bool(off_the_path(check)),
-        slower=[str(stretch) for stretch in stretches[:_STRETCHES]],
-        more=len(stretches[_STRETCHES:]),
-        not_slower=_not_slower(path_task, check),
-        findings=[(finding, data_of(finding), _limit(finding)) for finding in check.findings],
-        facts=facts(path_task, check, file),
-    )
-
-
 def _problems(check: Check) -> list[str]:
     """What does not pass; what fails at waypoints and between them is named once."""
     failing = {finding.name: str(finding) for finding in check.findings if not finding.passes}
@@ -191,46 +181,18 @@ def _problems(check: Check) -> list[str]:
     return [*check.path_left, *once]
 
 
-def _cycle_time(path_task: PathTask, check: Check) -> tuple[str, str]:
-    """The cycle time, HTML, and what it is compared with."""
+def _cycle_time(path_task: PathTask, check: Check) -> str:
+    """What the cycle time is compared with."""
     if not check.passing.timed:
-        return "–", "The file has no times."
-    motion = check.motion
-    span = float(motion.times[-1] - motion.times[0])
-    number = data(span, "s", "cycle time")
+        return "The file has no times."
     if path_task.durations is None:
-        return number, "The task states no feed to compare it with."
-    along = next(f.value for f in check.findings if f.name == "time")
+        return "The task states no feed to compare it with."
     words = f"{path_task.feed_time:.4g} s at the programmed feed"
     if check.path_left:
-        return number, f"It does not follow the whole path, which takes {words}."
-    moves = next((f for f in check.findings if f.name == "time of joint moves"), None)
-    if moves is not None:
+        return f"It does not follow the whole path, which takes {words}."
+    by_name = {finding.name: finding for finding in check.findings}
+    if (moves := by_name.get("time of joint moves")) is not None:
         words = f"{moves.value:.4g} s of it in {moves.where}; the path takes {words}"
-    if along < (1.0 - 1e-3) * span:
+    if (along := by_name["time"].value) < (1.0 - 1e-3) * np.ptp(check.motion.times):
         words = f"{along:.4g} s of it along the path; {words}"
-    return number, f"{words}."
-
-
-def _playing(check: Check) -> str:
-    motion = check.motion
-    span = float(motion.times[-1] - motion.times[0])
-    if not check.passing.timed:
-        return "The file has no times: the speed of the picture means nothing."
-    if span <= _LONGEST_S:
-        return "It moves in real time."
-    return f"It moves {int(np.ceil(span / _LONGEST_S))} times as fast as the robot."
-
-
-def _not_slower(path_task: PathTask, check: Check) -> str:
-    """What is said where nothing slows the motion."""
-    if not check.passing.timed:
-        return "The file has no times, so that nothing can be said about its speed."
-    if path_task.durations is None:
-        return "The task states no feed, so that nothing is slower than it."
-    return f"Nothing: the whole path runs at the programmed feed, to {100.0 * SLOWER:.0f}\u00a0%."
-
-
-def _limit(finding: Finding) -> str:
-    """The limit of a finding, with its unit."""
-    return "–" if finding.limit is None else f"{finding.limit:.4g}{with_space(finding.unit)}"
+    return f"{words}."

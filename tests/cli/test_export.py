@@ -72,10 +72,10 @@ def test_without_a_task_the_robot_is_named(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--to", "krll"), "there is no such language"),
+        (("--to", "krll"), "--to: expected one of urscript, rapid"),
         ((), "say what to write: --to urscript|rapid|krl|ls|mcap"),
         (("--out", "a.txt"), "expected a file that ends in .script"),
-        (("--out", "a.src", "--to", "ls"), "a file of --to ls ends in .ls"),
+        (("--out", "a.src", "--to", "ls"), "a file that ends in .ls, for --to ls"),
         (
             ("--to", "krl"),
             "--to krl: the Fanuc M-16iB/20 is programmed in ls, not in krl; use "

@@ -65,7 +65,7 @@ def test_what_is_open_is_asked_with_the_option_that_answers_it(
     [
         (["show", "missing.apt"], "missing.apt"),
         (["show", SEAMS, "--out", "seams.jpg"], "expected a file that ends in .html or .png"),
-        (["show", SEAMS, "--out", f"{SEAMS}/page.html"], "give a file in another folder"),
+        (["show", SEAMS, "--out", f"{SEAMS}/page.html"], "give another folder"),
         (["show", SEAMS, "--columns", "position=1,2"], "--columns"),
     ],
 )

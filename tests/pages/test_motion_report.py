@@ -257,7 +257,7 @@ def test_the_command_writes_one_file_and_says_what_fails(
     ("words", "sentence"),
     [(["nosuch.json", "planar_line"], "there is no such trajectory file"),
      (["bad.json", "planar_line"], "bad.json"),
-     (["bad.json", "planar_line", "--out", "bad.json"], "this is a file"),
+     (["bad.json", "planar_line", "--out", "bad.json"], "is a file; give another folder"),
      (["bad.json", "nosuch_task"], "nosuch_task")],
 )  # fmt: skip
 def test_bad_input_is_one_sentence(

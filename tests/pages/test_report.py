@@ -251,7 +251,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_methods_run(
     with pytest.raises(SystemExit) as ended:
         main(["compare", "planar_line", "--out", str(tmp_path / "file" / below)])
     assert ended.value.code == 2
-    assert "is a file; give a folder" in capsys.readouterr().err
+    assert "is a file; give another folder" in capsys.readouterr().err
     assert (tmp_path / "file").read_text() == "mine"
 
     def refused(**_: object) -> None:
@@ -260,7 +260,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_methods_run(
     monkeypatch.setattr("tempfile.TemporaryFile", refused)
     with pytest.raises(SystemExit):
         main(["compare", "planar_line", "--out", str(tmp_path / "new")])
-    assert "nothing can be written there (Permission denied)" in capsys.readouterr().err
+    assert "(Permission denied); give another folder" in capsys.readouterr().err
     with pytest.raises(SystemExit):
         main(["compare", "planar_line", "--json", "--csv"])
     assert "give one of them" in capsys.readouterr().err

@@ -315,7 +315,7 @@ def test_opengl_is_offscreen_unless_the_user_says_otherwise(
 
     def run(*_: object, env: dict[str, str], **__: object) -> SimpleNamespace:
         seen.append(env["MUJOCO_GL"])
-        return SimpleNamespace(returncode=1, stderr="an error")
+        return SimpleNamespace(returncode=1, stderr=b"an error")
 
     monkeypatch.setattr(subprocess, "run", run)
     if given is None:
@@ -344,12 +344,16 @@ def test_broken_opengl_is_a_sentence(
 
 @pytest.mark.parametrize(
     ("returncode", "said"),
-    [(-int(signal.SIGSEGV), "SIGSEGV"), (-int(signal.SIGABRT), "SIGABRT"), (1, "exit status 1")],
+    [
+        (-int(signal.SIGSEGV), "Segmentation fault"),
+        (-int(signal.SIGABRT), "Aborted"),
+        (1, "exit status 1"),
+    ],
 )
 def test_a_crash_of_opengl_is_a_sentence(
     returncode: int, said: str, m16ib: mujoco.MjModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ended = SimpleNamespace(returncode=returncode, stderr="")
+    ended = SimpleNamespace(returncode=returncode, stderr=b"")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: ended)
     with pytest.raises(NoPicture, match=f"{said}.*apt-get"):
         draw_scene(m16ib, START)
