@@ -14,27 +14,24 @@ from qp_twist.files import file_path, of_file, read_bytes, text_lines
 from qp_twist.paths.apt_toolpath import APT
 from qp_twist.paths.bag_poses import bag_table, is_bag
 from qp_twist.paths.csv_toolpath import CSV, table_toolpath
-from qp_twist.paths.fanuc_toolpath import LS
 from qp_twist.paths.gcode_toolpath import GCODE
 from qp_twist.paths.heidenhain_toolpath import HEIDENHAIN
-from qp_twist.paths.krl_toolpath import KRL
 from qp_twist.paths.point_cloud import cloud_table, is_cloud, order_note
 from qp_twist.paths.pose_records import pose_table
-from qp_twist.paths.rapid_toolpath import RAPID
+from qp_twist.paths.robot_path import ROBOTS
 from qp_twist.paths.section import validated
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_options import Format, ReadingOptions
-from qp_twist.paths.urscript_toolpath import URSCRIPT
 
 FORMATS: dict[Format, ToolpathFormat] = {
     "apt": APT,
     "heidenhain": HEIDENHAIN,
     "gcode": GCODE,
-    "rapid": RAPID,
-    "urscript": URSCRIPT,
-    "krl": KRL,
-    "ls": LS,
+    "rapid": ROBOTS["rapid"],
+    "urscript": ROBOTS["urscript"],
+    "krl": ROBOTS["krl"],
+    "ls": ROBOTS["ls"],
     "csv": CSV,
 }
 """The formats; a file is of the first one that it matches."""

@@ -1,10 +1,10 @@
-"""Moves of a robot program as points of a toolpath."""
+"""Robot programs as toolpaths: their Cartesian moves."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mink
@@ -15,8 +15,14 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.arcs import LARGEST_TURN, Arc
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
-from qp_twist.paths.toolpath_builder import ProgramBuilder, ProgramWords, of_lines
+from qp_twist.paths.toolpath_builder import (
+    ProgramBuilder,
+    ProgramWords,
+    ToolpathFormat,
+    of_lines,
+)
 from qp_twist.paths.toolpath_options import ReadingOptions
+from qp_twist.programs import DIALECTS, Moves, files_beside
 
 REFUSED: dict[tuple[str, ...], str] = {
     (name,): f"a robot program states it itself; leave {name} out."
@@ -33,25 +39,20 @@ class SeveralFrames(InvalidInput):
     """A program moves in several frames, all of which it states."""
 
 
-class RobotPath:
+class RobotPath(Moves):
     """The path of a program's moves.
 
     Attributes:
         out: The points so far.
-        frame: Name of the frame in force, and its pose in the robot's base if the file states it.
-        feed: In force, m/s.
-        assumed: What was taken for granted.
-        unknown: Lines of the words that are not known, and taken to move nothing.
     """
 
     def __init__(self, options: ReadingOptions, words: ProgramWords, *, in_base: bool) -> None:
+        super().__init__()
         self.out = ProgramBuilder(options, words)
         self.out.line = 1
         self.out.set_unit("m" if words.units == "m" else "mm", moved=False)
-        self.frame: tuple[str, mink.SE3 | None] = "", None
-        self.feed = math.nan
-        self.assumed: dict[str, None] = {}
-        self.unknown: dict[str, list[int]] = {}
+        self._assumed: dict[str, None] = {}
+        self._passed: list[tuple[int, str]] = []
         self._in_base = in_base
         self._used: tuple[str, mink.SE3 | None] | None = None
         self._at: mink.SE3 | None = None
@@ -59,8 +60,15 @@ class RobotPath:
         self._elsewhere: list[int] = []
         self._arcs = self._moved = False
 
-    def joint(self, line: int, pose: mink.SE3 | None) -> None:
-        """A joint move: to a pose, or to one that the program does not state."""
+    def joint(
+        self,
+        line: int,
+        angles: list[float] | None,
+        pose: mink.SE3 | None = None,
+        seconds: float | None = None,
+        rates: list[float] | None = None,
+    ) -> None:
+        """A joint move: to a pose, or to where the program does not state the tool."""
         self._moved = True
         if pose is None:
             self._waiting, self._at = [], None
@@ -92,7 +100,23 @@ class RobotPath:
             mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
         ])  # fmt: skip
 
-    def toolpath(self, path: Path, passed: Sequence[tuple[int, str]]) -> Toolpath:
+    def wait(self, line: int, word: str, seconds: float) -> None:
+        """It moves nothing."""
+        self._passed.append((line, word))
+
+    def rounds(self, line: int, mark: str) -> None:
+        """The path is the programmed one, without roundings."""
+        self._passed.append((line, mark))
+
+    def noted(self, line: int, word: str, kind: str) -> None:
+        """A word that moves nothing."""
+        self._passed.append((line, word))
+
+    def note(self, text: str) -> None:
+        """Add an assumption."""
+        self._assumed[f"{text}."] = None
+
+    def toolpath(self, path: Path) -> Toolpath:
         """The toolpath.
 
         Raises:
@@ -106,10 +130,10 @@ class RobotPath:
                 if self._moved
                 else "there is no move in it."
             )
-        for out.line, word in passed:
+        for out.line, word in self._passed:
             out.pass_over(word)
         assert self._used is not None
-        changed = {word for _, word in passed if _OVERRIDE.match(word)}
+        changed = {word for _, word in self._passed if _OVERRIDE.match(word)}
         notes = [f"coordinates are in {self._used[0] or 'the frame in force at its begin'}."]
         notes.append(f"orientations are those of {out.words.axis}; z is taken as the tool's axis.")
         if changed:
@@ -119,12 +143,9 @@ class RobotPath:
                 "joint moves to where the file does not state the tool "
                 f"({of_lines(self._elsewhere)}): another curve begins after each."
             )
-        if self.unknown:
-            words = ", ".join(f"{name} ({of_lines(at)})" for name, at in self.unknown.items())
-            notes.append(f"not known here, and taken to move nothing: {words}.")
         if self._arcs:
             notes.append("on arcs the orientation turns in proportion, from begin to end.")
-        return out.toolpath(path, [*notes, *self.assumed], has_axis=True)
+        return out.toolpath(path, [*notes, *self._assumed], has_axis=True)
 
     def _expressed(self, pose: mink.SE3) -> tuple[str, mink.SE3]:
         """A pose of the frame in force, and the frame in which it is expressed."""
@@ -183,3 +204,56 @@ def _arc(a: Array, b: Array, c: Array, sweep_deg: float | None) -> Arc | None:
     angle, axis = math.radians(abs(sweep_deg)), math.copysign(1.0, sweep_deg) * arc.axis
     end = arc.centre + Rotation.from_rotvec(angle * axis).apply(a - arc.centre)
     return Arc(a, end, arc.centre, axis, angle)
+
+
+_BEGIN = 50
+"""Number of lines in which one stands with which a program begins."""
+_LANGUAGES: dict[str, tuple[str, ProgramWords]] = {
+    "rapid": (
+        r"%%%|(?:MODULE|RECORD)\s+\w+|(?:LOCAL\s+|TASK\s+)*(?:(?:CONST|PERS|VAR)\s+\w+\s+\w+"
+        r"|PROC\s+\w+\s*\()",
+        ProgramWords("a RAPID program", "the tool's frame, as robtargets state it", "MoveJ", "mm",
+                     "quaternion"),
+    ),
+    "urscript": (
+        r"(?:def|sec|thread)\s+\w+\s*\(.*\)\s*:|(?:move[ljpc]|set_tcp)\s*\(",
+        ProgramWords("a URScript program", "the tool's frame (TCP)", "movej", "m", "quaternion"),
+    ),
+    "krl": (
+        r"&ACCESS\b|&REL\b|DEFDAT\s+\w+|(?:GLOBAL\s+)?DEF(?:FCT\s+\w+)?\s+\w+\s*\(",
+        ProgramWords("a KRL program",
+                     "the tool's frame, A, B, C (KUKA's own tools often work along its x)", "PTP",
+                     "mm", "quaternion"),
+    ),
+    "ls": (
+        r"/PROG\b",
+        ProgramWords("a TP program", "the tool's frame, W, P, R", "J", "mm", "quaternion"),
+    ),
+}  # fmt: skip
+"""The lines with which programs begin, and what messages call their parts."""
+
+
+def _format(name: str, begins: str, words: ProgramWords) -> ToolpathFormat:
+    """The format of a language."""
+    pattern = re.compile(rf"\s*(?:{begins})", re.IGNORECASE | re.ASCII)
+
+    def read(file: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
+        for in_base in (False, True):
+            path = RobotPath(options, words, in_base=in_base)
+            try:
+                DIALECTS[name].execute(path, lines, file.stem, files_beside(file))
+                break
+            except SeveralFrames:
+                if in_base:
+                    raise
+        return path.toolpath(file)
+
+    return ToolpathFormat(
+        lambda suffix, lines: any(map(pattern.match, lines[:_BEGIN])), read, REFUSED
+    )
+
+
+ROBOTS: Mapping[str, ToolpathFormat] = {
+    name: _format(name, begins, words) for name, (begins, words) in _LANGUAGES.items()
+}
+"""The formats of robot programs, by name."""

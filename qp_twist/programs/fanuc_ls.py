@@ -1,11 +1,12 @@
 """TP programs of Fanuc as text (LS).
 
-Joint moves with their times in whole milliseconds (in tenths of a second above 32 s), points as
-joint angles. A program longer than :data:`LONGEST` lines is divided, and a program of its name
-calls the parts.
+Written are joint moves with their times in whole milliseconds (in tenths of a second above 32 s),
+points as joint angles. A program longer than :data:`LONGEST` lines is divided, and a program of its
+name calls the parts.
 
-Source: Fanuc, *R-30iA/R-30iB Operator's manual*, motion instructions; the number of lines: that at
-which RoboDK's public post processors for Fanuc divide programs.
+Source: Fanuc, *R-30iA/R-30iB Operator's manual*, motion instructions and positional data:
+R = R_z(R) R_y(P) R_x(W); the number of lines: that at which RoboDK's public post processors for
+Fanuc divide programs.
 """
 
 from __future__ import annotations
@@ -13,27 +14,22 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from typing import Any
+
+import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
-from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.reading import (
-    NUMBER,
-    Act,
-    Procedure,
-    Program,
-    Statements,
-    check_identifier,
-    refuse,
-    shown,
-)
+from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.program import Procedure, Program, Rule
+from qp_twist.programs.statements import NUMBER, Statements, refuse, shown
+from qp_twist.programs.values import Unknown, Values, pose_of, zyx_quaternion
 
 LONGEST = 9999
 """Lines of a program."""
-_NAME = 36
-"""Characters of a program's name (older controllers: 8)."""
 _REMARK = 32
 """Characters of a remark."""
 _MORE = ".."
@@ -63,10 +59,6 @@ CONTROL_CODE	= 00000000 00000000;
 """
 
 
-def _check_name(name: str) -> None:
-    check_identifier(name, "a TP program", _NAME, "8 on controllers before R-30iA")
-
-
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
     title = name.upper()
@@ -83,7 +75,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     count = -(-len(statements) // LONGEST)
     share = -(-len(statements) // count)
     parts = [statements[k : k + share] for k in range(0, len(statements), share)]
-    _check_name(f"{name}_{len(parts)}")
+    LS.check_name(f"{name}_{len(parts)}")
     calls = [f"  CALL {title}_{number} ;" for number in range(1, len(parts) + 1)]
     files = {f"{name}.ls": _program(title, [*remarks, *calls], [])}
     for number, part in enumerate(parts, start=1):
@@ -118,99 +110,147 @@ def _remarks(line: str) -> list[str]:
 
 
 _SECTION = re.compile(r"/(PROG\b.*|ATTR|APPL|MN|POS|END)\s*", re.ASCII)
-POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
+_POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
 _FIELD = re.compile(
-    rf"GP(\d)\s*:|(UF|UT)\s*:\s*\w+|([JE]\d)\s*=\s*({NUMBER}|\*+)\s*(\w*)", re.ASCII
+    rf"GP(?P<group>\d)\s*:|(?:UF\s*:\s*(?P<frame>\w+)|UT\s*:\s*\w+)|CONFIG\s*:\s*'[^']*'"
+    rf"|(?P<axis>[JE]\d|[XYZWPR])\s*=\s*(?P<value>{NUMBER}|\*+)\s*(?P<unit>\w*)",
+    re.ASCII,
 )
-_MOVE = (
-    rf"J\s+P\[\s*(\d+)\s*(?::[^\]]*)?\]\s+({NUMBER})\s*(%|sec|msec)\s+(FINE|CNT\s*\d+)"
-    r"(\s+ACC\s*\d+)?"
-)
-NOTED = {
+_FEEDS = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0}
+"""m/s in units of speeds."""
+_NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>\w+)[^\]]*\]"
+_NOTED: Mapping[Kind, Sequence[str]] = {
     "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
     "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),
     "setting": (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]"),
-    # outputs, flags, registers, timers and messages: no move that is read depends on them
+    # outputs, flags, timers and messages: no move that is read depends on them
     "passed": (
-        r"(DO|RO|GO|AO|SO|F|M|R|SR|TIMER)\s*\[([^\]]*\]\s*=.*)", r"(MESSAGE)\s*\[.*\]",
+        r"(DO|RO|GO|AO|SO|F|M|SR|TIMER)\s*\[(?!.*\b(?:CALL|RUN|JMP)\b)[^\]]*\]\s*=.*",
+        r"(MESSAGE)\s*\[.*\]",
     ),
-}  # fmt: skip
+}
+_COMPARISON = [("<>", "!="), (r"(?<![<>!=])=(?!=)", "=="), (r"(?i)\bAND\b", "and"),
+               (r"(?i)\bOR\b", "or")]  # fmt: skip
 
 
-def _decode(text: str, beside: Beside) -> JointMoves:
-    program = _Tp(beside)
-    program.run(program.read(text))
-    return program.course.moves(read_header(program.comments))
+def _key(text: str) -> str:
+    """Each register is a variable: R[1:parts] is r_1."""
+    return re.sub(r"\br\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", r"r_\1", text.lower())
 
 
-class _Tp(Program):
+def _translate(text: str) -> str:
+    return re.sub(r"\bdiv\b", "//", re.sub(r"\bmod\b", "%", text))
+
+
+class TpProgram(Program):
     """A program, and those that it calls.
 
     Attributes:
         comments: Remarks.
+        last_line: Of its last statement.
     """
 
+    opens = (
+        (r"FOR\s+(?P<name>R\[.*?\])\s*=(?P<first>.*?)\b(?P<down>DOWN)?TO\b(?P<last>.*)", "ENDFOR",
+         "for"),
+        (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+    )  # fmt: skip
+    otherwise = r"ELSE(?P<condition>(?!))?"
+    coordinates = r"\bPR?\s*\["
     reads = "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other"
-    noted = NOTED
 
-    def __init__(self, beside: Beside) -> None:
-        super().__init__()
+    def __init__(self, moves: Moves, beside: Beside) -> None:
+        super().__init__(Values(_key, _translate, {}, lambda text: None, _COMPARISON), moves)
         self.comments: list[str] = []
         self._beside = beside
-        self._points: dict[str, dict[int, dict[str, float]]] = {}
+        self._points: dict[str, dict[int, str]] = {}
+        self._file = ""
+        self._labels: set[str] = set()
+        self._at_labels: dict[str, dict[str, Any]] = {}
+        self.last_line = 0
 
-    def grammar(self) -> Sequence[tuple[str, Act]]:
-        """Remarks, moves, calls, waits, and what does not move."""
+    def grammar(self) -> Sequence[Rule]:
+        """Moves, jumps, registers, words that move nothing, calls."""
+        end, via = _NUMBERED.format("p", "p"), _NUMBERED.format("q", "q")
+        rest = (r"\s*(?P<speed>.*?)\s*(?P<zone>FINE|CNT\s*\w+(?:\[.*?\])?|CR\s*\w+)?"
+                r"(?P<options>(?<=\d)\s.*|(?<=E)\s.*|)")  # fmt: skip
         return (
-            (r"(?:!|//|--).*|", lambda number, match: None),
-            (_MOVE, self._move),
-            (r"CALL\s+(\w+)", self._call),
-            (rf"WAIT\s+({NUMBER})\s*\(sec\)", self.wait),
-            (r"(ABORT)", self.end),
-            (r"END", self.leave),
-            *self.noting(),
-        )
+            (r"(?:!|//|--).*|", self.nothing, "silent"),
+            (rf"(?P<word>J)\s+{end}{rest}", self._move, "joint"),
+            (rf"(?P<word>[JLCA])\s+{end}(?:\s+{via})?{rest}", self._move, "path"),
+            (r"P\s*\[\s*(\d+)[^=]*=.*", self._change, "path"),
+            (r"(?:\w\s+PR?\[|OFFSET|TOOL_OFFSET|VOFFSET|UFRAME\s*\[|UTOOL\s*\[|SKIP|COL\s+GUARD|RSR"
+             r"|S\s|TRACK|DEFENC|VISION|SELECT).*", self.refuse, "path"),
+            (r"LBL\[.*", self._label, "skip"),
+            (r"JMP\s+(?P<label>LBL\s*\[.*\])", self._jump_to, "path"),
+            (r"IF\b(?P<condition>.*?),\s*(?P<statement>JMP\b.*)", self._if, "path"),
+            (r"IF\b(?P<condition>.*?),\s*(?P<statement>CALL\s+(?P<called>\w+)[^,]*)", self._if,
+             "skip"),
+            (r"IF\b.*,\s*(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self._may_assign, "skip"),
+            (rf"(WAIT)\s+({NUMBER})\s*\(sec\)", self.wait, "pause"),
+            *self.noting(_NOTED),
+            (r"R\s*\[\s*\D.*?=.*", self._assign_some, "skip"),
+            (r"(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self.assign, "assigns"),
+            (r"IF\b.*|(?:ELSE|MESSAGE|WAIT|UTOOL_NUM|UFRAME_NUM|OVERRIDE|PAYLOAD|\$|PR\s*\[).*",
+             self.skip, "skip"),
+            (r"ABORT", self.end, "leaves"), (r"END", self.leave, "leaves"),
+            (r"CALL\s+(?P<called>\w+)", self._call_file, "call"),
+            (r"(?:CALL|RUN)\s+(?P<called>\w+)\s*(?P<arguments>\(.*\))?", self._call_file, "skip"),
+            (r"(?P<called>[A-Za-z][\w ]*)(?P<arguments>.*)", self.call, "skip"),
+            (r".*", self.refuse, "path"),
+        )  # fmt: skip
 
-    def check(self, number: int, statement: str, text: str) -> None:
-        """Expressions call by words."""
-        if re.search(r"\b(CALL|RUN|JMP)\b", text, re.I):
-            raise refuse(number, statement, "calls something in an expression.")
-
-    def read(self, text: str, called: str = "") -> str:
-        """Read a program; the name under which it runs."""
-        parts, found = {"": ""}, [""]
-        for line in text.split("\n"):
+    def read(self, lines: Sequence[str], key: str = "") -> Statements:
+        """The statements of a program; its points are kept."""
+        strict = self.moves.strict
+        parts: dict[str, list[tuple[int, str]]] = {"": []}
+        section, name = "", ""
+        for number, line in enumerate(lines, start=1):
             if match := _SECTION.fullmatch(line):
-                found.append(match[1].split()[0])
-                parts[found[-1]] = ""
-            parts[found[-1]] += line + "\n"
-        sections = [section for section in found if section != "APPL"]
-        name = re.match(r"/PROG\s+(\w+)", parts.get("PROG", ""), re.ASCII)
-        if not name or sections != ["", "PROG", "ATTR", "MN", "POS", "END"] or parts[""].strip():
+                section, _, title = match[1].partition(" ")
+                name = title.strip() or name
+                parts[section] = []
+            else:
+                parts[section].append((number, line))
+        texts = {part: "\n".join(text for _, text in each) for part, each in parts.items()}
+        order = [part for part in parts if part != "APPL"]
+        sections = ["", "PROG", "ATTR", "MN", "POS", "END"]
+        beside = (texts[""] + texts.get("END", "")).strip()
+        if "MN" not in parts or (strict and (order != sections or beside)):
             raise InvalidInput("this is no TP program: expected /PROG, /ATTR, /MN, /POS and /END.")
-        if left := parts["END"].partition("\n")[2].strip():
-            raise refuse(text.count("\n"), left, "expected nothing after /END.")
-        first = text[: text.index(parts["MN"])].count("\n") + 2
-        statements = _statements(parts["MN"].partition("\n")[2], first)
-        count = re.search(r"LINE_COUNT\s*=\s*(\d+)", parts["ATTR"], re.ASCII)
-        if count and int(count[1]) != len(statements):
+        found = _statements(parts["MN"], strict=strict)
+        tail = texts.get("POS", "")
+        points = self._points[key] = dict[int, str]()
+        for match in _POINT.finditer(tail):
+            if int(match[1]) in points and strict:
+                at, _ = parts["POS"][tail.count("\n", 0, match.start())]
+                raise InvalidInput(f"P[{match[1]}] stands twice.", line=at)
+            points[int(match[1])] = match[2]
+        self._labels |= {_key(text) for _, text in found if re.match("LBL", text, re.I)}
+        if strict:
+            self._check_file(name, texts, found, points.keys())
+        return found
+
+    def _check_file(
+        self, name: str, texts: Mapping[str, str], found: Statements, points: AbstractSet[int]
+    ) -> None:
+        """Refuse a program of which a line was lost or added."""
+        for number, text in found:
+            self._remark(number, text)
+        count = re.search(r"LINE_COUNT\s*=\s*(\d+)", texts["ATTR"], re.ASCII)
+        if count and int(count[1]) != len(found):
             raise InvalidInput(
-                f"{name[1]}: LINE_COUNT is {count[1]}, but there are {len(statements)} lines; a "
-                "line was lost or added."
+                f"{name}: LINE_COUNT is {count[1]}, but there are {len(found)} lines; a line was "
+                "lost or added."
             )
-        for number, statement in statements:
-            self._remark(number, statement)
-        key = called or name[1].upper()
-        tail = first + parts["MN"].count("\n")
-        points = self._points[key] = _points(parts["POS"].partition("\n")[2], tail)
-        acts = self.parse(key, Procedure(name[1], first, statements))
-        used = {int(match[1]) for _, act, match in acts if act == self._move}
-        if unused := sorted(set(points) - used):
+        if left := _POINT.sub("", texts["POS"]).strip():
+            raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
+        used = {int(n) for _, text in found for n in re.findall(r"\bP\[\s*(\d+)", text)}
+        if unused := sorted(points - used):
             raise InvalidInput(
-                f"{name[1]}: no line moves to P[{unused[0]}]; a line was lost, or the point is "
-                "left over."
+                f"{name}: no line moves to P[{unused[0]}]; a line was lost, or the point is left "
+                "over."
             )
-        return key
 
     def _remark(self, number: int, statement: str) -> None:
         """Collect a remark; one that continues the remark above is joined with it."""
@@ -223,116 +263,233 @@ class _Tp(Program):
         elif not statement.isascii():
             raise refuse(number, statement, "expected ASCII characters outside remarks.")
 
-    def _move(self, number: int, match: re.Match[str]) -> None:
-        point, points = int(match[1]), self._points[self.running]
-        if point not in points:
-            raise refuse(number, match[0], f"there is no P[{point}] under /POS.")
-        if match[4].upper() not in ("FINE", "CNT0"):
-            self.course.rounds(number, match[4])
-        if match[5]:
-            self.course.speed(number, "ACC")
-        axes = points[point]
-        external = {axis: value for axis, value in axes.items() if axis[0] == "E"}
-        self.course.external(number, external)
-        value, unit = float(match[2]), match[3].lower()
-        seconds = {"%": None, "sec": value, "msec": 1e-3 * value}[unit]
-        self.course.move(number, [axes[axis] for axis in LS.axis_names], seconds)
+    # ------------------------------------------------------------ what runs
 
-    def _call(self, number: int, match: re.Match[str]) -> None:
-        name = match[1].upper()
-        if name not in self.procedures:
-            content = self._beside(f"{match[1]}.ls")
+    def _call_file(self, line: int, match: re.Match[str]) -> str | None:
+        """A call of a program beside this one."""
+        name, key = match["called"], match["called"].lower()
+        if not self._load(name):
+            if self.moves.strict:
+                raise refuse(line, match[0], f"there is no {name}.ls beside the file.")
+            self._forget_registers(f"{name} of line {line} may have changed it")
+            return self.call(line, match)
+        before, self._file = self._file, key
+        with of_file(f"{name}.ls"):
+            signal = self._call(line, key, [])
+        self._file = before
+        return signal
+
+    def _load(self, name: str) -> bool:
+        """Read a program beside this one, if it is there."""
+        key = name.lower()
+        if key not in self.procedures:
+            content = self._beside(f"{name}.ls")
             if content is None:
-                raise refuse(number, match[0], f"there is no {match[1]}.ls beside the file.")
-            with of_file(f"{match[1]}.ls"):
-                self.read("\n".join(text_lines(content)), name)
-        with of_file(f"{match[1]}.ls"):
-            self.run(name)
+                return False
+            with of_file(f"{name}.ls"):
+                statements = self.read(text_lines(content), key)
+                if self.moves.strict:
+                    self.check(statements)
+            self.procedures[key] = Procedure(1, [], statements)
+        return True
 
+    def _registers(self) -> dict[str, Any]:
+        names = self.values.names.items()
+        return {name: None if isinstance(value, Unknown) else value for name, value in names}
 
-def _points(tail: str, first: int) -> dict[int, dict[str, float]]:
-    """The angles of the axes of the points by number, external ones included."""
-    found: dict[int, dict[str, float]] = {}
-    for match in POINT.finditer(tail):
-        point, inside = int(match[1]), match[2]
+    def _label(self, line: int, match: re.Match[str]) -> None:
+        self._at_labels[_key(match[0])] = self._registers()
+
+    def _jump_to(self, line: int, match: re.Match[str]) -> str:
+        """A jump; back to a label since which no register has changed, it would be for ever."""
+        label = _key(match["label"])
+        if label not in self._labels and line < self.last_line:
+            raise refuse(line, match[0], f"there is no {match['label']}.")
+        if label not in self._labels or self._at_labels.get(label) == self._registers():
+            self.moves.note(f"{shown(match[0])} (line {line}) is for ever: read once")
+            return "end"
+        return f"to {label}"
+
+    def _if(self, line: int, match: re.Match[str]) -> str | None:
+        """A statement behind a condition."""
         try:
-            if point in found:
-                raise InvalidInput(f"P[{point}] stands twice.")
-            found[point] = _axes(f"P[{point}]", inside)
-        except InvalidInput as error:
-            error.line = first + tail.count("\n", 0, match.start())
-            raise
-    if left := POINT.sub("", tail).strip():
-        raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
-    return found
+            holds = self.values.condition(match["condition"])
+        except Unknown:
+            called = match.groupdict().get("called")
+            if called and not (
+                self._load(called) and self._moving(self.procedures[called.lower()].body)
+            ):
+                self.skip(line, match)
+                return None
+            raise refuse(
+                line, match[0],
+                "decides by what is not in the file which lines run; write a program without it.",
+            ) from None  # fmt: skip
+        return self.run([(line, match["statement"])]) if holds else None
+
+    def _may_assign(self, line: int, match: re.Match[str]) -> None:
+        self.values.forget(match["name"], f"{match['name']} depends on {shown(match[0])}")
+        self.skip(line, match)
+
+    def _assign_some(self, line: int, match: re.Match[str]) -> None:
+        """An assignment to a register whose number is in another one."""
+        self._forget_registers(f"{shown(match[0])} (line {line}) may have changed it")
+        self.skip(line, match)
+
+    def _forget_registers(self, why: str) -> None:
+        for name in self.values.names:
+            self.values.forget(name, why)
+
+    def _change(self, line: int, match: re.Match[str]) -> None:
+        """A point that the program changes is one that the file does not state."""
+        self._points[self._file][int(match[1])] = ""
+
+    # ------------------------------------------------------------ moves
+
+    def _move(self, line: int, match: re.Match[str]) -> None:
+        word, moves, zone = match["word"].upper(), self.moves, match["zone"] or ""
+        if word == "A" or re.search(
+            r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)", match["options"], re.I
+        ):
+            self.refuse(line, match)
+        timed = re.fullmatch(rf"({NUMBER})\s*(%|sec|msec)", match["speed"], re.I)
+        if moves.strict and not (
+            timed
+            and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
+            and re.fullmatch(r"(\s*ACC\s*\d+)?", match["options"], re.I)
+            and match["p"].upper() == "P"
+        ):
+            raise refuse(line, match[0], f"J is not read; only {self.reads} can be checked.")
+        if zone and zone.upper() not in ("FINE", "CNT0"):
+            moves.rounds(line, zone)
+        if "ACC" in match["options"].upper():
+            moves.noted(line, "ACC", "speed")
+        angles, pose = self._point(line, match["p"], match["p_number"])
+        if word == "J":
+            unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
+            seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
+            moves.joint(line, angles, pose, None if math.isnan(seconds) else seconds)
+            return
+        speed = re.fullmatch(rf"({NUMBER})\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
+        moves.feed = float(speed[1]) * _FEEDS[speed[2].lower()] if speed else math.nan
+        if pose is None:
+            raise refuse(line, match[0], "where this is in space is not in the file (joint angles, "
+                         "or a register); write a position, X Y Z W P R.")  # fmt: skip
+        if word == "L":
+            moves.line(line, pose)
+        elif not match["q"]:
+            raise refuse(line, match[0], "expected two points, C P[1] P[2].")
+        else:
+            _, end = self._point(line, match["q"], match["q_number"])
+            if end is None:
+                self.refuse(line, match)
+            else:
+                moves.arc(line, pose, end)
+
+    def _point(
+        self, line: int, kind: str, number: str
+    ) -> tuple[list[float] | None, mink.SE3 | None]:
+        """The angles or the pose of a point, and its frame; none of a register."""
+        if kind.upper() == "PR":
+            return None, None
+        inside = self._points[self._file].get(int(number)) if number.isdecimal() else None
+        if inside is None:
+            raise InvalidInput(f"there is no P[{number}] under /POS", line=line)
+        if not inside:
+            return None, None
+        axes, frame = self._fields(f"P[{number}]", inside)
+        if not {*"XYZ"} & axes.keys():
+            external = {axis: value for axis, value in axes.items() if axis[0] == "E"}
+            self.moves.external(line, external)
+            angles = [value for axis, value in sorted(axes.items()) if axis[0] == "J"]
+            return angles, None
+        if not {*"XYZWPR"} <= axes.keys():
+            raise InvalidInput(f"P[{number}]: expected X, Y, Z in mm and W, P, R in deg", line=line)
+        if not frame.isdecimal():
+            raise InvalidInput(f"P[{number}] does not state its frame, UF", line=line)
+        self.moves.frame = f"UFRAME {frame}", None
+        x, y, z, w, p, r = (axes[key] for key in "XYZWPR")
+        return None, pose_of((x, y, z), zyx_quaternion(r, p, w))
+
+    def _fields(self, point: str, inside: str) -> tuple[dict[str, float], str]:
+        """The numbers of a point, and its user frame."""
+        axes: dict[str, float] = {}
+        frame, strict = "", self.moves.strict
+        for match in _FIELD.finditer(inside):
+            frame, axis = match["frame"] or frame, match["axis"]
+            if match["group"] not in (None, "1"):
+                if strict:
+                    raise InvalidInput(f"{point} moves more than one motion group.")
+                break
+            if axis is None:
+                continue
+            units = {"E": ("deg", "mm"), "X": ("mm",), "Y": ("mm",), "Z": ("mm",)}
+            expected = units.get(axis[0], ("deg",))
+            if match["unit"] not in expected:
+                raise InvalidInput(
+                    f"{point}, {axis}: the unit is {match['unit'] or 'missing'!r}; expected "
+                    f"{' or '.join(expected)}."
+                )
+            if axis in axes:
+                raise InvalidInput(f"{point}: {axis} stands twice.")
+            if match["value"][0] == "*":
+                raise InvalidInput(f"{point}: {axis} is not taught ({match['value']}).")
+            axes[axis] = float(match["value"])
+        if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
+            raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
+        return axes, frame
 
 
-def _axes(point: str, inside: str) -> dict[str, float]:
-    """The angles of the axes of a point."""
-    axes: dict[str, float] = {}
-    if re.search(r"\b[XYZ]\s*=", inside):
-        raise InvalidInput(f"{point} is Cartesian; only joint angles J1 to J6 can be checked.")
-    for group, _, axis, value, unit in _FIELD.findall(inside):
-        if group and group != "1":
-            raise InvalidInput(f"{point} moves more than one motion group.")
-        if not axis:
-            continue
-        if unit not in ("deg", *(["mm"] if axis[0] == "E" else [])):
-            raise InvalidInput(f"{point}, {axis}: the unit is {unit or 'missing'!r}; expected deg.")
-        if axis in axes:
-            raise InvalidInput(f"{point}: {axis} stands twice.")
-        if value.startswith("*") or not math.isfinite(float(value)):
-            raise InvalidInput(f"{shown(value)}: expected an angle of {axis}.")
-        axes[axis] = float(value)
-    if left := _FIELD.sub("", inside).replace(",", " ").strip():
-        raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
-    if sorted(axis for axis in axes if axis[0] == "J") != list(LS.axis_names):
-        raise InvalidInput(f"{point}: expected J1 to J{AXES}.")
-    return axes
-
-
-def _statements(body: str, first: int) -> Statements:
+def _statements(lines: Sequence[tuple[int, str]], *, strict: bool) -> Statements:
     """The statements of a program, each with its line in the file.
 
-    A statement ends with a semicolon, and stands on one line or, except a remark, on several.
+    A statement ends with a semicolon; a line without a number continues the one above.
 
     Raises:
-        InvalidInput: If a number or a semicolon is missing.
+        InvalidInput: If that is strict, and a number or a semicolon is missing.
     """
     found: Statements = []
     numbered, open_ = 0, False
-    for number, line in enumerate(body.split("\n"), start=first):
+    for number, line in lines:
         if not line.strip():
             continue
         match = re.fullmatch(r"\s*(\d*)\s*:([^;]*)(;?)\s*", line, re.ASCII)
-        if not match:
-            raise refuse(
-                number, line, "expected a line of a TP program, NUMBER: … ;, with one statement."
-            )
-        text = match[2].strip()
-        if open_ and match[1]:
-            raise refuse(number, line, "the line above has no semicolon at its end.")
-        if match[1]:
-            numbered += 1
-            if int(match[1]) != numbered:
-                raise refuse(
-                    number, line,
-                    f"expected line number {numbered}; a line was lost or added.",
-                )  # fmt: skip
-        if open_:
-            found[-1] = (found[-1][0], f"{found[-1][1]} {text}")
-        else:
-            found.append((number, text))
-        open_ = not match[3]
-        if open_ and re.match("!|//|--", found[-1][1]):
-            raise refuse(number, line, "a remark ends with a semicolon on its line.")
-    if open_:
+        if strict:
+            numbered += bool(match and match[1])
+            wrong = "expected a line of a TP program, NUMBER: … ;, with one statement."
+            if match and open_ and match[1]:
+                wrong = "the line above has no semicolon at its end."
+            elif match and match[1] and int(match[1]) != numbered:
+                wrong = f"expected line number {numbered}; a line was lost or added."
+            elif match and not match[3] and re.match(r"\s*(?:!|//|--)", match[2]):
+                wrong = "a remark ends with a semicolon on its line."
+            elif match:
+                wrong = ""
+            if wrong:
+                raise refuse(number, line, wrong)
+        for part in re.findall(r"[^;]+;?", re.sub(r"^\s*\d*\s*:", "", line)):
+            code = part.rstrip("; \t").strip()
+            if open_:
+                found[-1] = found[-1][0], f"{found[-1][1]} {code}".strip()
+            elif code or strict:
+                found.append((number, code))
+            open_ = bool(part.strip()) and not part.rstrip().endswith(";") and bool(found)
+    if open_ and strict:
         raise refuse(found[-1][0], found[-1][1], "expected a semicolon at its end.")
-    return found
+    return [(k, _key(text) if re.match("LBL", text, re.I) else text) for k, text in found]
+
+
+def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:
+    """Execute a program; its remarks."""
+    program = TpProgram(moves, beside)
+    found = program.read(lines)
+    program.last_line = found[-1][0] if found else 0
+    program.execute(found)
+    return program.comments
 
 
 LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
-    False, _check_name, _encode, _decode,
+    False, 36, "8 on controllers before R-30iA", _encode, _execute,
 )  # fmt: skip
-"""TP programs of Fanuc."""
+"""TP programs."""

@@ -15,6 +15,9 @@ from qp_twist.programs.joint_moves import Dialect, JointMoves
 
 _TITLE = re.compile(r"qp_twist (\S+)")
 _KEYS = ("robot", "unit", "points", "seconds")
+DOES_NOT_PASS = "DOES NOT PASS ITS CHECK"
+"""How a program begins that is written although its motion does not pass: no statement of any of
+the languages, so that a controller stops at it."""
 AS_MODELLED = "as modelled"
 """What stands for the robot where joints are taken as the model counts them."""
 WRITTEN_AS_MODELLED = (

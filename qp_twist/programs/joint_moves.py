@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,9 +64,10 @@ class Dialect(NamedTuple):
         time_decimals: Decimals of times, s.
         axis_names: Names of the axes.
         cubic: Whether its programs move axes on cubics through points with velocities.
-        check_name: Refuses a program name that the controller does not take.
+        longest: Characters of a program's name.
+        name_is: What that name is.
         encode: (program name, moves, header lines) to the texts of files by name.
-        decode: (text, files beside it) to moves.
+        execute: (what takes the moves, lines, name of the file, files beside it) to the comments.
         stopped: (text, line that is no statement) to a text at which a controller stops.
     """
 
@@ -77,10 +79,23 @@ class Dialect(NamedTuple):
     time_decimals: int
     axis_names: tuple[str, ...]
     cubic: bool
-    check_name: Callable[[str], None]
+    longest: int
+    name_is: str
     encode: Callable[[str, JointMoves, tuple[str, ...]], dict[str, str]]
-    decode: Callable[[str, Beside], JointMoves]
+    execute: Callable[[Any, Sequence[str], str, Beside], list[str]]
     stopped: Callable[[str, str], str] = lambda text, line: f"{line}\n{text}"
+
+    def check_name(self, name: str) -> None:
+        """Refuse a program name that the controller does not take.
+
+        Raises:
+            InvalidInput: If it is not a letter, then letters, digits and _.
+        """
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) or len(name) > self.longest:
+            raise InvalidInput(
+                f"the file's name is the program's, and {self.title} takes a letter, then letters, "
+                f"digits and _, at most {self.longest} characters ({self.name_is}); got {name!r}."
+            )
 
 
 def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:

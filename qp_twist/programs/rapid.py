@@ -1,44 +1,39 @@
 r"""RAPID, of ABB.
 
-Absolute joint moves, each with its time (``\T``). External axes are not moved (``9E9``).
+Written are absolute joint moves, each with its time (``\T``). External axes are not moved
+(``9E9``).
 
 Source: ABB, *Technical reference manual, RAPID Instructions, Functions and Data types*
-(3HAC050917), MoveAbsJ, jointtarget, zonedata.
+(3HAC050917): MoveAbsJ, MoveL, MoveC, MoveJ, jointtarget, robtarget, wobjdata, speeddata, zonedata,
+Offs, RelTool. The length of an identifier: *RAPID overview*, Basic elements.
 """
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import mink
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.reading import (
-    NUMBER,
-    Act,
-    Procedure,
-    Program,
-    Statements,
-    check_identifier,
-    number_of,
-    refuse,
-    six,
-    split,
-    without_texts,
+from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.values import (
+    IN_DEGREES,
+    Unknown,
+    Values,
+    list_literal,
+    pose_of,
+    zyx_quaternion,
 )
 
 _NONE = "9E9"
 _TOOL = "tool0"
-_LONGEST = 32
-"""Characters of an identifier; ABB, *RAPID overview*, Basic elements."""
 _PREFIX = "run_"
-
-
-def _check_name(name: str) -> None:
-    check_identifier(
-        name, "RAPID", _LONGEST - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME"
-    )
 
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
@@ -61,200 +56,229 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 
 _NAME = r"[A-Za-z]\w*"
-_TARGET = re.compile(r"\[\s*\[([^\[\]]*)\]\s*,\s*(?:\[([^\[\]]*)\]|(\w+))\s*\]", re.ASCII)
-DATA = (
-    rf"(?:(?:LOCAL|TASK)\s+)*(?:CONST|PERS|VAR)\s+(?P<kind>{_NAME})\s+(?P<name>{_NAME})"
+_DATA = (
+    rf"(?:(?:LOCAL|TASK)\s+)*(?P<storage>CONST|PERS|VAR)\s+(?P<kind>{_NAME})\s+(?P<name>{_NAME})"
     r"(?P<part>(?:\s*\{[\d\s,]*\})?)\s*(?::=(?P<value>.*))?"
 )
-ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(?P<value>.*)"
-_BLOCK = re.compile(
-    rf"MODULE\s+{_NAME}\s*(?:\(.*\))?|(?:LOCAL\s+)?PROC\s+{_NAME}\s*\(.*\)|END(?:MODULE|PROC)",
+_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\.\s*\w+|\s*\{{[^{{}}]*\}})*)\s*:=(?P<value>.*)"
+_INSTRUCTIONS: dict[Kind, str] = {
+    # outputs, messages, clocks, and settings of Cartesian moves and of supervision
+    "passed": "ConfJ|ConfL|SingArea|Set|Reset|SetDO|SetAO|SetGO|PulseDO|InvertDO|TPWrite|TPErase"
+              "|ClkStart|ClkStop|ClkReset|MotionSup",
+    "pause": "WaitTime|WaitDI|WaitDO|WaitAI|WaitGI|WaitUntil|WaitRob|Stop",
+    "speed": "VelSet|AccSet|PathAccLim|WorldAccLim",
+    "setting": "GripLoad",
+}  # fmt: skip
+_NOTED: Mapping[Kind, Sequence[str]] = {
+    kind: [rf"({names})\b(.*)"] for kind, names in _INSTRUCTIONS.items()
+}
+_OPTIONS = {"id", "noeoffs", "v", "t", "z", "inpos", "wobj", "tload"}
+"""Options of MoveAbsJ."""
+_MOVES = (
+    r"(?:Move|Trigg|Arc|Disp|Paint)(?P<kind>L|C|J|AbsJ)(?:Start|End|\d|DO|AO|GO|Sync|IOs)?\b"
+    r"(?P<arguments>.*)"
+)
+_OPEN = r"(?:IF\b[^;]*?\bTHEN|WHILE\b[^;]*?\bDO|TEST\b[^;:]*?(?=\bCASE\b|$))"
+_END = r"END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD)"
+_PROCEDURE = r"(?:LOCAL\s+)?(?:PROC|FUNC\s+\w+)\s+(?P<name>\w+)\s*\((?P<arguments>[^()]*)\)"
+_HEAD = re.compile(
+    rf"{_PROCEDURE}|(?:LOCAL\s+)?TRAP\s+\w+|RECORD\s+\w+|MODULE\s+\w+(?:\s*\([^)]*\))?|\b{_OPEN}"
+    rf"|\bELSEIF\b[^;]*?\bTHEN\b|\bELSE\b|\bFOR\b[^;]*?\bDO\b|\bCASE\b[^:]*:(?!=)"
+    rf"|\bDEFAULT\s*:(?!=)|\b{_END}\b|^\s*(?:ERROR|UNDO|BACKWARD)\s*$",
     re.IGNORECASE | re.ASCII,
 )
-"""Statements without a semicolon."""
-_MODULE = re.compile(rf"MODULE\s+{_NAME}\s*(?:\(.*\))?", re.IGNORECASE | re.ASCII)
-_INSTRUCTIONS = {
-    # outputs, messages, clocks, and settings of Cartesian moves and of supervision
-    "passed": (
-        "ConfJ", "ConfL", "SingArea", "Set", "Reset", "SetDO", "SetAO", "SetGO", "PulseDO",
-        "InvertDO", "TPWrite", "TPErase", "ClkStart", "ClkStop", "ClkReset", "MotionSup",
-    ),
-    "pause": ("WaitTime", "WaitDI", "WaitDO", "WaitAI", "WaitGI", "WaitUntil", "WaitRob", "Stop"),
-    "speed": ("VelSet", "AccSet", "PathAccLim", "WorldAccLim"),
-    "setting": ("GripLoad",),
+"""What no semicolon ends."""
+_FIELDS = {
+    **dict.fromkeys(("trans", "x", "q1", "v_tcp"), 0), **dict.fromkeys(("rot", "y", "q2"), 1),
+    "z": 2, "q3": 2, "robconf": 2, "q4": 3, "extax": 3, "uframe": 3, "oframe": 4,
 }  # fmt: skip
-BEGINNING = {kind: rf"({'|'.join(names)})\b(.*)" for kind, names in _INSTRUCTIONS.items()}
-_TARGETS = ("jointtarget", "extjoint")
-"""Types of the data that say where a move leads."""
-_OPTIONS = (("id", "noeoffs"), ("v", "t"), ("z", "inpos"), ("wobj", "tload"))
-"""Options of the four arguments of MoveAbsJ: target, speed, zone, tool."""
+"""Places of the components of data."""
+_COMPARISON = [("<>", "!="), (r"(?<![<>!:=])=(?!=)", "==")]
 
 
-def _decode(text: str, beside: Beside) -> JointMoves:
-    del beside  # a module is one file
-    comments: list[str] = []
-    module = _Module()
-    module.execute(_statements(text, comments))
-    return module.course.moves(read_header(comments))
+def _translate(text: str) -> str:
+    text = re.sub(r"\\(\w+)\s*:=", r",\1=", text)
+    text = re.sub(r"(?<=[\w\]}])\.\s*([a-z]\w*)", lambda m: f"[{_FIELDS[m[1]]}]", text)
+    text = re.sub(r"\{([^{}]*)\}", lambda m: "".join(f"[({i})-1]" for i in split(m[1])), text)
+    return text.replace(" mod ", " % ").replace(" div ", " // ")
 
 
-class _Module(Program):
-    """A module: data and procedures."""
+def _offs(target: list[Any], x: float, y: float, z: float) -> list[Any]:
+    return [[a + b for a, b in zip(target[0], (x, y, z), strict=True)], *target[1:]]
 
+
+def _rel_tool(
+    target: list[Any], x: float, y: float, z: float, rx: float = 0, ry: float = 0, rz: float = 0
+) -> list[Any]:
+    w, *v = zyx_quaternion(-rz, -ry, -rx)  # of the inverse of R_x R_y R_z
+    moved = pose_of(target[0], target[1]) @ pose_of((x, y, z), (w, *(-a for a in v)))
+    return [(1e3 * moved.translation()).tolist(), moved.rotation().wxyz.tolist(), *target[2:]]
+
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "offs": _offs, "reltool": _rel_tool, "orientzyx": zyx_quaternion, **IN_DEGREES,
+}  # fmt: skip
+
+
+class RapidModule(Program):
+    """A module."""
+
+    opens = (
+        (r"MODULE\b.*", "ENDMODULE", "once"), (r"RECORD\b.*", "ENDRECORD", "never"),
+        (r"(?:LOCAL\s+)?TRAP\b.*", "ENDTRAP", "never"),
+        (_PROCEDURE, "END(?:PROC|FUNC)", "procedure"),
+        (r"WHILE\s+\(?\s*TRUE\s*\)?\s*DO", "ENDWHILE", "for ever"),
+        (r"FOR\s+(?P<name>\w+)\s+FROM\b(?P<first>.*)\bTO\b(?P<last>.*?)(?:\bSTEP\b(?P<step>.*))?"
+         r"\bDO", "ENDFOR", "for"),
+        (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+        (r"WHILE\b(?P<condition>.*)\bDO", "ENDWHILE", "while"), (r"TEST\b.*", "ENDTEST", "open"),
+    )  # fmt: skip
+    otherwise = r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE"
+    outside, enclosed = _DATA, True
     reads = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
-    begins = rf"(?:LOCAL\s+)?PROC\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)"
-    ends = "ENDPROC"
-    data = DATA, ASSIGNMENT
-    noted = {kind: (pattern,) for kind, pattern in BEGINNING.items()}  # noqa: RUF012
-    reserved = frozenset({
-        *(word.lower() for words in _INSTRUCTIONS.values() for word in words),
-        "moveabsj", "exit", "return",
-    })  # fmt: skip
-    twice = "assigned or declared", "targets"
 
-    def grammar(self) -> Sequence[tuple[str, Act]]:
-        """Moves, data, assignments, waits, instructions of the controller, and calls."""
-        return (
-            (r"MoveAbsJ\b(.*)", self._move),
-            *((pattern, self._assign) for pattern in self.data),
-            (rf"WaitTime(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait),
-            (r"(EXIT)", self.end),
-            (r"RETURN", self.leave),
-            *self.noting(),
-            (
-                rf"({_NAME})",
-                self.calling("{} is not read here; the file has no procedure of this name."),
-            ),
+    def __init__(self, moves: Moves) -> None:
+        super().__init__(
+            Values(str.lower, _translate, _FUNCTIONS, list_literal, _COMPARISON), moves
         )
+        self.values.names |= {"true": True, "false": False}
 
-    def name_of(self, name: str) -> str:
-        """Capitals do not count."""
-        return name.lower()
+    def grammar(self) -> Sequence[Rule]:
+        """Moves, data, words that move nothing, calls."""
+        return (
+            (r"MoveAbsJ\b(?P<arguments>.*)", self._move_joints, "joint"),
+            (_MOVES, self._move, "path"),
+            (r"(?:Search[LC]|FC\w+|Contact\w*|EGM\w*|Corr\w*|TrackMove\w*|PDisp(?:On|Set)|EOffs(?:On"
+             r"|Set)|GOTO|CallByVar|PathRecMove\w*|StepBwdPath|MoveExtJ|%|Load\s)\b.*",
+             self.refuse, "path"),
+            (rf"IF\b.*(?:\b{_MOVES}|:=|\bGOTO|\bRETURN|\bEXIT).*", self.refuse, "path"),
+            (r"EXIT", self.end, "leaves"), (r"RETURN\b.*", self.leave, "leaves"),
+            (r"BREAK", self.refuse, "path"),
+            (r"ERROR|UNDO|BACKWARD", self.leave, "skip"),
+            (_DATA, self._data, "assigns"),
+            (_ASSIGNMENT, self.assign, "assigns"),
+            (r"(?:ELSE|ELSEIF|CASE|DEFAULT)\b.*", self.skip, "skip"),
+            (rf"(WaitTime)(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait, "pause"),
+            *self.noting(_NOTED),
+            (r"(?:SyncMove\w*|WaitSyncTask|Trigg[A-Z]\w*|CirPathMode|WZ\w+)\b.*", self.skip,
+             "skip"),
+            (r"IF\b.*?(?P<called>\w+)", self._conditional, "skip"),
+            (r"(?P<called>\w+)\s*(?P<arguments>(?<=\s)[^\s].*)?", self.call, "call"),
+            (r".*", self.refuse, "path"),
+        )  # fmt: skip
 
-    def execute(self, statements: Statements) -> None:
-        """Execute a module: its procedure main, or the only one that no other calls."""
-        self.sort(statements)
-        module = self.procedures[""].statements or [(1, "")]
-        whole = _MODULE.fullmatch(module[0][1]) and module[-1][1].upper() == "ENDMODULE"
-        for number, statement in module[1:-1] if whole else module:
-            if not re.fullmatch(DATA, statement, self.flags):
-                raise refuse(
-                    number, statement,
-                    "expected one MODULE with data and procedures (PROC … ENDPROC), and moves in "
-                    "them.",
-                )  # fmt: skip
-        self.procedures[""] = Procedure("the module", 1, module[1:-1])
-        self.parse_all()
-        self.run("")
-        del self.procedures[""]
-        called = {
-            statement.lower()
-            for name, procedure in self.procedures.items()
-            for _, statement in procedure.statements
-            if statement.lower() != name  # one that calls itself is refused where it does
-        }
-        first = [name for name in self.procedures if name not in called]
-        if "main" not in self.procedures and len(first) != 1:
-            raise InvalidInput(
-                f"the module has the procedures {', '.join(self.procedures) or 'none'}, and "
-                "nothing says which one runs; expected one main, or one that calls the others."
-            )
-        self.run("main" if "main" in self.procedures else first[0])
-        self.note_calls()
+    def _data(self, line: int, match: re.Match[str]) -> None:
+        self.assign(line, match)
+        name = match["name"].lower()
+        if match["kind"].lower() in ("num", "dnum") and not match["value"]:
+            self.values.names[name] = 0.0
+        if match["storage"].upper() == "PERS":
+            self.values.kept.add(name)
 
-    def check(self, number: int, statement: str, text: str) -> None:
-        """Options of instructions are given by ``:=``."""
-        if any(re.match(pattern, statement, self.flags) for pattern in BEGINNING.values()):
-            text = text.replace(":=", "=")
-        super().check(number, statement, text)
+    def _conditional(self, line: int, match: re.Match[str]) -> None:
+        """A statement behind ``IF`` without ``THEN``."""
+        called = [self.procedures.get(word.lower()) for word in re.findall(r"\w+", match[0])]
+        if any(each and self._moving(each.body) for each in called):
+            self.refuse(line, match)
+        self.skip(line, match)
 
-    def _assign(self, number: int, match: re.Match[str]) -> None:
-        """A declaration or an assignment."""
-        name, declared = match["name"].lower(), match.groupdict().get("kind")
-        is_target = (declared or self.kinds.get(name, "")).lower() in _TARGETS
-        self.check(number, match[0], match["part"] + (match["value"] or ""))
-        if is_target and match["part"] and not declared:
-            raise refuse(
-                number, match[0],
-                "changes a part of a target; only targets that are assigned once can be checked.",
-            )  # fmt: skip
-        if match["value"]:
-            self.values[name] = "" if declared and match["part"] else match["value"].strip()
-        if not is_target:
-            self.course.passed(number, declared or match["name"])
+    # ------------------------------------------------------------ moves
 
-    def _data(self, number: int, name: str, kind: str) -> str:
-        """The value of data of a type."""
-        unknown = f"there is no {kind} {name} above it."
-        if self.kinds.get(name.lower()) != kind or name.lower() not in self.values:
-            raise refuse(number, name, unknown)
-        return self.constant(number, name, name.lower(), unknown)
-
-    def _move(self, number: int, match: re.Match[str]) -> None:
-        arguments = split(match[1])
-        if re.fullmatch(r"\\Conc", arguments[0], re.I):
+    def _arguments(
+        self, line: int, match: re.Match[str], targets: int
+    ) -> tuple[list[str], dict[str, str]]:
+        """Targets, speed, zone and tool of a move, and their options."""
+        arguments = [re.split(r"\\(?![^(]*\))", part) for part in split(match["arguments"])]
+        if not arguments[0][0].strip():  # \Conc
             del arguments[0]
-        if len(arguments) != len(_OPTIONS):
-            raise refuse(number, match[0], "expected a target, a speed, a zone and a tool.")
-        bases, given = [], {}
-        for argument, known in zip(arguments, _OPTIONS, strict=True):
-            base, *options = (part.strip() for part in argument.split("\\"))
-            for option in options:
-                key, _, value = (part.strip() for part in option.partition(":="))
-                if key.lower() not in known or key.lower() in given:
-                    raise refuse(number, match[0], f"\\{key} is not read here.")
-                given[key.lower()] = value
-            if not re.fullmatch(rf"{_NAME}|\[[^()]*\]", base, re.ASCII):
-                raise refuse(number, base or match[0], "expected a name or literal data.")
-            bases.append(base)
-        target, _, zone, tool = bases
-        if tool.lower() != _TOOL:
-            self.course.setting(number, tool)
-        text = target if target[0] == "[" else self._data(number, target, "jointtarget")
-        point = self._target(number, text)
-        seconds = number_of(number, given["t"], "a time in s") if "t" in given else None
-        if zone.lower() not in ("fine", "z0") or "z" in given:
-            self.course.rounds(number, zone)
-        self.course.move(number, point, seconds)
+        if len(arguments) < targets + 2:
+            raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
+        options = {
+            key.strip().lower(): value.strip()
+            for _, *given in arguments
+            for key, _, value in (option.partition(":=") for option in given)
+        }
+        self.moves.frame = self._frame(options.get("wobj", "wobj0"))
+        zone = arguments[targets + 1][0].strip()
+        if zone.lower() not in ("fine", "z0") or "z" in options:
+            self.moves.rounds(line, zone)
+        return [first.strip() for first, *_ in arguments], options
 
-    def _target(self, number: int, text: str) -> list[float]:
-        match = _TARGET.fullmatch(text)
-        if not match:
-            raise refuse(number, text, "expected a jointtarget, [[6 angles],[6 external axes]].")
-        axes = match[2]
-        if match[3]:
-            axes = self._data(number, match[3], "extjoint").strip("[] ")
-        external = zip("abcdef", six(number, axes.split(",")), strict=True)
-        given = {f"eax_{axis}": value for axis, value in external if value != float(_NONE)}
-        self.course.external(number, given)
-        return six(number, [part.strip() for part in match[1].split(",")])
+    def _move_joints(self, line: int, match: re.Match[str]) -> None:
+        """MoveAbsJ; ``check`` knows all its arguments."""
+        (target, *others), options = self._arguments(line, match, 1)
+        if not self.moves.strict:
+            self.moves.joint(line, None)
+            return
+        if len(others) != 3 or not all(re.fullmatch(rf"{_NAME}|\[[^()]*\]", x) for x in others):
+            raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
+        if unknown := options.keys() - _OPTIONS:
+            raise refuse(line, match[0], f"\\{unknown.pop()} is not read here.")
+        if others[2].lower() != _TOOL:
+            self.moves.noted(line, others[2], "setting")
+        found = self.values.value(target)
+        try:
+            angles, external = ([float(x) for x in part] for part in found)
+        except (TypeError, ValueError):
+            raise refuse(line, target, "expected a jointtarget, [[6 angles],[6 axes]].") from None
+        if len(external) != 6:
+            raise refuse(line, target, f"expected 6 external axes, got {len(external)}.")
+        given = zip("abcdef", external, strict=True)
+        self.moves.external(line, {f"eax_{k}": v for k, v in given if v != float(_NONE)})
+        seconds = float(self.values.value(options["t"])) if "t" in options else None
+        self.moves.joint(line, angles, None, seconds)
+
+    def _move(self, line: int, match: re.Match[str]) -> None:
+        kind = match["kind"].upper()
+        count = 2 if kind == "C" else 1
+        arguments, options = self._arguments(line, match, count)
+        try:
+            poses = [self._pose(line, text) for text in arguments[:count]]
+        except Unknown:
+            if kind not in ("J", "ABSJ"):
+                raise
+            poses = []
+        self.moves.feed = self._feed(arguments[count], options)
+        if kind in ("J", "ABSJ"):
+            self.moves.joint(line, None, poses[0] if poses else None)
+        elif kind == "L":
+            self.moves.line(line, poses[0])
+        else:
+            self.moves.arc(line, poses[0], poses[1])
+
+    def _pose(self, line: int, text: str) -> mink.SE3:
+        target = self.values.value(text)
+        if not isinstance(target, list) or len(target) != 4:
+            raise Unknown(f"expected a robtarget, [[x,y,z],[q1,q2,q3,q4],[…],[…]], got {text}")
+        if any(value < 8e9 for value in target[3]):
+            self.moves.noted(line, "external axes", "passed")
+        return pose_of(target[0], target[1])
+
+    def _feed(self, speed: str, options: Mapping[str, str]) -> float:
+        """m/s: of the option V, of speed data, or of its predefined name (v100, mm/s)."""
+        try:
+            if "t" in options:  # a time, so that the length would have to be known
+                return math.nan
+            name = re.fullmatch(r"v(\d+)", speed, re.IGNORECASE | re.ASCII)
+            found = self.values.value(options["v"]) if "v" in options else None
+            found = found or (float(name[1]) if name else self.values.value(speed)[0])
+            return 1e-3 * float(found)
+        except (Unknown, TypeError):
+            return math.nan
+
+    def _frame(self, name: str) -> tuple[str, mink.SE3 | None]:
+        """A work object; its pose if the file states it, and no axis moves it."""
+        if name.lower() == "wobj0":
+            return "wobj0", mink.SE3.identity()
+        try:
+            held, fixed, unit, user, own = self.values.value(name)
+            known = not held and fixed and not unit
+            return name, pose_of(*user) @ pose_of(*own) if known else None
+        except (Unknown, TypeError, ValueError):
+            return name, None
 
 
-def _statements(text: str, comments: list[str]) -> Statements:
-    """The statements with the lines on which they begin; comments are collected."""
-    found: Statements = []
-    rest, begun = "", 0
-    lines = text.split("\n")
-    for number, line in enumerate(lines[heading(lines) :], start=heading(lines) + 1):
-        code, comment = without_texts(number, line, '"', "!")
-        if comment:
-            comments.append(comment)
-        if not rest.strip():
-            begun = number
-            if _BLOCK.fullmatch(code):
-                found.append((number, code))
-                continue
-        *whole, rest = (rest + " " + code).split(";")
-        for statement in whole:
-            if statement.strip():
-                found.append((begun, statement.strip()))
-            begun = number
-    if rest.strip():
-        raise refuse(begun, rest, "expected a semicolon at its end.")
-    return found
-
-
-def heading(lines: Sequence[str]) -> int:
+def _heading(lines: Sequence[str]) -> int:
     """Number of lines of a controller's heading: its version and language between two %%%."""
     code = [k for k, line in enumerate(lines) if line.strip()]
     if not code or lines[code[0]].strip() != "%%%":
@@ -267,8 +291,33 @@ def heading(lines: Sequence[str]) -> int:
     raise InvalidInput("the heading that begins with %%% has no %%% at its end.")
 
 
+def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:
+    """Execute a module, which is one file; its comments."""
+    found: Statements = []
+    comments: list[str] = []
+    rest, begun = "", 0
+    for k in range(_heading(lines), len(lines)):
+        code, comment = without_texts(k + 1, lines[k], '"', "!")
+        if comment:
+            comments.append(comment)
+        begun = begun if rest.strip() else k + 1
+        if code[:4].lower() != "move":  # most lines
+            code = _HEAD.sub(lambda m: f"\0;{m[0]};", code)
+        *whole, rest = f"{rest} {code}".split(";")
+        for part in filter(None, map(str.strip, whole)):
+            if part[-1] == "\0" and part[:-1].strip():
+                raise refuse(begun, part[:-1], "expected a semicolon at its end.")
+            if part != "\0":
+                found.append((begun, part))
+            begun = k + 1
+    if rest.strip():
+        raise refuse(begun, rest, "expected a semicolon at its end.")
+    RapidModule(moves).execute(found)
+    return comments
+
+
 RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
-    False, _check_name, _encode, _decode,
+    False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
 )  # fmt: skip
 """RAPID."""

@@ -3,31 +3,26 @@
 URScript has no move along a cubic, so a program brings its own: the function ``cubic`` (or
 ``line``) evaluates the motion in every step of the controller and streams it by ``servoj``.
 
-Source: Universal Robots, *The URScript Programming Language*, modules *motion* and *internals*.
+Source: Universal Robots, *The URScript Programming Language*, modules *motion*, *internals* and
+*urmath*: poses ``p[x, y, z, rx, ry, rz]`` are m and a rotation vector, in the robot's base.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import mink
+import numpy as np
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.reading import (
-    NUMBER,
-    Act,
-    Procedure,
-    Program,
-    Statements,
-    check_identifier,
-    number_of,
-    refuse,
-    six,
-    split,
-    without_texts,
-)
+from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.statements import Statements, by_name, refuse, split, without_texts
+from qp_twist.programs.values import LARGEST_NUMBER, Pose, Unknown, Values, list_literal
 
 _TERMS = {
     "cubic": "a * at_q[{0}] + b * q[{0}] + c * at_w[{0}] + d * w[{0}]",
@@ -91,10 +86,6 @@ def _functions(kind: str) -> str:
     return _START + move.format(terms=terms, servo=_SERVO) + _FINISH
 
 
-def _check_name(name: str) -> None:
-    check_identifier(name, "URScript", 64, "a function's name")
-
-
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
     decimals, time_decimals = URSCRIPT.decimals, URSCRIPT.time_decimals
@@ -116,57 +107,168 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 
 _NAME = r"[A-Za-z_]\w*"
-_OWN = ("start", "cubic", "line", "finish")
-_MOVEJ = ("q", "a", "v", "t", "r")
-_SERVOJ = ("q", "a", "v", "t", "lookahead_time", "gain")
-_FUNCTIONS = {
+_NOTED: Mapping[Kind, Sequence[str]] = {
     # outputs and messages: they neither move the robot nor change a target
     "passed": (
-        "set_digital_out", "set_standard_digital_out", "set_configurable_digital_out",
-        "set_tool_digital_out", "set_analog_out", "set_standard_analog_out", "set_flag",
-        "write_output_boolean_register", "write_output_integer_register",
-        "write_output_float_register", "textmsg", "set_tool_voltage", "set_tool_communication",
-        "set_tool_output_mode", "set_tool_digital_output_mode", "set_tool_analog_input_domain",
-        "set_standard_analog_input_domain", "set_analog_outputdomain",
-        "set_input_actions_to_default", "zero_ftsensor",
+        r"(set_(?:standard_|configurable_|tool_)?digital_out|set_(?:standard_)?analog_out|set_flag"
+        r"|write_output_(?:boolean|integer|float)_register|textmsg|set_tool_voltage"
+        r"|set_tool_communication|set_tool_output_mode|set_tool_digital_output_mode"
+        r"|set_(?:tool|standard)_analog_input_domain|set_analog_outputdomain"
+        r"|set_input_actions_to_default|zero_ftsensor)\s*\((.*)\)",
     ),
     # tool and load: a joint position is the same with all of them
-    "setting": (
-        "set_tcp", "set_payload", "set_payload_cog", "set_payload_mass", "set_target_payload",
-        "set_gravity",
-    ),
-    "pause": ("sync", "popup"),
-}  # fmt: skip
-CALLS = {kind: (rf"({'|'.join(names)})\s*\((.*)\)",) for kind, names in _FUNCTIONS.items()}
-ASSIGNMENT = (
+    "setting": (r"(set_tcp|set_payload(?:_cog|_mass)?|set_target_payload|set_gravity)\s*\((.*)\)",),
+    "pause": (r"(sync|popup)\s*\((.*)\)",),
+}
+_ASSIGNMENT = (
     rf"(?:(?:global|local)\s+)?(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\])*)\s*=(?!=)"
     r"(?P<value>.+)"
 )
-_WORDS = {
-    *(name for names in _FUNCTIONS.values() for name in names), "movej", "servoj", "stopj",
-    "sleep", "halt", "d2r", "end", "return", "True", "False",
+_ARGUMENTS = {
+    "movej": ("q", "a", "v", "t", "r"), "movel": ("pose", "a", "v", "t", "r"),
+    "movep": ("pose", "a", "v", "r"), "movec": ("pose_via", "pose_to", "a", "v", "r", "mode"),
+    "servoj": ("q", "a", "v", "t", "lookahead_time", "gain"),
 }  # fmt: skip
-_BACKWARDS = "the functions that move the robot are not those that qp_twist writes; export the "
-_READS = "joint moves (movej, servoj) to literals or constants, one after the other,"
 
 
-def _decode(text: str, beside: Beside) -> JointMoves:
-    del beside  # a script is one file
-    lines = [line.rstrip() for line in text.split("\n")]
-    header = read_header([line.strip()[1:] for line in lines if line.strip().startswith("#")])
-    first = _own_functions(lines)
-    statements: Statements = []
-    for number, line in enumerate(lines, start=1):
-        if first is None or not first[0] <= number - 1 < first[1]:
-            code = without_texts(number, line, "\"'", "#")[0]
-            statements += [(number, part.strip()) for part in code.split(";") if part.strip()]
-    own = first is not None and _OwnScript(statements[0][1][len("def ") : -len("():")], first[2])
-    script = own or _Script()
-    script.execute(statements)
-    return script.course.moves(header)
+def _se3(pose: Any) -> mink.SE3:
+    values = np.array(pose, dtype=np.float64)
+    if (
+        not isinstance(pose, Pose)
+        or values.shape != (6,)
+        or not (np.abs(values) <= LARGEST_NUMBER).all()
+    ):
+        raise Unknown(f"expected a pose, p[x, y, z, rx, ry, rz], got {pose}")
+    return mink.SE3.from_rotation_and_translation(mink.SO3.exp(values[3:]), values[:3])
 
 
-def _own_functions(lines: list[str]) -> tuple[int, int, str] | None:
+def _pose(se3: mink.SE3) -> Pose:
+    return Pose([*se3.translation().tolist(), *se3.rotation().log().tolist()])
+
+
+def _added(one: Any, other: Any) -> Pose:
+    """``pose_add``: translations are added, and rotations composed."""
+    a, b = _se3(one), _se3(other)
+    turn = a.rotation() @ b.rotation()
+    return _pose(mink.SE3.from_rotation_and_translation(turn, a.translation() + b.translation()))
+
+
+_VALUES: dict[str, Callable[..., Any]] = {
+    "pose_trans": lambda a, b: _pose(_se3(a) @ _se3(b)), "pose_add": _added,
+    "pose_inv": lambda a: _pose(_se3(a).inverse()), "get_inverse_kin": lambda pose, *_, **__: pose,
+    "d2r": math.radians, "r2d": math.degrees, "sin": math.sin, "cos": math.cos, "tan": math.tan,
+    "sqrt": math.sqrt, "norm": abs,
+}  # fmt: skip
+
+
+class Script(Program):
+    """A script of anyone."""
+
+    flags = re.ASCII | re.DOTALL  # capitals count
+    opens = (
+        (r"def\s+(?P<name>\w+)\s*\((?P<arguments>.*)\)\s*:", "end", "procedure"),
+        (r"(?:thread|sec)\b.*:", "end", "never"),
+        (r"while\s*\(?\s*True\s*\)?\s*:", "end", "for ever"),
+        (r"if\b(?P<condition>.*):", "end", "if"), (r"while\b(?P<condition>.*):", "end", "while"),
+    )  # fmt: skip
+    otherwise = r"elif\b(?P<condition>.*):|else\s*:"
+    reads = "joint moves (movej, servoj) to literals or constants, one after the other,"
+
+    def __init__(self, moves: Moves) -> None:
+        super().__init__(Values(str, str, _VALUES, list_literal), moves)
+        self.values.names |= {"True": True, "False": False, "pi": math.pi}
+        moves.frame = "the robot's base", mink.SE3.identity()
+        self._blended = False
+
+    def grammar(self) -> Sequence[Rule]:
+        """Moves, words that move nothing, variables, calls."""
+        return (
+            (r"(?P<word>movej|servoj)\s*\((?P<arguments>.*)\)", self._joint, "joint"),
+            (r"(?P<word>movel|movep|movec)\s*\((?P<arguments>.*)\)", self._move, "path"),
+            (r"(?:move|servo|speed|force_mode|freedrive|teach|conveyor|path_offset|track|screw)\w*"
+             r"\s*\(.*", self.refuse, "path"),
+            (r"break|continue", self.go_on, "leaves"),
+            (r"return\b.*", self.leave, "leaves"), (r"halt(?:\s*\(\s*\))?", self.end, "leaves"),
+            (r"(?:else|elif)\b.*", self.skip, "skip"),
+            (r"(sleep)\s*\((.*)\)", self.wait, "pause"),
+            (r"(stopj)\s*\((.*)\)", self._stop, "passed"),
+            *self.noting(_NOTED),
+            (_ASSIGNMENT, self.assign, "assigns"),
+            (r"(?:(?:global|local|run|join|kill)\b|\$).*|\w+|stopl\s*\(.*", self.skip, "skip"),
+            (r"(?P<called>\w+)\s*\((?P<arguments>.*)\)", self.call, "call"),
+            (r".*", self.refuse, "path"),
+        )  # fmt: skip
+
+    def first(self, uncalled: list[str], statements: Statements) -> list[str]:
+        """A controller runs what stands outside functions, or else the only function."""
+        if not self.moves.strict:
+            return super().first(uncalled, statements)
+        return [] if self._count > len(self.procedures) else uncalled
+
+    def parameter(self, words: Sequence[str]) -> str:
+        """A parameter may have a default value."""
+        return words[0]
+
+    def _given(self, line: int, match: re.Match[str]) -> dict[str, str]:
+        self.refuse_calls(line, match["arguments"])
+        given = by_name(line, match["arguments"], _ARGUMENTS[match["word"]])
+        radius = given.get("r", "0")
+        try:
+            self._blended = float(self.values.value(radius)) > 0.0
+        except (Unknown, TypeError):
+            if self.moves.strict:
+                raise
+            self._blended = True
+        if self._blended:
+            self.moves.rounds(line, f"r={radius}")
+        return given
+
+    def _joint(self, line: int, match: re.Match[str]) -> None:
+        if match["word"] == "servoj" and not self.moves.strict:
+            self.refuse(line, match)
+        given = self._given(line, match)
+        angles = pose = None
+        seconds = 0.0
+        try:
+            found = self.values.value(given.get("q", ""))
+            if isinstance(found, Pose):
+                pose = _se3(found)
+            else:
+                angles = [float(x) for x in found]
+            seconds = float(self.values.value(given.get("t", "0")))
+        except (Unknown, TypeError, ValueError) as error:
+            if self.moves.strict:
+                raise refuse(
+                    line, match[0], "expected [q1, …, q6], numbers or constants."
+                ) from error
+        if self.moves.strict and max(map(abs, angles or []), default=0.0) > 4.0 * math.pi:
+            raise refuse(line, match[0], "more than two turns; URScript takes rad, not degrees.")
+        self.moves.joint(line, angles, pose, seconds if seconds > 0.0 else None)
+
+    def _move(self, line: int, match: re.Match[str]) -> None:
+        given = self._given(line, match)
+        try:
+            timed = "t" in given and self.values.value(given["t"]) > 0.0
+            speed = given.get("v", "0.25")
+            self.moves.feed = math.nan if timed else float(self.values.value(speed))
+        except (Unknown, TypeError):
+            self.moves.feed = math.nan
+        poses = [_se3(self.values.value(text)) for key, text in given.items() if key[0] == "p"]
+        if len(poses) != 1 + (match["word"] == "movec"):
+            raise refuse(line, match[0], "expected poses, p[x, y, z, rx, ry, rz].")
+        if len(poses) == 2:
+            self.moves.arc(line, poses[0], poses[1])
+        else:
+            self.moves.line(line, poses[0])
+
+    def _stop(self, line: int, match: re.Match[str]) -> None:
+        self.refuse_calls(line, match[2])
+        self.moves.noted(line, match[1], "passed")
+        if self.moves.strict and self._blended:
+            raise refuse(line, match[0], "stops the robot before it is where it was sent (r>0).")
+
+
+def _own_functions(lines: Sequence[str]) -> tuple[int, int, str] | None:
     """Where the functions that this package writes begin and end, and which; ``None`` without.
 
     They are recognised literally, where the package writes them: as the first lines of the only
@@ -177,230 +279,65 @@ def _own_functions(lines: list[str]) -> tuple[int, int, str] | None:
         begin = code[0] + 1
         for kind in _TERMS:
             block = _functions(kind).rstrip("\n").split("\n")
-            if lines[begin : begin + len(block)] == block:
+            if [*lines[begin : begin + len(block)]] == block:
                 return begin, begin + len(block), kind
     return None
 
 
-class _Calculating(Program):
-    """URScript's expressions: numbers, ``d2r(90)``, lists of six."""
+def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
+    """Read a script of this package: start, moves, finish.
 
-    reads = _READS
-    flags = re.ASCII | re.DOTALL  # capitals count
-    twice = "assigned", "constants"
-    reserved = _WORDS
-
-    def execute(self, statements: Statements) -> None:
-        """Execute a script.
-
-        Raises:
-            InvalidInput: At a statement that is not read.
-        """
-        raise NotImplementedError
-
-    def check(self, number: int, statement: str, text: str) -> None:
-        """Refuse a call other than ``d2r``."""
-        super().check(number, statement, re.sub(rf"\bd2r\(\s*{NUMBER}\s*\)", "0", text))
-
-    def name_of(self, name: str) -> str:
-        """Capitals count."""
-        return name
-
-
-class _OwnScript(_Calculating):
-    """A script with the functions of this package: start, moves, finish, and nothing between.
-
-    The functions remember where they are and how late. Only outputs and messages may stand between
+    Its functions remember where they are and how late. Only outputs and messages may stand between
     them: those neither take time nor write to their variables.
     """
-
-    reads = "start, the moves and finish, as they were written, with outputs between them"
-    noted = {"passed": CALLS["passed"]}  # noqa: RUF012
-
-    def __init__(self, name: str, kind: str) -> None:
-        super().__init__()
-        self._name, self._kind = name, kind
-        self._expected = ["start"]
-
-    def grammar(self) -> Sequence[tuple[str, Act]]:
-        """Calls of the functions, the end, and outputs."""
-        return (
-            (rf"({'|'.join((*_OWN, self._name))})\s*\((.*)\)", self._move),
-            (r"(end)()", self._move),
-            *((pattern, self._between(act)) for pattern, act in self.noting()),
-        )
-
-    def execute(self, statements: Statements) -> None:
-        """Read the whole script.
-
-        Raises:
-            InvalidInput: At any other statement.
-        """
-        name = self._name
-        if name in {*_WORDS, *_OWN, "at_q", "at_w", "late"}:
-            raise refuse(*statements[0], "a name of the functions below; export it under another.")
-        self.parse("", Procedure(name, 1, statements[1:]))
-        self.run("")
-        if name not in self._expected and self._expected:
-            last = self._expected[-1]
-            raise InvalidInput(f"the script has no {last} at its end; a line was lost.")
-
-    def _move(self, number: int, match: re.Match[str]) -> None:
-        word, arguments = match[1], [each for each in split(match[2]) if each]
-        name, expected = self._name, self._expected
-        if not expected:
-            often = f"a script of export calls its function at most once; remove this {name}()."
-            raise refuse(
-                number, match[0], often if word == name else f"expected nothing after {name}."
-            )
-        if word not in expected:
-            raise refuse(number, match[0], f"expected {' or '.join(expected)} here.")
-        count = {"start": 2, "cubic": 3, "line": 2}.get(word, 0)
-        if len(arguments) != count:
-            raise refuse(number, match[0], f"expected {count} arguments.")
-        following = {"finish": ["end"], "end": [name], name: []}
-        self._expected = following.get(word, [self._kind, "finish"])
-        if word not in following:
-            point = six(number, _elements(number, arguments[0]))
-            cubic = self._kind == "cubic"
-            rates = six(number, _elements(number, arguments[1])) if cubic else None
-            seconds = None if word == "start" else number_of(number, arguments[-1])
-            self.course.move(number, point, seconds, rates)
-
-    def _between(self, act: Act) -> Act:
-        """The act of an output, which is refused after the functions."""
-
-        def checked(number: int, match: re.Match[str]) -> bool | None:
-            if self._name in self._expected or not self._expected:
-                raise refuse(number, match[0], f"expected nothing after {self._name}.")
-            return act(number, match)
-
-        return checked
+    (number, define), *others = statements
+    name = define.removeprefix("def ").removesuffix("():")
+    if name in ("start", "cubic", "line", "finish", "at_q", "at_w", "late", "movej", "servoj"):
+        raise refuse(number, define, "a name of the functions below; export it under another.")
+    following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": ["end"],
+                 "end": [name], name: []}  # fmt: skip
+    counts = {"start": 2, "cubic": 3, "line": 2}
+    expected = ["start"]
+    for line, text in others:
+        match = re.fullmatch(r"(\w+)\s*(?:\((.*)\))?", text, re.ASCII | re.DOTALL)
+        word, arguments = (match[1], split(match[2] or "")) if match else ("", [])
+        output = re.fullmatch(_NOTED["passed"][0], text, re.ASCII | re.DOTALL)
+        if output and kind in expected and not re.search(r"\w\s*\(", output[2]):
+            moves.noted(line, word, "passed")
+            continue
+        if word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
+            what = f"{' or '.join(expected) or 'nothing'} with its arguments"
+            raise refuse(line, text, f"is not read; in a script of export, here stands {what}.")
+        expected = following[word]
+        if word in counts:
+            q, w = (_numbers(line, each) for each in (arguments[0], arguments[1]))
+            seconds = None if word == "start" else _numbers(line, f"[{arguments[-1]}]")[0]
+            moves.joint(line, q, None, seconds, w if kind == "cubic" else None)
+    if expected not in ([name], []):
+        raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
 
 
-class _Script(_Calculating):
-    """A script of anyone."""
-
-    begins = rf"def\s+(?P<name>{_NAME})\s*\((?P<arguments>.*)\)\s*:"
-    ends, nested = "end", True
-    data = (ASSIGNMENT,)
-    noted = CALLS
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._blended = False
-
-    def grammar(self) -> Sequence[tuple[str, Act]]:
-        """Moves, waits, settings, outputs, constants and calls."""
-        return (
-            (r"(movej|servoj)\s*\((.*)\)", self._move),
-            (
-                r"sleep\s*\((.*)\)",
-                lambda number, match: self.course.wait(number, self._value(number, match[1])),
-            ),
-            (r"(halt)(?:\s*\(\s*\))?", self.end),
-            (r"(stopj)\s*\((.*)\)", self._stop),
-            *self.noting(),
-            (ASSIGNMENT, self._assign),
-            (rf"({_NAME})\s*\(\s*\)", self.calling("calls something that the file does not have.")),
-        )
-
-    def execute(self, statements: Statements) -> None:
-        """Execute a script: its statements outside functions, or else its only function."""
-        for number, statement in statements:
-            if re.match(r"(?:def\s+)?(?:start|cubic|line)\s*\(.*[,\w].*\)\s*:?$", statement):
-                raise refuse(number, statement, f"{_BACKWARDS}trajectory again.")
-        top, first = self.sort(statements), ""
-        if not self.procedures[""].statements:
-            del self.procedures[""]
-            if len(top) != 1:
-                raise InvalidInput(
-                    f"the script defines {', '.join(top) or 'nothing'} and calls nothing, so that "
-                    "nothing says what runs; add a call at its end."
-                )
-            first = top[0]
-        self.parse_all()
-        self.run(first)
-        self.note_calls()
-
-    def _assign(self, number: int, match: re.Match[str]) -> None:
-        """A variable: a number or a list of them is a constant if it is assigned only here."""
-        name, part, text = match["name"], match["part"], match["value"].strip()
-        if name in _WORDS or name in self.procedures:
-            raise refuse(number, match[0], "this name has a meaning already.")
-        self.check(number, match[0], part + text)
-        listed = re.fullmatch(r"\[([^\[\]]*)\]", text)
-        elements = split(listed[1]) if listed else [text]
-        count = AXES if listed else 1
-        if not part and len(elements) == count and all(map(_is_number, elements)):
-            self.values[name] = text
-        else:
-            self.course.passed(number, name)
-
-    def _move(self, number: int, match: re.Match[str]) -> None:
-        """A ``movej`` or ``servoj``, with arguments by position or by name."""
-        names = _MOVEJ if match[1] == "movej" else _SERVOJ
-        given: dict[str, str] = {}
-        for place, argument in enumerate(split(match[2])):
-            named = re.fullmatch(rf"({_NAME})\s*=\s*(.+)", argument, re.ASCII)
-            key = named[1] if named else (names[place] if place < len(names) else "")
-            if key not in names or key in given:
-                raise refuse(number, argument, f"expected the arguments {', '.join(names)}.")
-            given[key] = named[2] if named else argument
-        target = given.pop("q", "").strip()
-        values = {key: self._value(number, text) for key, text in given.items()}
-        seconds = values.get("t", 0.0)
-        self._blended = values.get("r", 0.0) > 0.0
-        if self._blended:
-            self.course.rounds(number, f"r={values['r']:g}")
-        point = self._target(number, target)
-        self.course.move(number, point, seconds if seconds > 0.0 else None)
-
-    def _target(self, number: int, target: str) -> list[float]:
-        if target.startswith(("p[", "get_inverse_kin")):
-            raise refuse(number, target, "a pose; only joint positions [q1, …, q6] can be checked.")
-        text = target
-        if re.fullmatch(_NAME, target, re.ASCII):
-            text = self.constant(number, target, target, _NO_CONSTANT)
-            if _is_number(text):
-                raise refuse(number, target, "a number; expected joint positions, [q1, …, q6].")
-        point = [self._value(number, value) for value in _elements(number, text)]
-        if max(map(abs, point)) > 4.0 * math.pi:
-            raise refuse(number, target, "more than two turns; URScript takes rad, not degrees.")
-        return point
-
-    def _value(self, number: int, text: str) -> float:
-        """A number, also as ``d2r(90)`` or by name."""
-        text = text.strip()
-        if re.fullmatch(_NAME, text, re.ASCII):
-            value = self.constant(number, text, text, _NO_CONSTANT)
-            text = value if _is_number(value) else text
-        if match := re.fullmatch(r"d2r\((.*)\)", text):
-            return math.radians(number_of(number, match[1]))
-        return number_of(number, text)
-
-    def _stop(self, number: int, match: re.Match[str]) -> None:
-        self.check(number, match[0], match[2])
-        self.course.passed(number, match[1])
-        if self._blended:
-            raise refuse(number, match[0], "stops the robot before it is where it was sent (r>0).")
+def _numbers(line: int, text: str) -> list[float]:
+    found = list_literal(text if text[:1] == "[" else f"[{text}]")
+    if not isinstance(found, list) or not all(isinstance(x, float) for x in found):
+        raise refuse(line, text, "expected numbers.")
+    return found
 
 
-_NO_CONSTANT = "expected a number or joint positions, [q1, …, q6], assigned above."
-
-
-def _is_number(text: str) -> bool:
-    return bool(re.fullmatch(rf"{NUMBER}|d2r\(\s*{NUMBER}\s*\)", text, re.ASCII))
-
-
-def _elements(number: int, text: str) -> list[str]:
-    match = re.fullmatch(r"\[(.*)\]", text.strip())
-    if not match:
-        raise refuse(number, text, "expected a list of joint positions, [q1, …, q6].")
-    elements = split(match[1])
-    if len(elements) != AXES:
-        raise refuse(number, text, f"expected {AXES} joint positions, got {len(elements)}.")
-    return elements
+def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:
+    """Execute a script, which is one file; its comments."""
+    lines = [line.rstrip() for line in lines]
+    own = _own_functions(lines)
+    found: Statements = []
+    for number, line in enumerate(lines, start=1):
+        if own is None or not own[0] <= number - 1 < own[1]:
+            code = without_texts(number, line, "\"'", "#")[0]
+            found += [(number, part.strip()) for part in code.split(";") if part.strip()]
+    if own is not None:
+        _read_own(moves, own[2], found)
+    else:
+        Script(moves).execute(found)
+    return [line.strip()[1:] for line in lines if line.strip()[:1] == "#"]
 
 
 def _stopped(text: str, why: str) -> str:
@@ -416,6 +353,6 @@ def _stopped(text: str, why: str) -> str:
 URSCRIPT = Dialect(
     "urscript", "URScript", ".script", "rad", 10, 9,
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
-    True, _check_name, _encode, _decode, _stopped,
+    True, 64, "a function's name", _encode, _execute, _stopped,
 )  # fmt: skip
 """URScript."""

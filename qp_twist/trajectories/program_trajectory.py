@@ -23,6 +23,7 @@ from qp_twist.programs import (
     check_header,
     dialect_of,
     header_lines,
+    joint_moves,
     printed,
 )
 from qp_twist.robots import (
@@ -172,12 +173,6 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
             other = WRITTEN_AS_MODELLED
         check_language(dialect, joints, other)
 
-    def beside(name: str) -> bytes | None:
-        for file in sorted(path.parent.iterdir()):
-            if file.name.lower() == name.lower() and file.is_file():
-                return read_bytes(file, "program")
-        return None
-
     with of_file(path):
         if re.search(rb"\r(?!\n)|\x1a(?!\s*$)", content):
             raise InvalidInput(
@@ -187,7 +182,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         lines = text_lines(content)
         if lines[0].startswith(DOES_NOT_PASS):
             raise InvalidInput(f"{lines[0]} (written all the same, by --force).", line=1)
-        moves = dialect.decode("\n".join(lines), beside)
+        moves = joint_moves(path, dialect, lines)
         check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
     scale = _scale(dialect)
     times: Array | None = None

@@ -16,14 +16,19 @@ import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.toolpath import LARGEST_NUMBER
-from qp_twist.programs.reading import NUMBER, shown
+from qp_twist.programs.statements import NUMBER, shown
 
+LARGEST_NUMBER = 1e12
+"""A coordinate beyond it is no pose."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Mod: operator.mod,
     ast.Div: operator.truediv, ast.FloorDiv: operator.floordiv, ast.MatMult: operator.matmul,
-    ast.USub: operator.neg, ast.UAdd: operator.pos,
+    ast.USub: operator.neg, ast.UAdd: operator.pos, ast.Not: operator.not_,
+    ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt, ast.GtE: operator.ge,
+    ast.Eq: operator.eq, ast.NotEq: operator.ne, ast.And: all, ast.Or: any,
 }  # fmt: skip
+_WORD = re.compile(r"[\w$]+")
+_NUMBER = re.compile(NUMBER, re.ASCII)
 
 
 class Unknown(InvalidInput):
@@ -40,8 +45,9 @@ class Values:
     Attributes:
         key: A variable's name as a name of Python.
         functions: By name.
-        literal: The value of what is only numbers; ``None`` for other expressions.
         names: Values of variables; :class:`Unknown` where the program does not state one.
+        kept: Variables whose value another run or program may have changed: it decides nothing.
+        shared: Variables that something beside the program assigns, likewise, at any time.
     """
 
     def __init__(
@@ -50,10 +56,14 @@ class Values:
         translate: Callable[[str], str],
         functions: Mapping[str, Callable[..., Any]],
         literal: Callable[[str], Any],
+        comparison: Sequence[tuple[str, str]] = (),
     ) -> None:
+        """``literal``: what only numbers are, else ``None``; ``comparison``: in Python's words."""
         self.key, self._translate, self.functions = key, translate, functions
-        self._literal = literal
+        self._literal, self._comparison = literal, comparison
         self.names: dict[str, Any] = {}
+        self.kept: set[str] = set()
+        self.shared: set[str] = set()
 
     def value(self, text: str) -> Any:
         """The value of an expression.
@@ -62,11 +72,28 @@ class Values:
             Unknown: If something in it has no value, or it is not understood.
         """
         text = text.strip()
-        if re.fullmatch(NUMBER, text, re.ASCII):
+        if _NUMBER.fullmatch(text):
             return float(text)
         literal = self._literal(text)
-        if literal is not None:
-            return literal
+        return self._evaluated(text) if literal is None else literal
+
+    def condition(self, text: str) -> bool:
+        """Whether a condition holds.
+
+        Raises:
+            Unknown: If the program does not decide it.
+        """
+        for pattern, replacement in self._comparison:
+            text = re.sub(pattern, replacement, text)
+        words = set(map(self.key, _WORD.findall(text)))
+        if undecided := words & (self.kept | self.shared):
+            raise Unknown(f"the file does not state {min(undecided)} at this line")
+        found = self._evaluated(text.strip())
+        if not isinstance(found, bool):
+            raise Unknown(f"{shown(text)} is no condition")
+        return found
+
+    def _evaluated(self, text: str) -> Any:
         try:
             return self._of(_parsed(self._translate(self.key(text))))
         except InvalidInput:
@@ -77,22 +104,33 @@ class Values:
     def assign(self, line: int, target: str, text: str) -> None:
         """Assign to a variable or a component; what has no value is remembered as such."""
         try:
-            value, node = deepcopy(self.value(text)), _parsed(self._translate(self.key(target)))
-            if isinstance(node, ast.Subscript):
+            value, name = self.value(text), self.key(target.strip())
+            if isinstance(value, list | dict):
+                value = deepcopy(value)
+            node = None if name.isidentifier() else _parsed(self._translate(name))
+            if node is None:
+                self.names[name] = value
+            elif isinstance(node, ast.Subscript):
                 if isinstance(node.value, ast.Name) and isinstance(
                     self.names.get(node.value.id), Unknown | None
                 ):
                     self.names[node.value.id] = {}  # an array that is only declared
                 self._of(node.value)[self._place(node)] = value
             else:
-                self.names[ast.unparse(node)] = value
+                raise Unknown(f"{shown(target)} is not understood")
         except Exception as error:  # a component that the variable does not have is one, too
             why = error.sentence if isinstance(error, Unknown) else "it is not understood"
             self.forget(target, f"{target} of line {line}: {why}")
+        self.kept.discard(self.base(target))
 
     def forget(self, target: str, why: str) -> None:
         """A variable has no value any more that the file states."""
-        self.names[self.key(re.findall(r"[\w$]+", target)[0])] = Unknown(why)
+        self.names[self.base(target)] = Unknown(why)
+
+    def base(self, target: str) -> str:
+        """The variable of which a target is a part."""
+        match = _WORD.search(self.key(target))
+        return match[0] if match else ""
 
     def _of(self, node: ast.AST) -> Any:
         match node:
@@ -106,8 +144,10 @@ class Values:
                 return [self._of(element) for element in elements]
             case ast.UnaryOp(sign, operand):
                 return _OPERATORS[type(sign)](self._of(operand))
-            case ast.BinOp(left, sign, right):
+            case ast.BinOp(left, sign, right) | ast.Compare(left, [sign], [right]):
                 return _OPERATORS[type(sign)](self._of(left), self._of(right))
+            case ast.BoolOp(sign, operands):
+                return _OPERATORS[type(sign)]([self._of(operand) for operand in operands])
             case ast.Subscript(ast.Name("p"), ast.Tuple(elements)):
                 return Pose(self._of(element) for element in elements)
             case ast.Subscript(array):

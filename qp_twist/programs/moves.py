@@ -1,0 +1,219 @@
+"""What a program does while it is executed, and its joint moves, for which ``check`` vouches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import mink
+import numpy as np
+
+from qp_twist.errors import InvalidInput
+from qp_twist.programs.joint_moves import AXES, JointMoves
+
+_LISTED = 12
+"""Kinds of statements that a note lists."""
+Kind = Literal["passed", "setting", "speed", "pause"]
+"""Statements that do not move the robot: others, of tool, base or load, of speeds, waits."""
+
+
+class Moves:
+    """Takes what a program does, in its order; what is no concern of it does nothing.
+
+    Attributes:
+        strict: Whether what is not known is refused, instead of taken to move nothing.
+        frame: Name of the frame in force, and its pose in the robot's base if the file states it.
+        feed: Along the path, m/s.
+    """
+
+    strict = False
+
+    def __init__(self) -> None:
+        self.frame: tuple[str, mink.SE3 | None] = "", None
+        self.feed = math.nan
+
+    def joint(
+        self,
+        line: int,
+        angles: list[float] | None,
+        pose: mink.SE3 | None = None,
+        seconds: float | None = None,
+        rates: list[float] | None = None,
+    ) -> None:
+        """A joint move, to angles or to a pose, or to what the program does not state.
+
+        With rates, in unit/s, there and where it begins, each joint moves on a cubic.
+        """
+
+    def line(self, line: int, pose: mink.SE3) -> None:
+        """A straight move at the feed in force."""
+
+    def arc(self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None) -> None:
+        """A move along the circle through a point, to its end or, with an angle, as far as that."""
+
+    def external(self, line: int, axes: Mapping[str, float]) -> None:
+        """The external axes of a move's target."""
+
+    def wait(self, line: int, word: str, seconds: float) -> None:
+        """A wait of known length."""
+
+    def rounds(self, line: int, mark: str) -> None:
+        """The next point is rounded."""
+
+    def noted(self, line: int, word: str, kind: Kind) -> None:
+        """A statement that does not move the robot."""
+
+    def note(self, text: str) -> None:
+        """What was taken for granted, once."""
+
+
+class Course(Moves):
+    """Points and times of a program's joint moves.
+
+    A move without a time, such as one at a share of the largest speed, leaves the whole program
+    without times: how long it takes depends on the controller.
+    """
+
+    strict = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._points: list[list[float]] = []
+        self._durations: list[float] = []
+        self._velocities: list[list[float]] = []
+        self._untimed: tuple[int, str, str] | None = None
+        self._waits: list[tuple[int, str]] = []
+        self._notes: dict[str, None] = {}
+        self._noted: dict[bool, dict[str, dict[int, None]]] = {False: {}, True: {}}
+        self._external: dict[str, float] | None = None
+        self._rounded = False
+
+    def joint(
+        self,
+        line: int,
+        angles: list[float] | None,
+        pose: mink.SE3 | None = None,
+        seconds: float | None = None,
+        rates: list[float] | None = None,
+    ) -> None:
+        """Move to angles; the first move leads to the start, and its time does not count."""
+        if angles is None:
+            raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
+        for values in (angles, rates or angles):
+            if len(values) != AXES or not all(map(math.isfinite, values)):
+                raise InvalidInput(f"expected {AXES} angles, got {values}.", line=line)
+        if seconds is not None and not 0.0 < seconds < math.inf:
+            raise InvalidInput(
+                f"the move takes {seconds:g} s; a time is positive and finite.", line=line
+            )
+        if self._points:
+            if seconds is None:
+                self._without_time(line, "the move", "has no time")
+            self._durations.append(math.nan if seconds is None else seconds)
+        self._points.append(angles)
+        if rates is not None:
+            self._velocities.append(rates)
+
+    def external(self, line: int, axes: Mapping[str, float]) -> None:
+        """One that is not given stays where it is.
+
+        Raises:
+            InvalidInput: If one is not where the first move has it, or 0, which is what
+                controllers without the axis write.
+        """
+        if self._external is None:
+            self._external = dict(axes)
+        for axis, value in axes.items():
+            before = self._external.setdefault(axis, 0.0)
+            if value != before:
+                raise InvalidInput(
+                    f"it moves the external axis {axis} to {value:g}, from "
+                    f"{before:g}; only robots whose external axes stand still can be checked.",
+                    line=line,
+                )
+
+    def wait(self, line: int, word: str, seconds: float) -> None:
+        """Stay at the last point."""
+        if not 0.0 <= seconds < math.inf:
+            raise InvalidInput(f"a wait of {seconds:g} s; expected a finite time.", line=line)
+        if self._points and seconds > 0.0:
+            self.joint(line, list(self._points[-1]), None, seconds)
+            self._waits.append((line, f"a wait of {seconds:g} s"))
+
+    def rounds(self, line: int, mark: str) -> None:
+        """The first one is noted."""
+        if not self._rounded:
+            self._rounded = True
+            self.note(
+                f"points are rounded from line {line} on ({mark}): the robot rounds these points; "
+                "checked is the path through them"
+            )
+
+    def noted(self, line: int, word: str, kind: Kind) -> None:
+        """Speeds and waits of unknown length leave the program without times."""
+        if kind == "pause":
+            if self._points:
+                self._without_time(line, word, "waits for something")
+            return
+        if kind == "speed":
+            self._without_time(line, word, "changes speeds or accelerations")
+        self._noted[kind != "passed"].setdefault(word, {})[line] = None
+
+    def note(self, text: str) -> None:
+        """Add a note; the same one once."""
+        self._notes[text] = None
+
+    def _without_time(self, line: int, what: str, why: str) -> None:
+        self._untimed = self._untimed or (line, what, why)
+
+    def moves(self, header: Mapping[str, str]) -> JointMoves:
+        """The moves of the program.
+
+        Raises:
+            InvalidInput: If there are fewer than two points.
+        """
+        if len(self._points) < 2:
+            raise InvalidInput(
+                f"there {'is one joint move' if self._points else 'are no joint moves'} in the "
+                "program; expected two or more."
+            )
+        notes = list(self._notes)
+        untimed = None
+        if self._untimed is not None:
+            line, what, why = self._untimed
+            untimed = line, f"{what} {why}"
+            notes.append(
+                f"{what} of line {line} {why}, so that how long the program takes depends on the "
+                "controller"
+            )
+        if self._external:
+            standing = ", ".join(f"{axis} at {value:g}" for axis, value in self._external.items())
+            notes.append(
+                f"external axes stand still, {standing}: whether the task has them there is not "
+                "checked"
+            )
+        for settings, why in (
+            (True, "the path of axis moves does not depend on tool, base, load or speed (checked "
+                   "is the task's tool)"),
+            (False, "it does not move the robot"),
+        ):  # fmt: skip
+            if self._noted[settings]:
+                notes.append(f"passed over, since {why}: {_listed(self._noted[settings])}")
+        return JointMoves(
+            np.array(self._points),
+            np.array(self._durations) if untimed is None else None,
+            np.array(self._velocities) if self._velocities else None,
+            header, tuple(notes), tuple(self._waits), untimed,
+        )  # fmt: skip
+
+
+def _listed(words: Mapping[str, Mapping[int, None]]) -> str:
+    """Words with the lines where they stand."""
+    found = []
+    for word, lines in words.items():
+        more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
+        found.append(f"{word} (line {next(iter(lines))}{more})")
+    if len(found) > _LISTED:
+        found[_LISTED:] = [f"and {len(found) - _LISTED} more kinds"]
+    return ", ".join(found)
