@@ -121,6 +121,10 @@ def new_task(
     frame = choose_frame(seen, request.frame, request.frame_type)
     report("reading the toolpath", 0.0)
     toolpath = _toolpath(request)
+    if request.roll is not None and not toolpath.has_roll:
+        raise InvalidInput(
+            f"{request.toolpath.name} states no roll of the tool; leave it out.", key="roll"
+        )
     refuse_other_units(request, seen, frame, toolpath)
     with ExitStack() as stack:
         stack.enter_context(clock.running(lambda: report(MACHINE_CODE, 0.0)))
@@ -190,6 +194,10 @@ def _notes(parts: Parts, path_task: PathTask, of_cell: Sequence[str]) -> Iterato
             f"the path gives no time, or hardly any; it turns by at most {parts.angular_speed:g} "
             "degrees/s everywhere (--angular-speed)."
         )
+    if toolpath.has_roll and parts.fixes_roll:
+        yield "roll: fixed to that of the file (rank 6); --roll free leaves it free, drawn to it."
+    elif toolpath.has_roll:
+        yield "roll: free, and drawn to that of the file; --roll fixed holds it (rank 6)."
     yield from (f"left out of {robot.path.name}: {sentence}" for sentence in robot.left_out)
     yield from (f"path: {note}" for note in toolpath.notes)
     yield from (f"cell: {note}" for note in of_cell)

@@ -29,6 +29,9 @@ class Request(ToolpathOptions):
         arguments: Values of the arguments of a xacro file, by name.
         frame: Controlled frame; ``None`` for the only one.
         frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
+        roll: Whether the roll about the tool's axis is fixed to the one that the toolpath states,
+            or free and drawn to it; ``None``: fixed if it states whole orientations, free if it
+            states a second axis beside the first.
         transfer: From one curve to the next in straight lines, or by joint moves.
         tool: Whether the frame's z points into the part.
         place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
@@ -70,6 +73,7 @@ class Request(ToolpathOptions):
     toolpath: Path
     frame: str | None = None
     frame_type: Literal["site", "body", "geom"] | None = None
+    roll: Literal["fixed", "free"] | None = None
     transfer: Literal["straight", "joint"] = "straight"
     tool: Literal["into", "out"] = "into"
     place: Vector | None = None

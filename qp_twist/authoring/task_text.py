@@ -73,6 +73,12 @@ class Parts:
     margin: float = 0.0
 
     @property
+    def fixes_roll(self) -> bool:
+        """Whether the roll is that of the file, which states one; otherwise it is free."""
+        stated = "fixed" if self.toolpath.meaning == "rotation" else "free"
+        return self.toolpath.has_roll and (self.request.roll or stated) == "fixed"
+
+    @property
     def turns_in_place(self) -> int:
         """How often the tool turns in place."""
         return self.toolpath.turns_in_place(rapids=self.keeps_rapids)
@@ -102,13 +108,13 @@ def task_text(parts: Parts) -> str:
         f"title = {_quoted(parts.title)}",
         "" if parts.start is not None else _notes(parts.start_notes) + 'start = "central"',
         _robot(parts),
-        _projector(parts.toolpath.meaning),
+        _projector(parts),
         *_path(parts),
         "" if parts.start is None else _start(parts, parts.start),
         _feed(parts),
         _limits(parts),
         "" if parts.watched is None else _clearance(parts.watched),
-        _methods(),
+        _methods(parts),
         "" if parts.middle is None else _study(parts, parts.middle),
     ]
     lines = "\n\n".join(block.strip() for block in blocks if block).split("\n")
@@ -134,22 +140,18 @@ frame_type = "{parts.frame.kind}"
     return text
 
 
-def _projector(meaning: str) -> str:
-    if meaning == "none":
+def _projector(parts: Parts) -> str:
+    if parts.toolpath.meaning == "none":
         return """
 [projector]\t# position only, rank 3: the file has no directions
 linear = "full"
 angular = "none"
 """
-    if meaning == "rotation":
+    if parts.fixes_roll:
         return """
-[projector]\t# the whole pose, rank 6, as the file states it
+[projector]\t# the whole pose, rank 6, as the file states it; --roll free frees the roll
 linear = "full"
 angular = "full"
-# To free the roll about the tool's z, which a tool of revolution does not need, write instead
-# (rank 5):
-# angular = { plane = [0, 0, 1] }
-# frame = "body"
 """
     return """
 [projector]\t# position and axis, rank 5: the roll is free
@@ -303,8 +305,15 @@ ignore = [\t# pairs of geoms or bodies that may touch
 """
 
 
-def _methods() -> str:
+def _methods(parts: Parts) -> str:
     default = METHODS[DEFAULT_METHOD].defaults
+    if parts.toolpath.has_roll and not parts.fixes_roll:
+        return f"""
+# How the free motion is spent: the roll follows that of the file, as far as the limits permit.
+[methods.{DEFAULT_METHOD}]
+secondary = "roll"
+gain = 1.0\t# share of the way a waypoint
+"""
     return f"""
 # How the free motion is spent, for each method; what is not stated has the method's own value.
 [methods.{DEFAULT_METHOD}]\t# towards the middle of the joint ranges

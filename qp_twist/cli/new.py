@@ -34,6 +34,7 @@ def new(
     frame_type: Literal["auto", "site", "body", "geom"] = "auto",
     out: cli.File = Path("task.toml"),
     toolpath: Toolpath = _AS_THE_FILE_SAYS,
+    roll: Literal["auto", "fixed", "free"] = "auto",
     transfer: Literal["straight", "joint"] = "straight",
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Pose = None,
@@ -67,6 +68,8 @@ def new(
         frame_type: Kind of the frame, if two frames have the same name.
         out: Task file to write.
         toolpath: How the toolpath is read.
+        roll: Whether the roll about the tool's axis is fixed to the toolpath's, or free and drawn
+            to it; if omitted, fixed where the toolpath states whole orientations.
         transfer: From one curve to the next: straight lines of the tool; or joint, moves of the
             joints at their full speed, clear of what is in the way.
         tool: Whether the frame's z points into the part or out of it; or the mesh of a tool (STL,
@@ -104,6 +107,7 @@ def new(
             **given(toolpath),
             frame=frame,
             frame_type=None if frame_type == "auto" else frame_type,
+            roll=None if roll == "auto" else roll,
             transfer=transfer,
             tool="out" if tool == "out" else "into",
             place=None if at is None else at[:3],

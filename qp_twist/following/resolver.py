@@ -22,6 +22,7 @@ from qp_twist.kinematics import (
     JointRanges,
     Manipulability,
     PostureReference,
+    RollReference,
     SecondaryObjective,
     TwistTask,
     total_displacement,
@@ -269,5 +270,7 @@ def secondary_objectives(
             return [PostureReference(model, path_task.start, settings.gain)]
         case "manipulability":
             return [Manipulability(model, task, settings.gain)]
+        case "roll":
+            return [RollReference(model, task, settings.gain, longest=task.max_angular_step)]
         case _:
             return []

@@ -18,6 +18,7 @@ from .joint_ranges import JointRanges as JointRanges
 from .manipulability import Manipulability as Manipulability
 from .parametrised_arm import ParametrisedArm as ParametrisedArm
 from .roll_band import RollBand as RollBand
+from .roll_reference import RollReference as RollReference
 from .secondary import JointCentering as JointCentering
 from .secondary import PostureReference as PostureReference
 from .secondary import SecondaryObjective as SecondaryObjective

@@ -139,8 +139,10 @@ def table_toolpath(
             directions, second if where.second_axis == "x" else np.cross(second, directions)
         ])  # fmt: skip
     if lean is not None:
-        orientation = "axis"
+        orientation, sign = "axis", -1.0 if options.axes_point == "into" else 1.0
+        directions[:, :3] *= sign
         directions = _leaned(positions, directions, lean[whole], ends)
+        directions[:, :3] *= sign
     points = Points(positions, directions, table.lines[whole], feeds[whole])
     if rapid is None:
         curves = [PointsOfCurve(points.part(slice(a, b), names[a])) for a, b in pairwise(ends)]

@@ -254,7 +254,7 @@ def _ways(
     if beside.rotations is not None and way.rotations is None:
         way = replace(way, vectors=None, rotations=np.broadcast_to(held, (len(way), 3, 3)))
     elif toolpath.meaning in ("axis", "normal"):
-        way = _facing(way, -1.0 if section.tool == "into" else 1.0)
+        way = way.facing(-1.0 if section.tool == "into" else 1.0)
     try:
         return [replace(resampled(way, section.sampling()), role="transfer")]
     except InvalidInput as error:
@@ -269,16 +269,16 @@ def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) 
         raise InvalidInput(f"{toolpath.source.name}: {error}") from error
     # From the surface to the holder; the frame's z points the other way if the tool is "into".
     sign = -1.0 if section.tool == "into" else 1.0
-    normals = _z(curve) if toolpath.meaning == "normal" else None
+    normals = curve.axes if toolpath.meaning == "normal" else None
     if toolpath.meaning in ("axis", "normal"):
-        curve = _facing(curve, sign)
+        curve = curve.facing(sign)
     elif curve.rotations is None:
         curve = replace(curve, rotations=np.broadcast_to(held, (len(curve), 3, 3)))
     if section.lead_deg or section.tilt_deg:
         turns = lean_turns(
             f"{toolpath.source.name}, curve {curve.name!r}",
             curve.positions,
-            _z(curve),
+            curve.axes,
             np.radians(section.lead_deg),
             np.radians(section.tilt_deg),
         )
@@ -289,29 +289,13 @@ def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) 
             else np.einsum("nij,nj->ni", turns, curve.vectors),
             rotations=None if curve.rotations is None else turns @ curve.rotations,
         )
-    away = sign * _z(curve) if normals is None else normals
+    away = sign * curve.axes if normals is None else normals
     pieces = [curve]
     if section.approach is not None:
         pieces.insert(0, replace(_lead(curve, 0, away, section.approach), role="approach"))
     if section.retreat is not None:
         pieces.append(replace(_lead(curve, -1, away, section.retreat), role="retreat"))
     return pieces
-
-
-def _facing(curve: Curve, sign: float) -> Curve:
-    """The curve with z of the frame along the axes of the file, or against them; x stays."""
-    if curve.vectors is not None:
-        return replace(curve, vectors=sign * curve.vectors)
-    assert curve.rotations is not None
-    return replace(curve, rotations=curve.rotations * np.array([1.0, sign, sign]))
-
-
-def _z(curve: Curve) -> Array:
-    """z of the frame at each waypoint, (N, 3)."""
-    if curve.vectors is not None:
-        return curve.vectors
-    assert curve.rotations is not None
-    return curve.rotations[:, :, 2]
 
 
 def _lead(curve: Curve, end: Literal[0, -1], away: Array, table: LeadTable) -> Curve:

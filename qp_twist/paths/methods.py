@@ -55,7 +55,7 @@ class MethodSettings(Section):
         default=20, description="most iterations for a waypoint"
     )
     secondary: Annotated[
-        Literal["none", "centering", "posture", "manipulability", "plan"],
+        Literal["none", "centering", "posture", "manipulability", "roll", "plan"],
         WrapValidator(_own_or_known),
     ] = Field(default="none", description="what the free motion is spent on")
     weight: Literal["gradient", "paper", "natural", "equal"] = Field(

@@ -41,6 +41,8 @@ _OTHER_PROGRAMS = {
     "a VAL3 program (Stäubli)": r"\s*<(?:Database|Programs?)\b.*(?:staubli|ProgramNameSpace)",
 }
 """Programs that are no toolpaths, by a line with which they begin."""
+_DOWN = -0.5
+"""Largest z of axes that all point down."""
 _BEGIN = 50
 """Number of lines in which that line stands."""
 
@@ -74,19 +76,45 @@ def read_toolpath(
     options = validated(ReadingOptions, given) if options is None else options
     content = read_bytes(path, "toolpath file")
     with of_file(path):
-        if is_bag(content):
-            table, notes = bag_table(content)
-            return table_toolpath(path, table, options, notes=notes)
-        if is_cloud(content):
-            header = content[:4000].partition(b"end_header")[0].decode("latin-1").splitlines()
-            toolpath = table_toolpath(path, cloud_table(content), options, header)
-            points = np.concatenate([curve.positions for curve in toolpath.curves])
-            return replace(toolpath, assumptions=(order_note(points), *toolpath.assumptions))
-        lines = text_lines(content)
-        poses = pose_table(path.suffix.lower(), lines)
-        if poses is not None:
-            return table_toolpath(path, poses[0], options, lines, poses[1])
-        return _read(path, lines, options)
+        return _facing(_any_format(path, content, options), options)
+
+
+def _any_format(path: Path, content: bytes, options: ReadingOptions) -> Toolpath:
+    if is_bag(content):
+        table, notes = bag_table(content)
+        return table_toolpath(path, table, options, notes=notes)
+    if is_cloud(content):
+        header = content[:4000].partition(b"end_header")[0].decode("latin-1").splitlines()
+        toolpath = table_toolpath(path, cloud_table(content), options, header)
+        points = np.concatenate([curve.positions for curve in toolpath.curves])
+        return replace(toolpath, assumptions=(order_note(points), *toolpath.assumptions))
+    lines = text_lines(content)
+    poses = pose_table(path.suffix.lower(), lines)
+    if poses is not None:
+        return table_toolpath(path, poses[0], options, lines, poses[1])
+    return _read(path, lines, options)
+
+
+def _facing(toolpath: Toolpath, options: ReadingOptions) -> Toolpath:
+    """The toolpath with axes that point out of the part, and a note if they may be turned round.
+
+    Raises:
+        InvalidInput: If a sense of axes is stated, and the file has none by themselves.
+    """
+    if toolpath.meaning not in ("axis", "normal"):
+        if options.axes_point is not None:
+            raise InvalidInput(
+                "there are no tool axes or normals by themselves; leave it out.", key="axes_point"
+            )
+        return toolpath
+    if options.axes_point == "into":
+        return replace(toolpath, curves=tuple(curve.facing(-1.0) for curve in toolpath.curves))
+    if options.axes_point is None and max(c.axes[:, 2].max() for c in toolpath.curves) < _DOWN:
+        what = "tool axes" if toolpath.meaning == "axis" else "normals"
+        answer = options.answer("axes_point", "into")
+        note = f"all {what} point down, and are read as out of the part; {answer} turns them round."
+        return replace(toolpath, assumptions=(*toolpath.assumptions, note))
+    return toolpath
 
 
 def _read(path: Path, lines: list[str], options: ReadingOptions) -> Toolpath:

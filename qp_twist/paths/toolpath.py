@@ -60,8 +60,29 @@ class Curve:
     def __len__(self) -> int:
         return len(self.positions)
 
+    @property
+    def axes(self) -> Array:
+        """Tool axes or surface normals, or z of the rotations, (N, 3); NaN without any."""
+        if self.vectors is not None:
+            return self.vectors
+        if self.rotations is not None:
+            return np.asarray(self.rotations[:, :, 2])
+        return np.full((len(self), 3), np.nan)
+
     def __repr__(self) -> str:
         return f"Curve({self.name!r}, {len(self)} points)"
+
+    def facing(self, sign: float) -> Curve:
+        """The curve with z along the axes of the file, or against them (-1); x stays."""
+        return replace(
+            self,
+            vectors=None if self.vectors is None else sign * self.vectors,
+            rotations=None
+            if self.rotations is None
+            else self.rotations * np.array([1.0, sign, sign]),
+            before=self.before and self.before.facing(sign),
+            after=self.after and self.after.facing(sign),
+        )
 
     def part(self, index: npt.ArrayLike) -> Curve:
         """The points of some indices, or of a mask."""
@@ -103,6 +124,11 @@ class Toolpath:
     def notes(self) -> tuple[str, ...]:
         """What was assumed, and what was passed over."""
         return (*self.assumptions, *self.passed_over)
+
+    @property
+    def has_roll(self) -> bool:
+        """Whether it states the roll about the tool's axis, too."""
+        return self.curves[0].rotations is not None
 
     @property
     def feeds(self) -> tuple[float, float] | None:

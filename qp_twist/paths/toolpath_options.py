@@ -43,6 +43,11 @@ class ReadingOptions(Section):
     orientation: Orientation | None = Field(
         default=None, description="columns of direction to use, if there are several"
     )
+    axes_point: Literal["out", "into"] | None = Field(
+        default=None,
+        description="whether tool axes and normals of the file point out of the part, to the "
+        "tool's holder (the default), or into it",
+    )
     feed_unit: FeedUnit | None = Field(
         default=None, description="unit of a column of feeds, likewise"
     )

@@ -93,7 +93,7 @@ def tool_motion(toolpath: Toolpath) -> ToolMotion:
         mask[:1] = False  # a way leads to the first point of a curve
     return ToolMotion(
         np.concatenate([piece.positions for piece, _ in pieces]),
-        np.concatenate([_axes(piece) for piece, _ in pieces]),
+        np.concatenate([piece.axes for piece, _ in pieces]),
         np.concatenate([piece.lines for piece, _ in pieces]),
         np.concatenate([_feeds(piece) for piece, _ in pieces]),
         np.concatenate(along),
@@ -105,7 +105,7 @@ def summarize(toolpath: Toolpath) -> ToolpathSummary:
     motion = tool_motion(toolpath)
     steps, turns, cut = motion.steps, motion.turns, motion.cut
     positions = np.concatenate([curve.positions for curve in toolpath.curves])
-    cosines = np.concatenate([_axes(curve)[:, 2] for curve in toolpath.curves])
+    cosines = np.concatenate([curve.axes[:, 2] for curve in toolpath.curves])
     has_axes = not np.isnan(cosines).any()
     tilts = np.arccos(np.clip(cosines, -1.0, 1.0))
     timed = bool(cut.any()) and bool(np.isfinite(motion.feeds[cut]).all())
@@ -122,14 +122,6 @@ def summarize(toolpath: Toolpath) -> ToolpathSummary:
         _largest(turns, motion, cut & np.isfinite(turns)) if has_axes else None,
         (float(tilts.min()), float(tilts.max())) if has_axes else None,
     )
-
-
-def _axes(curve: Curve) -> Array:
-    if curve.vectors is not None:
-        return curve.vectors
-    if curve.rotations is not None:
-        return np.asarray(curve.rotations[:, :, 2])
-    return np.full((len(curve), 3), np.nan)
 
 
 def _feeds(curve: Curve) -> Array:

@@ -19,11 +19,13 @@ from oracles.arms import (
 from oracles.twists import FRAMES, KINDS, PLANE, POINT, SPATIAL, close, pose, twists
 
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry import Projector, TwistProjector
 from qp_twist.kinematics import (
     JointCentering,
     JointRanges,
     Manipulability,
     PostureReference,
+    RollReference,
     SecondaryObjective,
     TwistTask,
 )
@@ -277,6 +279,39 @@ def test_a_measure_without_rows_or_with_too_many_is_refused(linear: str, angular
     task = TwistTask("tip", "site", projector)
     with pytest.raises(InvalidInput, match=f"has {projector.rank} rows and the robot 3 degrees"):
         Manipulability(planar_arm([1.0, 1.0, 1.0]), task)
+
+
+# ---------------------------------------------------------------------------------- roll reference
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("joints", [6, 7])
+def test_the_roll_returns_to_that_of_the_target_and_nothing_else_moves(
+    joints: int, frame: str
+) -> None:
+    rng = np.random.default_rng(joints)
+    model = random_arm(rng, joints)
+    axis = random_direction(rng)
+    free = TwistProjector(
+        linear=Projector.full(),
+        angular=Projector.plane(axis),
+        frame=frame,  # type: ignore[arg-type]
+    )
+    task = TwistTask("tool", "site", free)
+    configuration = mink.Configuration(model, random_configuration(model, rng))
+    here = configuration.get_transform_frame_to_world("tool", "site")
+    R = here.rotation().as_matrix()
+    about = axis if frame == "world" else R @ axis
+    turned = mink.SO3.exp(0.3 * about).as_matrix() @ R
+    task.set_target(pose(turned, here.translation()))
+    objective = RollReference(model, task)
+    twist = task.state(configuration).jacobian @ objective.direction(configuration)
+    close(twist, np.concatenate([np.zeros(3), 0.3 * about]), 1e-9)
+    objective.longest = 0.1
+    twist = task.state(configuration).jacobian @ objective.displacement(configuration)
+    close(twist, np.concatenate([np.zeros(3), 0.1 * about]), 1e-9)
+    task.projector = SPATIAL
+    assert not objective.direction(configuration).any()
 
 
 # ------------------------------------------------------------------------- as plain mink tasks

@@ -13,7 +13,13 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array
 from qp_twist.cli import main
 from qp_twist.errors import InvalidInput
-from qp_twist.paths import ColumnChoice, Orientation, UnclearColumns, read_toolpath
+from qp_twist.paths import (
+    ColumnChoice,
+    Orientation,
+    UnclearColumns,
+    load_task,
+    read_toolpath,
+)
 
 ANGLES = np.array([[180.0, 10.0, 0.0], [171.0, -35.0, 5.0], [-20.0, 50.0, 110.0]])
 """Three angles of each row, degrees."""
@@ -219,6 +225,10 @@ def test_new_asks_with_its_options_and_then_has_the_whole_pose(
     text = (tmp_path / "task.toml").read_text(encoding="utf-8")
     assert 'orientation = "rotation_vector"' in text
     assert "rank 6" in text
+    main([*given_, "--orientation", "rotation_vector", "--roll", "free", "--force"])
+    assert "roll: free, and drawn to that of the file" in capsys.readouterr().out
+    free = load_task("./task.toml")
+    assert free.projector.rank == 5 and free.settings("qp_gradient").secondary == "roll"
 
 
 @pytest.mark.parametrize("orientation", ["axis", "normal", "quaternion", "rotation_vector"])

@@ -180,6 +180,31 @@ def test_lead_and_tilt_lean_the_tool_from_the_normal(tmp_path: Path) -> None:
         read_toolpath(path)
 
 
+def test_axes_that_point_into_the_part_are_turned_round(tmp_path: Path) -> None:
+    path = tmp_path / "down.csv"
+    rows = "".join(f"{10 * k},0,4,0,0.6,-0.8,1,0,0\n" for k in range(3))
+    path.write_text(f"x,y,z,nx,ny,nz,tx,ty,tz\n{rows}", encoding="utf-8")
+    toolpath = read_toolpath(path)
+    assert any("--axes-point into turns them round" in note for note in toolpath.assumptions)
+    turned = read_toolpath(path, axes_point="into")
+    assert toolpath.curves[0].axes == pytest.approx(-turned.curves[0].axes)
+    assert turned.curves[0].rotations is not None
+    assert turned.curves[0].rotations[0, :, 0] == pytest.approx([1.0, 0.0, 0.0])
+    assert not any("axes-point" in note for note in turned.assumptions)
+    # The tool leans the same way, whichever way the normals are written.
+    lean = "x,y,z,nx,ny,nz,lead,tilt\n" + "".join(
+        f"{10 * k},0,4,0,0,{{}},30,10\n" for k in range(3)
+    )
+    path.write_text(lean.format(1, 1, 1))
+    out = read_toolpath(path)
+    path.write_text(lean.format(-1, -1, -1))
+    into = read_toolpath(path, axes_point="into")
+    assert into.curves[0].axes == pytest.approx(out.curves[0].axes)
+    path.write_text("x,y,z\n10,0,4\n20,0,4\n")
+    with pytest.raises(InvalidInput, match="axes_point: there are no tool axes or normals"):
+        read_toolpath(path, axes_point="into")
+
+
 def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
     path = tmp_path / "moves.csv"
     moves = [("G0", 0, 50), ("G0", 0, 0), ("G1", 30, 0), ("G1", 60, 0), ("G00", 60, 50),

@@ -826,6 +826,26 @@ def test_a_second_axis_of_the_file_is_the_roll_of_the_waypoints(
     assert loaded.from_start == "nothing" and loaded.projector.rank == 5
 
 
+def test_a_free_roll_is_drawn_to_that_of_the_file(tmp_path: Path) -> None:
+    """The turn of the frame about its z against the waypoint's, at the end of the path."""
+    tangents = HEAD.replace("nz", "nz,tx,ty,tz")
+    rolls = 0.3 + 0.01 * np.arange(40)
+    rows = "".join(
+        f"{5 * k},0,0,0,0.6,0.8,{math.cos(roll)},{math.sin(roll)},0\n"
+        for k, roll in enumerate(rolls)
+    )
+    loaded = qt.load_task(task(tmp_path, PLACED, tangents + rows))
+    assert loaded.projector.rank == 5
+    off = {}
+    for secondary in ("roll", "centering"):
+        run = qt.follow(loaded, "qp_gradient", secondary=secondary, gain=1.0)
+        frame = mink.Configuration(loaded.model, run.q[-1])
+        R = frame.get_transform_frame_to_world("tool", "site").rotation().as_matrix()
+        off[secondary] = np.degrees(math.acos(min(1.0, rotations_of(loaded)[-1, :, 0] @ R[:, 0])))
+        assert run.position_error.max() < 1e-8
+    assert off["roll"] < 0.1 and off["centering"] > 1.0
+
+
 def test_the_tool_points_out_where_asked_and_the_roll_rule_gives_both_signs(
     tmp_path: Path,
 ) -> None:
