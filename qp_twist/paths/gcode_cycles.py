@@ -1,4 +1,4 @@
-"""What holds in a G-code program until another word says otherwise; its drilling cycles."""
+"""Drilling cycles of G-code."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from dataclasses import dataclass
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.machine_tool import Hole
+from qp_twist.paths.program_values import numbers_of
 
-CYCLES: dict[float, str] = {
-    81: "", 82: "a dwell at the bottom", 73: "pecks", 83: "pecks", 74: "the turn of the tap",
-    84: "the turn of the tap", 85: "", 86: "a stop of the spindle at the bottom",
-    89: "a dwell at the bottom",
-}  # fmt: skip
-"""Drilling cycles, and what of each is left out of the path (FANUC, Haas, LinuxCNC)."""
 _OUT_AT_FEED = (74, 84, 85, 89)
+CALLED = {"CYCLE81": "", "CYCLE82": "a dwell at the bottom", "CYCLE83": "pecks"}
+"""Drilling cycles of SINUMERIK, and what of each is left out of the path."""
 
 
 @dataclass
@@ -43,9 +40,7 @@ class Drilling:
         """
         if "R" in words:
             self.clear = scale * words["R"] + (self.initial if relative else 0.0)
-        if "Z" in words:
-            if relative and self.clear is None:
-                raise InvalidInput(f"G{self.code}: Z is relative (G91) to R, which is not stated")
+        if "Z" in words and not (relative and self.clear is None):
             self.depth = scale * words["Z"] + ((self.clear or 0.0) if relative else 0.0)
         if self.clear is None or self.depth is None:
             missing = "R" if self.clear is None else "Z"
@@ -56,16 +51,20 @@ class Drilling:
         return Hole(self.clear, self.depth, above, self.code in _OUT_AT_FEED)
 
 
-@dataclass
-class Modes:
-    """What holds until another G code says otherwise."""
+def called_hole(call: str, scale: float) -> Hole:
+    """The hole of CYCLE81, CYCLE82 or CYCLE83 ``(RTP, RFP, SDIS, DP, DPR, …)``.
 
-    motion: int | None = None  # G0 to G3
-    plane: int = 17  # to 19
-    relative: bool = False  # coordinates
-    absolute_centres: bool | None = None  # of arcs; None: nothing states it
-    feed: int = 94  # per minute; 95 per turn of the spindle, 93 motions per minute
-    to_initial: bool = True  # after a hole: G98, or to R by G99
-    filament_relative: bool = False  # E of a 3-D printer
-    rounding: float = 0.0  # RNDM: of each corner
-    cycle: Drilling | None = None
+    The tool goes to SDIS above the reference plane RFP, to the depth DP, or DPR below RFP, and back
+    to RTP (SINUMERIK, *Cycles*).
+
+    Raises:
+        InvalidInput: If the depth is missing.
+    """
+    back, plane, above, depth, below = (*numbers_of(call)[:5], *5 * [None])[:5]
+    if back is None or (depth is None and below is None):
+        raise InvalidInput(f"{call}: expected RTP, RFP, SDIS and DP or DPR")
+    plane = plane or 0.0
+    near, bottom = plane + abs(above or 0.0), plane - abs(below or 0.0) if depth is None else depth
+    if near < bottom:
+        raise InvalidInput(f"{call}: the reference plane is below the bottom of the hole")
+    return Hole(scale * near, scale * bottom, scale * max(back, near))

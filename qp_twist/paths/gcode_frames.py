@@ -10,12 +10,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.gcode_words import NUMBER_PATTERN
-from qp_twist.paths.program_frame import NOTHING, Frame
+from qp_twist.paths.program_frame import NOTHING, Frame, about_z, moved
+from qp_twist.paths.program_values import numbers_of
 
 _ORDERS = {27: "ZYX", 39: "ZXY", 57: "XYZ", 45: "XZY", 30: "YZX", 54: "YXZ"}
 """CYCLE800: the axes about which the plane is turned one after the other, each as it was turned."""
-_moved, _rotated = RigidTransform.from_translation, RigidTransform.from_rotation
 
 
 def tilted(frame: Frame, words: Mapping[str, float], scale: float) -> Frame:
@@ -45,13 +44,10 @@ def swiveled(frame: Frame, call: str, scale: float) -> tuple[Frame, str]:
     Raises:
         InvalidInput: If the angles are of another kind.
     """
-    arguments = [part.strip() for part in call[call.index("(") + 1 : -1].split(",")]
-    if not any(arguments) or len(arguments) < 4:
+    stated = numbers_of(call, texts=(1,))  # the name of a data set
+    if len(stated) < 4 or not any(value is not None for value in stated):
         return Frame(), ""
-    arguments[1] = ""  # the name of a data set
-    if not all(NUMBER_PATTERN.fullmatch(part or "0") for part in arguments):
-        raise InvalidInput(f"{call}: expected numbers")
-    values = [*(float(part or 0.0) for part in arguments), *[0.0] * 13]
+    values = [*(value or 0.0 for value in stated), *[0.0] * 13]
     order, kind = _ORDERS.get(int(values[3])), int(values[2]) % 10
     if order is None or kind > 1:
         raise InvalidInput(
@@ -61,7 +57,7 @@ def swiveled(frame: Frame, call: str, scale: float) -> tuple[Frame, str]:
         )
     turn = Rotation.from_euler(order, values[7:10], degrees=True)
     before, after = (scale * np.array(values[k : k + 3]) for k in (4, 10))
-    plane = RigidTransform.from_components(before, turn) * _moved(after)
+    plane = RigidTransform.from_components(before, turn) * moved(after)
     axes = ", ".join(f"{a} {v:g}" for a, v in zip(order, values[7:10], strict=True))
     note = f"CYCLE800 turns the plane one after the other about {axes} degrees"
     return Frame(plane=frame.whole * plane if kind == 1 else plane), note
@@ -76,18 +72,18 @@ def programmed(frame: Frame, name: str, words: Mapping[str, float], scale: float
     turns = [k for k in ("X", "Y", "Z", "RPL") if words.get(k)]
     before = frame.shift if name.startswith("A") else NOTHING
     if name.endswith("TRANS"):
-        return replace(frame, shift=before * _moved(_point(words, scale)))
+        return replace(frame, shift=before * moved(_point(words, scale)))
     if turns not in ([], ["Z"], ["RPL"]):
         raise InvalidInput(
             f"{name} about {' and '.join(turns)} tilts the plane without the tool, which is "
             "not read; CYCLE800 tilts both"
         )
-    return replace(frame, shift=before * _about_z(sum(words[k] for k in turns)))
+    return replace(frame, shift=before * about_z(sum(words[k] for k in turns)))
 
 
 def turned(frame: Frame, centre: Array, angle: float) -> Frame:
     """G68: coordinates turned about a point of the plane, degrees; 0 ends it."""
-    return replace(frame, shift=_moved(centre) * _about_z(angle) * _moved(-centre))
+    return replace(frame, shift=moved(centre) * about_z(angle) * moved(-centre))
 
 
 def shifted(frame: Frame, axes: Mapping[str, float], *, more: bool) -> Frame:
@@ -102,17 +98,13 @@ def shifted(frame: Frame, axes: Mapping[str, float], *, more: bool) -> Frame:
     for k, letter in enumerate("XYZ"):
         if letter in axes:
             origin[k] = axes[letter] + (origin[k] if more else 0.0)
-    return replace(frame, shift=_moved(origin))
+    return replace(frame, shift=moved(origin))
 
 
 def ended(frame: Frame, *, shift: bool) -> Frame:
     """G69 ends turns; with ``shift``, G92.1 ends shifts."""
     kept = NOTHING if shift or frame.turned else frame.shift
     return Frame(plane=frame.plane if shift else None, shift=kept)
-
-
-def _about_z(angle: float) -> RigidTransform:
-    return _rotated(Rotation.from_euler("Z", angle, degrees=True))
 
 
 def _point(words: Mapping[str, float], scale: float) -> Array:

@@ -2,20 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import Arc
-from qp_twist.paths.gcode_arcs import axis_of, centre_of
-from qp_twist.paths.gcode_cycles import CYCLES, Drilling, Modes
-from qp_twist.paths.gcode_facts import Facts
+from qp_twist.paths.arcs import Arc, centre_of_radius, check_radii
+from qp_twist.paths.gcode_cycles import CALLED, Drilling, called_hole
 from qp_twist.paths.gcode_frames import shifted
-from qp_twist.paths.gcode_words import Block
+from qp_twist.paths.gcode_tables import DRILLING
 from qp_twist.paths.machine_tool import Corner, Cut, MachineTool
+from qp_twist.paths.program_block import Block
+from qp_twist.paths.program_facts import Facts
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 
 _CORNERS = {"RND": "R", "CHR": "C", "CHF": "CHF"}
 """Words of SINUMERIK, and what they are the size of."""
+_PLANES: dict[int, tuple[str, str, str]] = {
+    17: ("X", "Y", "Z"), 18: ("Z", "X", "Y"), 19: ("Y", "Z", "X"),
+}  # fmt: skip
+"""The two axes of each plane, and the one about which G3 is right-handed."""
+_CENTRE = {"X": "I", "Y": "J", "Z": "K"}
+
+
+@dataclass
+class Modes:
+    """What holds until another code says otherwise."""
+
+    motion: int | str | None = None  # G0 to G3, CIP, CT
+    plane: int = 17  # to 19
+    relative: bool = False  # coordinates
+    absolute_centres: bool | None = None  # of arcs; None: nothing states it
+    feed: int = 94  # per minute; 95 per turn of the spindle, 93 motions per minute
+    to_initial: bool = True  # after a hole: G98, or to R by G99
+    filament_relative: bool = False  # E of a 3-D printer
+    rounding: float = 0.0  # RNDM: of each corner
+    cycle: Drilling | None = None
+    called: str = ""  # MCALL: the cycle that drills at the end of each motion
 
 
 class Motions(MachineTool):
@@ -33,7 +57,7 @@ class Motions(MachineTool):
     def scale(self) -> float:
         """Metres in the unit of a number, which may be the smallest step of the control."""
         least = 1e-3 if self.out.length_unit == "mm" else 1e-4
-        return self.out.scale() * (least if self.facts.in_thousandths else 1.0)
+        return self.out.scale() * (least if self.facts.points == "none" else 1.0)
 
     def set_position(self, words: dict[str, float]) -> None:
         """G92: the tool is where the words say, in coordinates that are shifted for it."""
@@ -49,9 +73,8 @@ class Motions(MachineTool):
         feeds, feed = self.out.feeds, block.words.get("F")
         feeds.motions_per_minute = None
         feeds.turns_per_minute = block.words.get("S", feeds.turns_per_minute)
-        if feed is None or 4 in block.codes:  # the time of a dwell
-            return
-        feeds.state("F", feed, self.out.scale(), per_turn=self.modes.feed == 95)
+        if feed is not None and 4 not in block.codes:  # the time of a dwell
+            feeds.state("F", feed, self.out.scale(), per_turn=self.modes.feed == 95)
 
     def move(self, block: Block, *, cut: bool) -> None:
         """A motion in the mode in force.
@@ -62,23 +85,29 @@ class Motions(MachineTool):
         modes, corner = self.modes, self._corner_of(block)
         if modes.motion is None:
             raise InvalidInput("no G0, G1, G2 or G3 says how to move there")
-        if modes.motion in (2, 3):
+        if {"@", "^"} & block.words.keys():
+            if modes.plane != 17:
+                raise InvalidInput("@ and ^ are read in the plane of G17 alone")
+            self.polar(block, "@", "^", np.zeros(3), (0, 1), relative=modes.relative)
+        if modes.motion not in (0, 1):
             if block.words.get("P", 1.0) != 1.0:
                 raise InvalidInput("P: several turns are not read; write each turn as an arc")
             if corner is not None:
                 raise InvalidInput("a corner is cut between two straight cuts alone")
-            axis = axis_of(modes)
-            self.arc(f"G{modes.motion}", block, lambda start, end: Arc.between(
-                start, end, centre_of(block, (start, end), self.scale(), modes, self.out.note),
-                axis), relative=modes.relative)  # fmt: skip
-            return
-        if block.words.keys() & {"R", "CR"}:
+            word = f"G{modes.motion}" if isinstance(modes.motion, int) else modes.motion
+            heading = self.heading()
+            self.arc(word, block, lambda start, end: self._arc(block, start, end, heading),
+                     relative=modes.relative)  # fmt: skip
+        elif block.words.keys() & {"R", "CR"}:
             raise InvalidInput("R belongs to an arc (G2, G3), not to a straight motion")
-        self.line(block, cut=cut, relative=modes.relative)
-        if cut and corner is not None and isinstance(self.last, Cut):
-            if self.last.turn:
-                raise InvalidInput("a corner of a cut that turns the tool is not read")
-            self.corner = corner
+        else:
+            self.line(block, cut=cut, relative=modes.relative)
+            if cut and corner is not None and isinstance(self.last, Cut):
+                if self.last.turn:
+                    raise InvalidInput("a corner of a cut that turns the tool is not read")
+                self.corner = corner
+        if modes.called:
+            self.bore(called_hole(modes.called, self.scale()))
 
     def _corner_of(self, block: Block) -> Corner | None:
         """The corner at the end of a block.
@@ -97,6 +126,66 @@ class Motions(MachineTool):
         modal = self.modes.rounding > 0.0
         return Corner(kind, self.scale() * size, modal=modal) if size else None
 
+    # ------------------------------------------------------------ arcs
+
+    def _arc(self, block: Block, start: Array, end: Array, heading: Array | None) -> Arc | None:
+        """The arc of a block: G2 is left-handed and G3 right-handed about the plane's normal."""
+        normal = np.array([float(name == _PLANES[self.modes.plane][2]) for name in "XYZ"])
+        if self.modes.motion == "CT":
+            if heading is None:
+                raise InvalidInput("CT: expected a cut before it, which it continues")
+            return Arc.tangent(start, end, heading, normal)
+        if self.modes.motion == "CIP":
+            via = start.copy()
+            for k, name in enumerate(("I1", "J1", "K1")):
+                if name in block.words:
+                    kind = block.kinds.get(name, "IC" if self.modes.relative else "AC")
+                    via[k] = self.scale() * block.words[name] + (start[k] if kind == "IC" else 0.0)
+            return Arc.through(start, via, end)
+        axis = -normal if self.modes.motion == 2 else normal
+        return Arc.between(start, end, self._centre(block, start, end, axis), axis)
+
+    def _centre(self, block: Block, start: Array, end: Array, axis: Array) -> Array:
+        """The centre of G2 or G3, m, (3,), by I, J, K or by its radius.
+
+        Raises:
+            InvalidInput: If the block states none, or several.
+        """
+        words, modes, scale = block.words, self.modes, self.scale()
+        radius = words.get("R", words.get("CR"))
+        letters = [_CENTRE[name] for name in _PLANES[modes.plane][:2]]
+        named = [letter for letter in "IJK" if letter in words]
+        if radius is not None and any(words[letter] for letter in named):
+            raise InvalidInput("an arc has a radius R or a centre I, J, K; got both")
+        if radius is not None:
+            return centre_of_radius(start, end, axis, scale * radius)
+        in_plane = f"an arc in the plane of G{modes.plane} has its centre in "
+        if not set(named) & set(letters):
+            raise InvalidInput(f"{in_plane}{' and '.join(letters)}, or a radius R; got neither")
+        if any(words[letter] for letter in named if letter not in letters):
+            raise InvalidInput(f"{in_plane}{' and '.join(letters)} alone; got {', '.join(named)}")
+        both = set(letters) <= set(named)
+        if modes.absolute_centres and not both:
+            raise InvalidInput(f"G90.1: the centre needs both {' and '.join(letters)}")
+        stated = np.array([scale * words.get(letter, 0.0) for letter in "IJK"])
+        if block.kinds.keys() & set(letters):
+            absolute = [block.kinds.get(k) == "AC" for k in "IJK"]
+            return np.where(absolute, stated, start + stated)
+        # Some controls count I, J, K from the origin without a word: if only that fits, so.
+        if (
+            modes.absolute_centres is None
+            and stated.any()
+            and both
+            and not _fits(start, end, start + stated, axis)
+            and _fits(start, end, stated, axis)
+        ):
+            modes.absolute_centres = True
+            self.out.note(
+                "the centres I, J, K of arcs are absolute: from the start, none would fit"
+            )
+        centre: Array = stated if modes.absolute_centres else start + stated
+        return centre
+
     # ------------------------------------------------------------ holes
 
     def begin_drilling(self, code: int) -> None:
@@ -111,8 +200,28 @@ class Motions(MachineTool):
             self.assume_zero("Z", f"G{code}")
         before = self.modes.cycle or Drilling(code, self.at["Z"])
         self.modes.cycle = replace(before, code=code)
-        what = f", without {CYCLES[code]}" if CYCLES[code] else ""
-        self.out.note(f"G{code} (drilling) is read as motions{what}")
+        self._note_drilling(f"G{code}", DRILLING[code])
+
+    def call_drilling(self, call: str, *, at_each: bool) -> None:
+        """CYCLE81 to CYCLE83: a hole where the tool is, or with MCALL where each motion ends.
+
+        Raises:
+            InvalidInput: If it drills along another axis than z, or where the tool is not known.
+        """
+        word = call.partition("(")[0]
+        if self.modes.plane != 17:
+            raise InvalidInput(f"{word}: drilling is read in the plane of G17 alone")
+        self._note_drilling(word, CALLED[word])
+        hole = called_hole(call, self.scale())
+        if at_each:
+            self.modes.called = call
+        else:
+            self.point()
+            self.bore(hole)
+
+    def _note_drilling(self, word: str, without: str) -> None:
+        what = f", without {without}" if without else ""
+        self.out.note(f"{word} (drilling) is read as motions{what}")
 
     def drill(self, block: Block) -> None:
         """The motions of a hole, or of several that G91 repeats.
@@ -138,3 +247,12 @@ class Motions(MachineTool):
                     self.assume_zero(axis, f"G{cycle.code}")
             self.straight(start, begin, cut=False)
             self.bore(hole, begin)
+
+
+def _fits(start: Array, end: Array, centre: Array, axis: Array) -> bool:
+    """Whether a point can be the centre of an arc."""
+    try:
+        check_radii(start, end, centre, axis, None)
+    except InvalidInput:
+        return False
+    return True

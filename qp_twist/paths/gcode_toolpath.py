@@ -6,17 +6,20 @@ import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import gcode_tables as tables
-from qp_twist.paths.gcode_cycles import CYCLES
-from qp_twist.paths.gcode_facts import Facts, is_gcode
+from qp_twist.paths.gcode_cycles import CALLED
 from qp_twist.paths.gcode_frames import ended, programmed, shifted, swiveled, tilted, turned
 from qp_twist.paths.gcode_motions import Motions
 from qp_twist.paths.gcode_program import Program
-from qp_twist.paths.gcode_words import FRAMES, REFUSED_NAMES, Block, is_cycle, read_block
+from qp_twist.paths.gcode_words import ARCS, CYCLE, FRAMES, REFUSED_NAMES, read_block
+from qp_twist.paths.program_block import BEHIND_SLASH, Block
+from qp_twist.paths.program_facts import COMMENT, Facts
+from qp_twist.paths.program_values import NUMBER
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -38,13 +41,22 @@ _WORDS = ProgramWords(
 )  # fmt: skip
 _LEFT_OUT = ("motions to the machine's own positions (G28, G53, … in {}) are left out; another "
              "curve begins after each.")  # fmt: skip
+_PLAIN_MOTIONS = "have the CAM system write plain motions G0 to G3"
 _SUBPROGRAM = re.compile(r"\s*O\s*<[^>]*>\s*SUB", re.IGNORECASE)
+_BLOCK = re.compile(rf"[%/:]|(?:[/N][0-9]*\s*)?(?:[A-Z]\s*=?\s*{NUMBER}\s*)+$|[(;]|$")
+_CUT = re.compile(rf"(?<![A-Z])G0*[0-3](?![0-9.]).*[XYZ]\s*=?\s*{NUMBER}", re.IGNORECASE)
 _MOST_PROBLEMS = 1000
-"""After them, the rest of a program is not read: it is of another language, or a loop."""
+"""After them, the rest of a program is not read: it is of another language."""
 
 
 def _matches(suffix: str, lines: Sequence[str]) -> bool:
-    return suffix in SUFFIXES or (suffix != ".csv" and is_gcode(lines))
+    """Whether a file is G-code: by its suffix, or nearly all lines are blocks, and one a motion."""
+    if suffix in SUFFIXES or suffix == ".csv":
+        return suffix != ".csv"
+    head = [COMMENT.sub("", line).strip().upper() for line in lines[:400]]
+    text = [line for line in head if line]
+    fits = sum(_BLOCK.match(line) is not None for line in text)
+    return fits > 0.8 * len(text) and any(map(_CUT.search, text))
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
@@ -85,7 +97,6 @@ class _Reader:
         self.to = Motions(out, facts)
         self._filament = 0.0
         self._origins: dict[tuple[float | None, float | None], dict[str, float]] = {}
-        self._pointless = ("", 0)
 
     def read(self, lines: Sequence[str]) -> None:
         """Read all lines up to the end of the program.
@@ -95,34 +106,28 @@ class _Reader:
                 is the program of a lathe.
         """
         program = Program(lines)
-        for number, line in enumerate(lines, start=1):
+        for at, line in enumerate(lines):
             try:
-                if program.plain(number) and not read_block(line).empty:
+                if program.plain(at) and not read_block(line).empty:
                     break
             except InvalidInput as error:
-                error.line = number
+                error.line = at + 1
                 raise
         if self.facts.lathe:
             raise InvalidInput(
                 "X and Z alone are the program of a lathe, whose X may be a diameter; that is not "
                 "read as a toolpath"
             )
-        if (likely := self.facts.likely_unit()) is not None:
-            self.out.assume_unit(*likely)
-        last = 0
-        try:
-            for number, line in program.run():
-                with self.out.at(number):
-                    if self._block(read_block(line)):
-                        last = number
-                        break
-                if len(self.out.problems) > _MOST_PROBLEMS:
-                    break
-        except TooManyPoints:
-            pass  # which is one of the problems
-        except InvalidInput as error:
-            self.out.line = error.line or 1
-            self.out.refuse(error)
+        if self.facts.unit is not None:
+            self.out.assume_unit(*self.facts.unit)
+
+        def run(at: int) -> bool:
+            if len(self.out.problems) > _MOST_PROBLEMS:
+                raise TooManyPoints("and more; it seems to be of another language")
+            text = program.block(at)
+            return bool(text) and self._block(read_block(text))
+
+        last = program.course.run(self.out, range(1, len(lines) + 1), run)
         if last and any(line.strip() not in ("", "%") for line in lines[last:]):
             self.out.line = last + 1
             self.out.pass_over("lines after the end of the program")
@@ -130,18 +135,19 @@ class _Reader:
 
     def _decimal_points(self) -> None:
         """What was taken for a number without a decimal point."""
-        facts, (text, line) = self.facts, self._pointless
-        self.out.line = line
-        if facts.in_thousandths:
+        if self.facts.pointless is None:
+            return
+        text, self.out.line = self.facts.pointless
+        if self.facts.points == "none":
             self.out.note(
                 "numbers count the smallest step, 0.001 mm or 0.0001 inch: none has a decimal point"
             )
-        elif text and facts.unlike:
+        elif self.facts.points == "larger":
             self.out.problem(
                 f"{text} has no decimal point, and others do; on some machines a number without "
                 "one counts thousandths. Write all with a point, or none"
             )
-        elif text and facts.pointed and not (facts.fine or facts.extrudes):
+        elif self.facts.points == "some":
             self.out.note(
                 f"numbers without a decimal point, as {text}, are read like those with one; on "
                 "machines that count thousandths, write a point"
@@ -151,29 +157,34 @@ class _Reader:
 
     def _block(self, block: Block) -> bool:
         """Process a block; whether it ends the program."""
-        words = block.words
+        words, modes = block.words, self.to.modes
         if block.skipped:
             if words.keys() & set("XYZABCIJK") or block.codes:
-                raise InvalidInput(
-                    "a block behind / is run or not by a switch of the machine; take the / or the "
-                    "block out"
-                )
+                raise InvalidInput(BEHIND_SLASH)
             self.out.pass_over("/")
             return False
-        self._check(block)
-        own_words = any(code in tables.OWN_WORDS for code in block.codes)
-        self.to.modes.rounding = words.get("RNDM", self.to.modes.rounding)
+        _check(block)
+        for code in block.switches:
+            self.to.tip = tables.KINEMATICS.get(code, self.to.tip)
+        modes.rounding = words.get("RNDM", modes.rounding)
+        # G5 and G5.1 with P or Q look ahead; the words of a spline are others.
+        ahead = bool({"P", "Q"} & words.keys()) and (
+            5.1 in block.codes or not set("XYZIJK") & words.keys()
+        )
+        own_words = not tables.OWN_WORDS.isdisjoint(block.codes) or (5.1 in block.codes and ahead)
         for name in block.names:
             own_words |= self._name(name, block)
-        away = "SUPA" in block.names or any(code in tables.AWAY for code in block.codes)
         for code in block.codes:
-            self._code(code, block)
-        if "L" in words and self.to.modes.cycle is None and 10 not in block.codes:
+            if code in (5, 5.1, 8) and ahead:
+                self.out.pass_over(f"G{code:g}")
+            else:
+                self._code(code, block)
+        if "L" in words and modes.cycle is None and 10 not in block.codes:
             raise InvalidInput("L calls or repeats a subprogram, which is not read")
         self.to.feed(block)
-        for word in [*(k for k in "ST" if k in words), *(f"M{code:g}" for code in block.switches)]:
+        for word in [*(k for k in "STE" if k in words), *(f"M{code:g}" for code in block.switches)]:
             self.out.pass_over(word)
-        if away:
+        if "SUPA" in block.names or not tables.AWAY.isdisjoint(block.codes):
             named = set("XYZ") & words.keys()
             self.to.leave(named or ("" if set("ABC") & words.keys() else "XYZ"))
             self.out.note(_LEFT_OUT, left_out=True)
@@ -181,44 +192,27 @@ class _Reader:
             self._move(block)
         elif "E" in words and not own_words:
             self._deposits(block)
-        if "E" in words:
-            self.out.pass_over("E")
         return any(code in tables.ENDS for code in block.switches)
-
-    def _check(self, block: Block) -> None:
-        """Refuse unknown words and calls; remember a number without a decimal point."""
-        if unknown := block.words.keys() - tables.KNOWN:
-            raise InvalidInput(f"{sorted(unknown)[0]} is no word that is known")
-        if not self._pointless[0]:
-            for name in "XYZIJK":
-                text = block.written.get(name, "")
-                if text and "." not in text and float(text):
-                    self._pointless = (f"{name}{text}", self.out.line)
-        for code in block.switches:
-            self.to.tip = tables.KINEMATICS.get(code, self.to.tip)
-            if code in tables.CALLS:
-                raise InvalidInput(
-                    f"M{code:g} calls a subprogram, which is not read; have the CAM system write "
-                    "one program"
-                )
-        if len(block.codes) > 1 and sum(code in (0, 1, 2, 3) for code in block.codes) > 1:
-            raise InvalidInput("a block has one of G0, G1, G2 and G3; got several")
 
     def _name(self, name: str, block: Block) -> bool:
         """Process another word; whether the coordinates of the block belong to it."""
-        stem = name.partition("(")[0]
+        stem, modes = name.partition("(")[0].strip(), self.to.modes
+        if stem in ARCS:
+            modes.motion, modes.cycle = stem, None
+            return False
         self.out.pass_over(stem)
-        if stem in REFUSED_NAMES or (stem not in ("CYCLE832", "CYCLE800") and is_cycle(stem)):
+        if stem in REFUSED_NAMES or (re.fullmatch(CYCLE, stem) and stem not in tables.CYCLES):
             what = REFUSED_NAMES.get(stem, "a cycle of the control")
-            raise InvalidInput(
-                f"{stem} is {what}, which is not read; have the CAM system write plain motions G0 "
-                "to G3"
-            )
+            raise InvalidInput(f"{stem} is {what}, which is not read; {_PLAIN_MOTIONS}")
         if stem in ("TRAORI", "TRAFOOF"):
             self.to.tip = stem == "TRAORI"
         elif stem in ("M82", "M83"):
-            self.to.modes.filament_relative = stem == "M83"
-        elif name.startswith("CYCLE800("):
+            modes.filament_relative = stem == "M83"
+        elif stem == "MCALL":
+            modes.called = ""
+        elif stem in CALLED:
+            self.to.call_drilling(name, at_each="MCALL" in block.names)
+        elif stem == "CYCLE800":
             frame, note = swiveled(self.to.frame, name, self.to.scale())
             self.to.reframe(frame)
             if note:
@@ -231,54 +225,54 @@ class _Reader:
     def _code(self, code: float, block: Block) -> None:
         """Process a G code."""
         words = block.words.keys()
-        # G5 with P or Q looks ahead; the words of a spline are others.
-        ahead = code in (5, 5.1, 8) and {"P", "Q"} & words and not set("XYZIJK") & words
-        if code in tables.MODAL:
-            self._mode(*tables.MODAL[code])
-        elif code in (70, 71, 72) and not {"I", "J", "L"}.isdisjoint(words):
+        if code in (70, 71, 72) and {"I", "J", "L"} & words:
             raise InvalidInput(f"G{code:g} with I, J or L is a pattern of holes, which is not read")
-        elif code in tables.UNITS:
-            moved = bool(self.out.rows or self.to.at) and self.out.length_unit != tables.UNITS[code]
-            self.out.set_unit(tables.UNITS[code], moved=moved)
-        elif code in tables.OFFSETS:
-            self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
-        elif code in CYCLES:
-            self.to.begin_drilling(int(code))
-        elif code in tables.FRAME_CODES:
-            self._frame(code, block)
-        elif code in tables.BARE and set("XYZABC") & words:
-            what = "is a shift of coordinates here, which" if code == 50 else "with coordinates"
-            raise InvalidInput(f"G{code:g} {what} is not read")
-        elif code in tables.PASSED or code in tables.TIP_ON or ahead:
-            if code in tables.TIP_ON:
-                self.to.tip, self.to.axis.vectors = True, code == 43.5
-            elif code == 49:
-                self.to.tip = self.to.axis.vectors = False
-            self.out.pass_over(f"G{code:g}")
-        elif code in tables.REFUSED:
-            instead = tables.INSTEAD.get(code, "have the CAM system write plain motions G0 to G3")
-            raise InvalidInput(f"G{code:g} is {tables.REFUSED[code]}, which is not read; {instead}")
-        elif code not in tables.AWAY:
-            raise InvalidInput(
-                f"G{code:g} is not known, and whether it changes the path neither; take it out if "
-                "it does not"
-            )
+        kind, value = tables.CODES.get(code, ("", None))
+        match kind:
+            case "unit":
+                moved = bool(self.out.rows or self.to.at) and self.out.length_unit != value
+                self.out.set_unit(value, moved=moved)
+            case "offset":
+                self.out.set_frame(f"G{code:g}", code + 1e-3 * block.words.get("P", 0.0))
+            case "drilling":
+                self.to.begin_drilling(int(code))
+            case "frame":
+                self._frame(code, block)
+            case "bare" if set("XYZABC") & words:
+                what = "is a shift of coordinates here, which" if code == 50 else "with coordinates"
+                raise InvalidInput(f"G{code:g} {what} is not read")
+            case "bare" | "passed":
+                self.out.pass_over(f"G{code:g}")
+            case "tip":
+                self.to.tip, self.to.axis.vectors = value, code == 43.5
+                self.out.pass_over(f"G{code:g}")
+            case "refused":
+                instead = tables.INSTEAD.get(value, _PLAIN_MOTIONS)
+                raise InvalidInput(f"G{code:g} is {value}, which is not read; {instead}")
+            case "":
+                raise InvalidInput(
+                    f"G{code:g} is not known, and whether it changes the path neither; take it out "
+                    "if it does not"
+                )
+            case mode if mode != "away":
+                self._mode(mode, value)
 
-    def _mode(self, name: str, value: int) -> None:
+    def _mode(self, name: str, value: Any) -> None:
         """Process a G code that holds until another of its group."""
-        if name == "feed" and self.to.modes.feed != value:
-            self.out.feeds.set(math.nan, per_turn=value == 95)  # another F does not hold
-            self.out.feeds.by_time = value == 93
+        modes, feeds = self.to.modes, self.out.feeds
+        if name == "feed" and modes.feed != value:
+            feeds.set(math.nan, per_turn=value == 95)  # another F does not hold
+            feeds.by_time = value == 93
         if name == "motion":
-            self.to.modes.cycle = None
+            modes.cycle = None
         if name == "relative":
-            if self.to.modes.filament_relative and not value:
+            if modes.filament_relative and not value:
                 self.out.note("G90 makes E absolute again after M83, as in Marlin; in Klipper not")
-            self.to.modes.filament_relative = bool(value)
-        setattr(self.to.modes, name, value)
+            modes.filament_relative = value
+        setattr(modes, name, value)
 
     def _frame(self, code: float, block: Block) -> None:
-        """Process a G code of frames of coordinates."""
+        """Process a G code of frames of coordinates, or G80, after which there is no drilling."""
         words, at, frame, scale = block.words, self.to.at, self.to.frame, self.to.scale
         self.out.pass_over(f"G{code:g}")
         if code == 80:
@@ -298,11 +292,8 @@ class _Reader:
         elif code == 68.2:
             self.to.reframe(tilted(frame, words, scale()))
         elif code == 68:
-            if (
-                self.to.modes.relative
-                or "R" not in words
-                or not {"X", "Y"} <= at.keys() | words.keys()
-            ):
+            known = {"X", "Y"} <= at.keys() | words.keys()
+            if self.to.modes.relative or "R" not in words or not known:
                 raise InvalidInput("G68 is read with R, and with a centre X, Y that is known")
             centre = [scale() * words[k] if k in words else at[k] for k in "XY"]
             self.to.reframe(turned(frame, np.array([*centre, 0.0]), words["R"]))
@@ -336,3 +327,15 @@ class _Reader:
             self.to.drill(block)
         else:
             self.to.move(block, cut=cut)
+
+
+def _check(block: Block) -> None:
+    """Refuse what is not known."""
+    if unknown := block.words.keys() - tables.KNOWN:
+        raise InvalidInput(f"{sorted(unknown)[0]} is no word that is known")
+    if len(block.codes) > 1 and sum(code in (0, 1, 2, 3) for code in block.codes) > 1:
+        raise InvalidInput("a block has one of G0, G1, G2 and G3; got several")
+    if 198 in block.switches:
+        raise InvalidInput(
+            "M198 calls a subprogram, which is not read; have the CAM system write one program"
+        )

@@ -1,13 +1,15 @@
-"""Blocks and words of Klartext, the conversational programs of Heidenhain controls."""
+"""Lines and words of Klartext, the conversational programs of Heidenhain controls."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
+from qp_twist.paths.program_block import Block
+from qp_twist.paths.program_values import Variables
 from qp_twist.paths.toolpath import LARGEST_NUMBER
 
 BEGIN = re.compile(r"\s*[0-9]*\s*BEGIN\s+PGM\b(?:.*?\b(?P<unit>MM|INCH)\s*$)?", re.IGNORECASE)
@@ -18,7 +20,7 @@ _WORDS = re.compile(
     # F after M103 and M128 is not that of the path, and M140 and M120 have words of their own.
     rf"\s*(?:(?P<own>M(?:103|128)(?:\s*F\s*(?:MAX|{_VALUE}))?|M140(?:\s*MB\s*(?:MAX|{_VALUE}))?"
     rf"(?:\s*F\s*(?:MAX|{_VALUE}))?|M120(?:\s*LA\s*{_VALUE})?)(?![0-9])"
-    r"|DR\s*(?P<sense>[+-])(?![0-9])|(?P<side>R[0LR+-])(?![0-9.,])|F\s*(?P<feed>MAX|AUTO)\b"
+    r"|(?P<flag>DR\s*[+-](?![0-9])|R[0LR+-](?![0-9.,])|F\s*(?:MAX|AUTO)\b)"
     r"|(?P<name>I?[XYZABCUVW]|I?P[RA]|[NT][XYZ]|SP[ABC]|CCA|LEN|FU|FZ|FT|F|M|S|R)\s*"
     rf"(?P<value>{_VALUE}))"
 )
@@ -30,47 +32,23 @@ _KEYWORD = re.compile(
 """With which a block begins."""
 
 
-NO_MOTION = ("BLK FORM", "TOOL DEF", "STOP", "*", "CYCL END", "LBL")
-"""Blocks that move nothing."""
-
-
-@dataclass(frozen=True)
-class Block:
-    """A block, its continuations included.
+class Line(NamedTuple):
+    """A block as it is written, its continuations included.
 
     Attributes:
-        line: Of the file, from 1.
+        number: Of its line in the file, from 1.
         keyword: With which it begins, e.g. ``L`` or ``CYCL DEF``; empty if it has words alone.
         text: What follows, in capitals, without comments.
         skipped: Whether it begins with ``/``.
     """
 
-    line: int
+    number: int
     keyword: str
     text: str
     skipped: bool
 
 
-@dataclass
-class Words:
-    """Words of a block.
-
-    Attributes:
-        values: Numbers by name: X, IX, PR, NX, F, …
-        switches: M functions.
-        sense: 1 for DR+, -1 for DR-, 0 without.
-        rapid: Whether it has FMAX.
-        corrected: Whether it has RL or RR.
-    """
-
-    values: dict[str, float] = field(default_factory=dict)
-    switches: list[int] = field(default_factory=list)
-    sense: int = 0
-    rapid: bool = False
-    corrected: bool = False
-
-
-def blocks(lines: Sequence[str]) -> Iterator[Block]:
+def blocks(lines: Sequence[str]) -> Iterator[Line]:
     """The blocks from BEGIN PGM on; ``~`` continues one, ``;`` begins a comment."""
     text, begun, goes_on = "", 0, False
     first = next((k for k, line in enumerate(lines) if BEGIN.match(line)), 0)
@@ -83,69 +61,57 @@ def blocks(lines: Sequence[str]) -> Iterator[Block]:
             text += f" {bare}"
         else:
             if text:
-                yield _block(begun, text)
+                yield _line(begun, text)
             text, begun = bare.replace("CYCLE DEF", "CYCL DEF"), k
         goes_on = line.rstrip().endswith("~")
 
 
-def _block(line: int, text: str) -> Block:
+def _line(number: int, text: str) -> Line:
     skipped, bare = re.fullmatch(r"(/? ?[0-9]* ?/?) ?(.*)", text).groups()  # type: ignore[union-attr]
     match = _KEYWORD.match(bare)
     keyword = "" if match is None or match[0] in ("F", "M", "S") else match[0]
-    return Block(line, keyword, bare[len(keyword) :].strip(), "/" in skipped)
+    return Line(number, keyword, bare[len(keyword) :].strip(), "/" in skipped)
 
 
-def words(text: str, parameters: Mapping[str, float]) -> Words:
-    """The words of a block.
+def words(text: str, values: Variables) -> Block:
+    """The words of a block: IX is X, which is relative; DR is 1 or -1; FMAX, RL, … are names.
 
     Args:
         text: After its keyword.
-        parameters: Values of Q parameters.
+        values: Of Q parameters.
 
     Raises:
         InvalidInput: If something in it is no word, is there twice, or a parameter has no value.
     """
-    found, at, text = Words(), 0, text.rstrip()
+    found, at, text = Block(), 0, text.rstrip()
     while at < len(text):
         match = _WORDS.match(text, at)
         if match is None:
             raise InvalidInput(f"{shortened(text[at:].strip())!r} is not read")
-        at = match.end()
+        at, name = match.end(), match["name"]
         if match["own"]:
             found.switches.append(int(match["own"][1:4]))
-        elif match["sense"]:
-            found.sense = 1 if match["sense"] == "+" else -1
-        elif match["side"]:
-            found.corrected |= match["side"] != "R0"
-        elif match["feed"]:
-            found.rapid |= match["feed"] == "MAX"
-        elif match["name"] == "M":
-            found.switches.append(int(number(match["value"], parameters)))
-        elif match["name"] in found.values:
-            raise InvalidInput(f"{match['name']} is there twice")
+        elif match["flag"]:
+            flag = match["flag"].replace(" ", "")
+            found.names.append(flag)
+            if flag[0] == "D":
+                found.words["DR"] = float(f"{flag[2]}1")
+        elif name[0] == "I":
+            found.take(name[1:], number(match["value"], values))
+            found.kinds[name[1:]] = "IC"
         else:
-            found.values[match["name"]] = number(match["value"], parameters)
+            found.take(name, number(match["value"], values))
     return found
 
 
-def number(text: str, parameters: Mapping[str, float]) -> float:
+def number(text: str, values: Variables) -> float:
     """A number, with a decimal point or comma, or the value of a Q parameter.
 
     Raises:
         InvalidInput: If it is none, is too large, or the parameter has no value.
     """
     bare = text.replace(" ", "").replace(",", ".")
-    if _NUMBER.fullmatch(bare):
-        value = float(bare)
-        if not abs(value) <= LARGEST_NUMBER:
-            raise InvalidInput(f"{shortened(text)!r} is too large")
-        return value
-    name = bare.lstrip("+-")
-    if not name.startswith("Q"):
-        raise InvalidInput(f"expected a number, got {shortened(text)!r}")
-    if name not in parameters:
-        raise InvalidInput(
-            f"{name} has no value that is known here: calculated parameters, those of tables "
-            "and of measurements are not read; have the CAM system write numbers"
-        )
-    return -parameters[name] if bare.startswith("-") else parameters[name]
+    found = float(bare) if _NUMBER.fullmatch(bare) else values.value(bare)
+    if not abs(found) <= LARGEST_NUMBER:
+        raise InvalidInput(f"{shortened(text)!r} is too large")
+    return found

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.heidenhain_blocks import number
-from qp_twist.paths.heidenhain_motions import feed_unit
 from qp_twist.paths.machine_tool import Hole
+from qp_twist.paths.program_values import Variables
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 
-_BORED = {200: "drilling", 201: "reaming", 203: "universal drilling", 205: "pecking",
-          206: "tapping", 207: "rigid tapping", 209: "tapping with chip breaking"}  # fmt: skip
+_BORED = (200, 201, 203, 205, 206, 207, 209)
+"""Drilling, reaming, universal drilling, pecking, tapping, rigid, and with chip breaking."""
 _OLD = (1, 2)
 """Pecking and tapping of older controls, in lines: from where the tool is."""
 _TAPPED = (2, 206, 207, 209)
 """The tool comes back at the feed, and not rapidly."""
 _NAMES = {
-    **dict.fromkeys(("DIST", "SET UP", "SETUP", "SET-UP", "ABST", "AVST"), "distance"),
-    "DEPTH": "depth", "TIEFE": "depth", "F": "feed",
+    **dict.fromkeys(("DIST", "SET UP", "SETUP", "SET-UP", "ABST", "AVST"), "200"),
+    "DEPTH": "201", "TIEFE": "201", "F": "206",
 }  # fmt: skip
+"""The Q parameter of newer cycles for a value of the older ones."""
 
 
 @dataclass
@@ -30,7 +30,7 @@ class Cycle:
 
     Attributes:
         kind: Its number.
-        values: Its Q parameters by number, or of an older one the values of its lines by name.
+        values: Its Q parameters by number.
         modal: Since M89: called after each motion.
     """
 
@@ -50,37 +50,40 @@ class Cycle:
                 f"cycle {self.kind} moves the tool in a way that is not read; have the CAM system "
                 "write its motions"
             )
-        needed = {"distance", "depth"} if old else {"200", "201", "203"}
-        feed, pitch = q.get("feed" if old else "206"), q.get("239")
-        if not needed <= q.keys() or (feed is None and pitch is None):
+        needed = {"200", "201"} if old else {"200", "201", "203"}
+        if not needed <= q.keys() or not q.keys() & {"206", "239"}:
             raise InvalidInput(f"cycle {self.kind}: its depth or its feed is missing")
-        stated = (scale * pitch, True) if pitch is not None else None
-        if stated is None and feed is not None:
-            stated = feed_unit(out) * feed, False
+        turn = "239" in q
+        feed = scale * q["239"] if turn else feed_unit(out) * q["206"]
         if old:
-            near, above, bottom = at, at, at - scale * (abs(q["distance"]) + abs(q["depth"]))
-        else:
-            near, bottom = scale * (q["203"] + q["200"]), scale * (q["203"] + q["201"])
-            above = scale * (q["203"] + max(q["200"], q.get("204", 0.0)))
-        return Hole(near, bottom, above, self.kind in _TAPPED, stated)
+            bottom = at - scale * (abs(q["200"]) + abs(q["201"]))
+            return Hole(at, bottom, at, self.kind in _TAPPED, (feed, turn))
+        near, bottom = scale * (q["203"] + q["200"]), scale * (q["203"] + q["201"])
+        above = scale * (q["203"] + max(q["200"], q.get("204", 0.0)))
+        return Hole(near, bottom, above, self.kind in _TAPPED, (feed, turn))
 
 
-def cycle_of(kind: int, text: str, before: Cycle | None, parameters: Mapping[str, float]) -> Cycle:
+def cycle_of(kind: int, text: str, before: Cycle | None, values: Variables) -> Cycle:
     """A cycle by its definition; each line of an older one adds to it.
 
     Raises:
         InvalidInput: If a value is no number.
     """
     if kind in _OLD:
-        values = dict(before.values) if before and before.kind == kind else {}
+        cycle = before if before and before.kind == kind else Cycle(kind)
         match = re.match(r"([A-Z][A-Z -]*?)\s*([-+]?[0-9.,]+)$", text)
         if match and (name := _NAMES.get(match[1].strip())):
-            values[name] = number(match[2], parameters)
-        return Cycle(kind, values)
+            cycle.values[name] = number(match[2], values)
+        return cycle
+    stated = re.findall(r"Q0*([0-9]+) *= *([-+]? *(?:Q?[0-9][0-9.,]*|[.,][0-9]+))", text)
     if kind not in _BORED:
         return Cycle(kind)
-    found = re.findall(r"Q0*([0-9]+) *= *([-+]? *(?:Q?[0-9][0-9.,]*|[.,][0-9]+))", text)
-    values = {name: number(value, parameters) for name, value in found}
-    if values.get("395"):
+    cycle = Cycle(kind, {name: number(value, values) for name, value in stated})
+    if cycle.values.get("395"):
         raise InvalidInput(f"cycle {kind}, Q395: a depth of the cylindrical part is not read")
-    return Cycle(kind, values)
+    return cycle
+
+
+def feed_unit(out: ProgramBuilder) -> float:
+    """The unit of F, m: mm, or tenths of an inch, per minute."""
+    return (0.1 if out.length_unit == "inch" else 1.0) * out.scale()

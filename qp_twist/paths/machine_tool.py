@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,16 +13,17 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import LARGEST_TURN, Arc, cut_corner
-from qp_twist.paths.gcode_facts import Facts
-from qp_twist.paths.gcode_tool_axis import BY_VECTOR, ToolAxis
-from qp_twist.paths.gcode_words import Block
+from qp_twist.paths.arcs import LARGEST_TURN, Arc, cross, cut_corner
+from qp_twist.paths.program_block import Block
+from qp_twist.paths.program_facts import Facts
 from qp_twist.paths.program_frame import Frame
+from qp_twist.paths.tool_axis import BY_VECTOR, ToolAxis
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ProgramBuilder
 
-_LARGEST_TURN = 3.0
+_LARGEST_STEP = 3.0
 """Rotary axes move in proportion; the tool axis is computed at least every this many degrees."""
+_TWO_CUTS = "a corner is cut between two straight cuts alone"
 
 
 class Hole(NamedTuple):
@@ -169,6 +171,30 @@ class MachineTool:
         self.at = at
         self.gone.difference_update(at)
 
+    def polar(
+        self, block: Block, radius: str, angle: str, pole: Array, axes: tuple[int, int], *,
+        relative: bool = False,
+    ) -> None:  # fmt: skip
+        """Write a target by the words of a radius and an angle about a pole as coordinates."""
+        first, second = ("XYZ"[k] for k in axes)
+        stated = [block.kinds.get(name, "IC" if relative else "AC") == "AC"
+                  for name in (radius, angle) if name in block.words]  # fmt: skip
+        if stated != [True, True] and not {first, second} <= self.at.keys():
+            raise InvalidInput(f"where the tool is in {first} and {second} is not known")
+        u, v = (self.at.get("XYZ"[k], 0.0) - float(pole[k]) for k in axes)
+        scale, found = self.scale(), []
+        for name, before, unit in (
+            (radius, math.hypot(u, v), scale),
+            (angle, math.atan2(v, u), math.radians(1.0)),
+        ):
+            more = block.kinds.pop(name, "IC" if relative else "AC") == "IC"
+            kept = before if more or name not in block.words else 0.0
+            found.append(kept + unit * block.words.pop(name, 0.0))
+        ways = found[0] * math.cos(found[1]), found[0] * math.sin(found[1])
+        for letter, k, way in zip((first, second), axes, ways, strict=True):
+            block.take(letter, (float(pole[k]) + way) / scale)
+            block.kinds[letter] = "AC"
+
     # ------------------------------------------------------------ motions
 
     def line(self, block: Block, *, cut: bool, relative: bool = False) -> None:
@@ -181,8 +207,8 @@ class MachineTool:
             self.straight(start, begin, cut=cut)
 
     def arc(
-        self, word: str, block: Block, arc_of: Callable[[Array, Array], Arc], *, cut: bool = True,
-        relative: bool = False,
+        self, word: str, block: Block, arc_of: Callable[[Array, Array], Arc | None], *,
+        cut: bool = True, relative: bool = False,
     ) -> None:  # fmt: skip
         """An arc or a helix to the target of a block, by a function of its start and its end."""
         start, begin, read = self._lead(word, block, cut=cut, relative=relative)
@@ -191,12 +217,15 @@ class MachineTool:
             return
         if len(start) < 3 or len(self.at) < 3:
             raise InvalidInput(f"{word}: where the arc begins is not known")
-        if block.words.keys() & set(BY_VECTOR):
+        if not block.words.keys().isdisjoint(BY_VECTOR):
             raise InvalidInput("a tool axis by A3, B3, C3 on an arc is not read")
+        arc = arc_of(_point(start), _point(self.at))
+        if arc is None:
+            self.straight(start, begin, cut=cut)
+            return
         if self.corner is not None:
             self.corner = None
-            raise InvalidInput("a corner is cut between two straight cuts alone")
-        arc = arc_of(_point(start), _point(self.at))
+            raise InvalidInput(_TWO_CUTS)
         self._add(*self.out.divide_arc(arc), begin, cut=cut)
         self.at, self.last = dict(zip("XYZ", arc.end.tolist(), strict=True)), arc
 
@@ -215,7 +244,7 @@ class MachineTool:
         if self.last is None:
             return None
         if isinstance(self.last, Arc):
-            way = np.cross(self.last.axis, self.last.end - self.last.centre)
+            way = cross(self.last.axis, self.last.end - self.last.centre)
         else:
             way = _point(self.last.end) - _point(self.last.start)
         return np.asarray(way / np.linalg.norm(way))
@@ -255,7 +284,7 @@ class MachineTool:
                 self.assume_zero(name, word or "G1")
                 start = {**start, name: 0.0}
             if len(start) == 3:
-                self._add_point(start, begin, cut=False)
+                self._add(_point(start)[None], np.ones(1), begin, cut=False)
         return start, begin, not unread or axis.rotary is None
 
     def _without_tip(self, *, cut: bool) -> None:
@@ -266,25 +295,25 @@ class MachineTool:
 
     def straight(self, start: dict[str, float], begin: dict[str, float], *, cut: bool) -> None:
         """Add a straight motion to where the tool is, divided where rotary axes turn it."""
-        turn = self.axis.largest_turn(begin)
+        turn, end = self.axis.largest_turn(begin), _point(self.at)
         if self.corner is not None:
             self._finish_corner(begin, cut=cut and not turn)
-        if not (turn and cut) or len(start) < 3:
+        points, shares = end[None], np.ones(1)
+        if turn and cut and len(start) == 3:
             # In rapid motion the way of the axis does not matter, and it is one motion.
-            self._add_point(self.at, begin, cut=cut)
-        else:
             if turn > LARGEST_TURN:
                 raise InvalidInput(
                     f"a rotary axis turns by {turn:.6g} degrees in one cut, more than "
                     f"{LARGEST_TURN:g}; check the angle"
                 )
-            first, end = _point(start), _point(self.at)
-            step = self.axis.largest_step(first, end, tip=self._of_tip())
-            count = max(1, math.ceil(turn / min(_LARGEST_TURN, step) - 1e-9))
-            shares = np.arange(1, count + 1) / count
-            points = first + shares[:, None] * (end - first)
-            points[-1] = end
-            self._add(points, shares, begin, cut=cut)
+            first = _point(start)
+            step = min(_LARGEST_STEP, self.axis.largest_step(first, end, tip=self._of_tip()))
+            count = max(1, math.ceil(turn / step - 1e-9))
+            if count > 1:
+                shares = np.arange(1, count + 1) / count
+                points = first + shares[:, None] * (end - first)
+                points[-1] = end
+        self._add(points, shares, begin, cut=cut)
         if not cut or len(start) < 3:
             self.last = None
         elif start != self.at:
@@ -297,7 +326,7 @@ class MachineTool:
         if corner.modal and not cut:
             return
         if not cut or not isinstance(self.last, Cut) or self.last.turn:
-            raise InvalidInput("a corner is cut between two straight cuts alone")
+            raise InvalidInput(_TWO_CUTS)
         first, motion = cut_corner(
             _point(self.last.start), _point(self.last.end), _point(self.at), *corner[:2]
         )
@@ -324,43 +353,28 @@ class MachineTool:
         if self.frame.axis is not None:
             return self.frame.axis
         direction = self.axis.at(begin, share)
-        if self.axis.rotary is None and self.frame.turned:
+        if self.axis.vector is not None and self.frame.turned:
             return tuple(self.frame.whole.rotation.apply(direction).tolist())
         return direction
 
-    def _add_point(self, at: dict[str, float], begin: dict[str, float], *, cut: bool) -> None:
-        """Add the end of a straight motion; in a cut if it differs from the point before."""
-        rows, point = self.out.rows, [at["X"], at["Y"], at["Z"]]
-        direction = self._direction(begin, 1.0)
-        if not self._of_tip():
-            point = self.axis.tip(begin, 1.0, point)
-        if self.frame.changed:
-            point = self.frame.whole.apply(point).tolist()
-        if rows and cut:
-            length = math.dist(rows[-1].position, point)
-            self.out.feeds.take_motion(length)
-            if length < SAME_POINT and rows[-1].direction == direction:
-                return
-        self.out.add([np.array(point)], [direction], rapid=not cut)
-
     def _add(self, points: Array, shares: Array, begin: dict[str, float], *, cut: bool) -> None:
         """Add the points of a motion at some shares of it; in a cut those that differ."""
-        rows = self.out.rows
-        axes = [self._direction(begin, float(share)) for share in shares]
+        rows, of_shares = self.out.rows, shares.tolist()
+        directions = [self._direction(begin, share) for share in of_shares]
         if not self._of_tip():
-            points = np.array([self.axis.tip(begin, float(share), point.tolist())
-                               for share, point in zip(shares, points, strict=True)])  # fmt: skip
+            stations = zip(of_shares, points.tolist(), strict=True)
+            points = np.array([self.axis.tip(begin, share, point) for share, point in stations])
         if self.frame.changed:
             points = self.frame.whole.apply(points)
         if rows and cut:
-            moved = np.diff(np.vstack([rows[-1].position, points]), axis=0)
-            lengths = np.sqrt((moved * moved).sum(axis=1))
-            before = [rows[-1].direction, *axes]
-            keep = [k for k in range(len(axes))
-                    if lengths[k] >= SAME_POINT or before[k] != axes[k]]  # fmt: skip
-            points, axes = points[keep], [axes[k] for k in keep]
-            self.out.feeds.take_motion(float(lengths.sum()))
-        self.out.add([*points], axes, rapid=not cut)
+            ways = pairwise([rows[-1].position, *points.tolist()])
+            lengths = [math.dist(one, other) for one, other in ways]
+            turns = pairwise([rows[-1].direction, *directions])
+            keep = [k for k, (one, other) in enumerate(turns)
+                    if lengths[k] >= SAME_POINT or one != other]  # fmt: skip
+            self.out.feeds.take_motion(sum(lengths))
+            points, directions = points[keep], [directions[k] for k in keep]
+        self.out.add([*points], directions, rapid=not cut)
 
 
 def _point(at: dict[str, float]) -> Array:

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from qp_twist.checks import Array
 
 NOTHING = RigidTransform.identity()
 
@@ -45,3 +47,13 @@ class Frame:
     def turned(self) -> bool:
         """Whether coordinates are turned in their plane."""
         return float(self.shift.rotation.magnitude()) > 0.0
+
+
+def moved(by: Array) -> RigidTransform:
+    """A shift, m, (3,)."""
+    return RigidTransform.from_translation(by)
+
+
+def about_z(angle: float) -> RigidTransform:
+    """A turn about z, degrees."""
+    return RigidTransform.from_rotation(Rotation.from_euler("z", angle, degrees=True))

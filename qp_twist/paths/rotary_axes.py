@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import Literal
-
-import numpy as np
-
-from qp_twist.checks import Array
 
 Machine = Literal[
     "head-ac", "head-bc", "head-ab", "head-ba",
@@ -28,8 +25,8 @@ ROLLOVER: Rollover = "shortest"
 
 def rotary_letters(rotary: Rotary) -> tuple[str, str]:
     """The two letters of a convention, e.g. ``("A", "C")``."""
-    words = [word for word in rotary.split("-") if word not in ("head", "table", "reversed")]
-    letters = "".join(words).upper()
+    words = rotary.removesuffix("-reversed").replace("head", "").replace("table", "")
+    letters = words.replace("-", "").upper()
     return letters[0], letters[1]
 
 
@@ -51,8 +48,8 @@ def begin_of_turn(begin: float, end: float, rollover: Rollover) -> float:
     return begin
 
 
-def tool_axis(rotary: Rotary, angles: dict[str, float]) -> Array:
-    r"""The tool axis in the part's frame.
+def tool_axis(rotary: Rotary, angles: Sequence[float]) -> tuple[float, ...]:
+    r"""The tool axis in the part's frame, a unit vector from the tip to the holder, (3,).
 
     .. math:: \mathbf t = \mathbf R_2(\pm\theta_2)\,\mathbf R_1(\pm\theta_1)\,\mathbf e_z
 
@@ -64,22 +61,19 @@ def tool_axis(rotary: Rotary, angles: dict[str, float]) -> Array:
 
     Args:
         rotary: The convention; not ``"vector"``.
-        angles: Of the rotary axes by letter, degrees.
-
-    Returns:
-        Unit vector from the tip to the holder, (3,).
+        angles: Of the first and the second rotary axis, degrees.
     """
     axis = [0.0, 0.0, 1.0]
-    for letter, _, sign in _chain(rotary):
-        axis = _turned(axis, letter, sign * angles[letter])
-    return np.array(axis)
+    for (k, _, sign), angle in zip(_chain(rotary), angles, strict=True):
+        axis = _turned(axis, k, sign * angle)
+    return tuple(axis)
 
 
 def tip(
     machine: Rotary, pivots: Sequence[Sequence[float]], axes: Sequence[float],
-    angles: dict[str, float],
+    angles: Sequence[float],
 ) -> list[float]:  # fmt: skip
-    r"""The tool's tip in the part's frame, where X, Y, Z are positions of the machine's axes.
+    r"""The tool's tip in the part's frame, m, where X, Y, Z are positions of the machine's axes.
 
     .. math:: \mathbf H_i = \mathrm{Trans}(\mathbf p_i)\,\mathbf R_i(\pm\theta_i)\,
         \mathrm{Trans}(-\mathbf p_i)
@@ -92,30 +86,30 @@ def tip(
         machine: The machine.
         pivots: A point of the first and of the second rotary axis, m, (2, 3).
         axes: X, Y, Z of the block, m.
-        angles: Of the rotary axes by letter, degrees.
+        angles: Of both rotary axes, degrees.
     """
     found, moved = [0.0, 0.0, 0.0], False
-    for (letter, on_table, sign), pivot in zip(_chain(machine), pivots, strict=True):
+    for (k, on_table, sign), pivot, angle in zip(_chain(machine), pivots, angles, strict=True):
         if on_table and not moved:
             found, moved = [a + b for a, b in zip(found, axes, strict=True)], True
         arm = [a - b for a, b in zip(found, pivot, strict=True)]
-        turned = _turned(arm, letter, sign * angles[letter])
-        found = [a + b for a, b in zip(turned, pivot, strict=True)]
+        found = [a + b for a, b in zip(_turned(arm, k, sign * angle), pivot, strict=True)]
     return found if moved else [a + b for a, b in zip(found, axes, strict=True)]
 
 
-def _chain(rotary: Rotary) -> list[tuple[str, bool, float]]:
-    """Letter, whether it is on the table, and sign of both axes, from the tool on."""
-    first, second = rotary_letters(rotary)
-    table = -1.0 if rotary.endswith("-reversed") else 1.0
-    on_table = rotary.startswith("table")
-    return [(first, on_table, table if on_table else 1.0),
-            (second, "table" in rotary, table if "table" in rotary else 1.0)]  # fmt: skip
+@cache
+def _chain(rotary: Rotary) -> tuple[tuple[int, bool, float], ...]:
+    """Index of the letter, whether it is on the table, and sign of both axes, from the tool on."""
+    on_table = rotary.startswith("table"), "table" in rotary
+    reverse = -1.0 if rotary.endswith("-reversed") else 1.0
+    return tuple(
+        ("ABC".index(letter), table, reverse if table else 1.0)
+        for letter, table in zip(rotary_letters(rotary), on_table, strict=True)
+    )
 
 
-def _turned(vector: Sequence[float], letter: str, angle: float) -> list[float]:
-    """A vector turned right-handed about x (A), y (B) or z (C), degrees."""
-    k = "ABC".index(letter)
+def _turned(vector: Sequence[float], k: int, angle: float) -> list[float]:
+    """A vector turned right-handed about a coordinate axis, degrees."""
     u, v = (k + 1) % 3, (k + 2) % 3
     cos, sin = math.cos(math.radians(angle)), math.sin(math.radians(angle))
     found = list(vector)

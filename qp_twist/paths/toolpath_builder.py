@@ -245,9 +245,9 @@ class ProgramBuilder:
 
     def assume_unit_by_extent(self, extent: float) -> None:
         """Assume mm where a path of this extent, in its own unit, would leave any arm's reach."""
-        inches = extent * LENGTHS["inch"]
-        if self._likely is None and inches > 2.0 * LONGEST_REACH >= extent * LENGTHS["mm"]:
-            self.assume_unit("mm", f"nothing states it; as inches it would be {inches:.3g} m long")
+        far = extent * LENGTHS["inch"] > 2.0 * LONGEST_REACH >= extent * LENGTHS["mm"]
+        if self._likely is None and far:
+            self.assume_unit("mm", f"nothing states it; {in_inches(extent)}")
 
     @property
     def length_unit(self) -> LengthUnit:
@@ -390,6 +390,13 @@ def _same_place(row: Row, other: Row) -> bool:
 def times(count: int) -> str:
     """``once``, or for example ``3 times``."""
     return "once" if count == 1 else f"{count} times"
+
+
+def in_inches(extent: float) -> str:
+    """How long a path would be as inches, for a message: in mm below 1 m."""
+    metres = extent * LENGTHS["inch"]
+    long = f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"
+    return f"as inches it would be {long} long"
 
 
 def of_lines(numbers: Sequence[int]) -> str:

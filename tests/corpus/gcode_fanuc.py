@@ -100,6 +100,13 @@ def shifted() -> list[TruePath]:
     return [TruePath(first, up(first)), TruePath(second, up(second))]
 
 
+@case("FANUC", "smooth.nc", f"{HEAD}G00 X1. Y2. Z5.\nG05.1 Q2 X0 Y0 Z0\nG01 Z0. F300.\n"
+      "X9.\nG05.1 Q0\nM30\n%\n")  # fmt: skip
+def smooth() -> list[TruePath]:
+    points = mm((1, 2, 5), (1, 2, 0), (9, 2, 0))
+    return [TruePath(points, up(points), feed=0.005)]
+
+
 @case("FANUC", "thousandths.txt", "%\n:0007\nN1 G90 G17 G54\nN2 G00 X0 Y0 Z20000\n"
       "N3 G01 Z0 F300\nN4 X50000\nN5 G02 X50000 Y-20000 I0 J-10000\nM30\n%\n")  # fmt: skip
 def thousandths() -> list[TruePath]:

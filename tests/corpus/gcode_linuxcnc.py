@@ -59,3 +59,24 @@ def indexed() -> list[TruePath]:
         found.append((turn @ [10.0 * share, 0.0, 20.0, 1.0])[:3])
         axes.append(turn[:3, 2])
     return [TruePath(1e-3 * np.array(found), np.array(axes))]
+
+
+@case("LinuxCNC", "polar.ngc", "G21 G90 G17\nG0 @10 ^30 Z5\nG1 Z0 F600\n^120\nG91 @5\n^-30\nM2\n")
+def polar() -> list[TruePath]:
+    def at(radius: float, angle: float, z: float = 0.0) -> tuple[float, float, float]:
+        return radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)), z
+
+    points = mm(at(10, 30, 5), at(10, 30), at(10, 120), at(15, 120), at(15, 90))
+    return [TruePath(points, up(points), feed=0.01)]
+
+
+@case(
+    "LinuxCNC",
+    "loops.ngc",
+    "G21 G90\nG0 X0 Y0 Z0\n#1=0\nG1 F600\no1 do\n#1=[#1+1]\nX#1\n"
+    "o1 while [#1 lt 3]\no2 repeat [5]\n#1=[#1+1]\no3 if [#1 eq 4]\no2 continue\n"
+    "o3 elseif [#1 eq 6]\no2 break\no3 else\nY#1\no3 endif\no2 endrepeat\nX9\nM2\n",
+)
+def loops() -> list[TruePath]:
+    points = mm((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 5, 0), (9, 5, 0))
+    return [TruePath(points, up(points))]

@@ -50,3 +50,31 @@ def corners() -> list[TruePath]:
     points = np.vstack([mm((0, 0, 1), (0, 0, 0)), rounded, mm((30, 37, 0), (27, 40, 0)),
                         mm((leg, 40, 0), (0, 40 - leg, 0), (0, 20, 0))])  # fmt: skip
     return [TruePath(points, up(points))]
+
+
+@case("SINUMERIK", "parameters.mpf", f"{HEAD}N30 R1=5 R2=R1*2 ; size\nN40 R3=SQRT(R2*R2+(R1+6)*4)\n"
+      "N50 G0 X=-R1 Y=R1+R2 Z=R1\nN60 G1 Z0 F=R2*30\nN70 X=R3\nN80 Y=IC(-R1) X=R2*SIN(30)\n"
+      "N90 M30\n")  # fmt: skip
+def parameters() -> list[TruePath]:
+    far = float(np.sqrt(100 + 44))
+    points = mm((-5, 15, 5), (-5, 15, 0), (far, 15, 0), (5, 10, 0))
+    return [TruePath(points, up(points), feed=0.005)]
+
+
+@case("SINUMERIK", "drilling.mpf", f"{HEAD}N30 G0 X5 Y5 Z50\nN40 F120\nN50 CYCLE81(20,0,2,-8)\n"
+      "N60 MCALL CYCLE83(20,1,2,,9,0,3)\nN70 G0 X15\nN80 X25 Y9\nN90 MCALL\nN100 G0 X0 Y0\n"
+      "N110 M30\n")  # fmt: skip
+def drilling() -> list[TruePath]:
+    holes = [mm((5, 5, 2), (5, 5, -8)), mm((15, 5, 3), (15, 5, -8)), mm((25, 9, 3), (25, 9, -8))]
+    return [TruePath(points, up(points), feed=0.002) for points in holes]
+
+
+@case("SINUMERIK", "arcs.mpf", f"{HEAD}N30 G0 X0 Y0 Z0\nN40 G1 X10 F600\nN50 CT X20 Y10\n"
+      "N60 CIP X20 Y10 Z20 I1=20 J1=20 K1=10\nN70 G91 CIP X-10 Y0 Z0 I1=IC(-5) J1=5\n"
+      "N80 M30\n")  # fmt: skip
+def arcs() -> list[TruePath]:
+    tangent = arc(mm((10, 10, 0))[0], mm((10, 0, 0))[0], UP, 0.5 * np.pi)
+    through = arc(mm((20, 10, 10))[0], mm((20, 10, 0))[0], np.array([1.0, 0, 0]), np.pi)
+    half = arc(mm((15, 10, 20))[0], mm((20, 10, 20))[0], UP, np.pi)
+    points = np.vstack([mm((0, 0, 0)), tangent, through, half])
+    return [TruePath(points, up(points))]

@@ -145,3 +145,22 @@ def labels() -> list[TruePath]:
 def rotated() -> list[TruePath]:
     points = 25.4 * mm((0, 1, 0.1), (0, 1, -0.1), (0, 2, -0.1))
     return [TruePath(points, up(points), feed=10 * 0.0254 / 60)]
+
+
+@case("Heidenhain", "prepositioned.h", "0 BEGIN PGM PRE MM\n1 TOOL CALL 5 Z S8000\n2 M128\n"
+      "3 L X+10 Y+0 Z+20 B+36.8699 C+90 FMAX\n"
+      "4 LN X+10 Y+0 Z+5 NX+0 NY+0 NZ+1 TX+0 TY+0.6 TZ+0.8 F1000\n"
+      "5 LN X+30 Y+2 Z+5 TX+0.6 TY+0 TZ+0.8\n6 END PGM PRE MM\n")  # fmt: skip
+def prepositioned() -> list[TruePath]:
+    axes = np.array([leaning(36.8699, 90), [0, 0.6, 0.8], [0.6, 0, 0.8]])
+    return [TruePath(mm((10, 0, 20), (10, 0, 5), (30, 2, 5)), axes)]
+
+
+@case("Heidenhain", "computed.h", HEAD.format("COMPUTED") + "9 Q4 = 0\n"
+      "10 Q1 = 2 * (3 + SIN 30) ; 7\n"
+      "11 FN 2: Q2 = +Q1 - +2\n12 FN 4: QL3 = +Q2 DIV +2\n13 L X+0 Y+Q1 Z+1 FMAX\n14 L Z-QL3 F100\n"
+      "15 LBL 5\n16 L IX+Q2\n17 Q4 = Q4 + 1\n18 FN 12: IF +Q4 LT +3 GOTO LBL 5\n"
+      + END)  # fmt: skip
+def computed() -> list[TruePath]:
+    points = mm((0, 7, 1), (0, 7, -2.5), (5, 7, -2.5), (10, 7, -2.5), (15, 7, -2.5))
+    return [TruePath(points, up(points), feed=0.1 / 60)]

@@ -18,7 +18,7 @@ from qp_twist.checks import Array
 from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Rotary, Toolpath, read_toolpath
-from qp_twist.paths.rotary_axes import tool_axis
+from qp_twist.paths.rotary_axes import rotary_letters, tool_axis
 from qp_twist.paths.turning import angles_between
 
 QUICK = settings(
@@ -215,7 +215,7 @@ def test_rotary_axes_turn_the_tool_as_the_joints_of_a_machine_do(
         mujoco.mj_kinematics(model, data)
         tool, part = (data.body(name).xmat.reshape(3, 3) for name in ("tool", "part"))
         expected = part.T @ tool[:, 2]
-        found = tool_axis(rotary, {letter.upper(): angle for letter, angle in stated.items()})
+        found = tool_axis(rotary, [stated[letter.lower()] for letter in rotary_letters(rotary)])
         assert found == pytest.approx(expected, abs=1e-9)
         words = " ".join(f"{letter.upper()}{angle:.8f}" for letter, angle in stated.items())
         text = f"G21 G43.4 H1\nG0 X0 Y0 Z5 {words}\nG1 Z0 F100\n"
@@ -321,7 +321,7 @@ def test_vectors_are_the_tool_axis_where_the_file_or_the_option_says_so(tmp_path
         ("G43.4\nG0 X0 Y0 Z0\nG1 X1 A30", "head-ac", "line 4: A is first stated here, after the"),
         ("G0 X0 Y0 Z0\nG1 X1 I0 J1", "vector", "line 3: the tool axis has I and J alone"),
         ("G0 X0 Y0 Z0\nG1 X1 I0 J0 K0", "vector", "line 3: the tool axis is zero"),
-        ("G43.4\nG0 X0 Y0 Z0 A30\nG1 X1 A3=0 C3=1", "head-ac", "by a vector and by rotary axes"),
+        ("G43.4\nG0 X0 Y0 Z0 A30\nX1 A30 A3=0 C3=1", "head-ac", "by a vector and by rotary axes"),
     ],
 )  # fmt: skip
 def test_a_tool_axis_that_is_open_is_refused(
@@ -363,11 +363,13 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G18 G81 Z-5 R2", "in the plane of G17 alone"), ("G87 X1", "G87 is a boring cycle"),
         ("G1 X2 ,R5\nY1", "line 5: the corner takes 5 mm of cuts"),
         ("G1 X2 ,R.5\nG0 Y1", "line 5: a corner is cut between two straight cuts alone"),
-        ("MCALL CYCLE81(5,0,1,-3)", "MCALL is a cycle at each position"),
-        ("CYCLE81(5,0,1,-3)", "CYCLE81 is a cycle of the control"),
+        ("CYCLE81(5,0,1)", "CYCLE81.5,0,1.: expected RTP, RFP, SDIS and DP or DPR"),
+        ("CYCLE81(5,R,1,-3)", "expected numbers, got 'R'"),
+        ("CYCLE84(5,0,1,-3)", "CYCLE84 is a cycle of the control"),
         ("CYCLE800(1,\"T\",0,192,0,0,0,1,2,3)", "CYCLE800 with the mode 192 states the plane"),
         ("ROT X20", "ROT about X tilts the plane"), ("BSPLINE X1", "BSPLINE is a spline"),
-        ("POLY PO[X]=(1)", "is not computed|POLY is a polynomial"), ("CIP X1", "CIP is an arc"),
+        ("POLY PO[X]=(1)", "is not computed|POLY is a polynomial"),
+        ("CIP X1", "two points of the arc are the same"), ("G0 X5\nCT X1", "line 5: CT: expected"),
         ("G65 P1 A1", "G65: program O 1 is not"), ("M206 X5", "M206 has coordinates"),
         ("MYCYCLE(5)", "'MYCYCLE' is not read"), ("NEXTPART", "'NEXTPART' is not read"),
         ("G55 X2", "G55 is another frame than before"), ("G123", "G123 is not known"),
@@ -377,8 +379,9 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("X[2 FOO 3]", "is not computed"), ("X[[-1]**.5]", "is not computed|has no value"),
         ("IF [1 EQ 1] GOTO 10", "GOTO 10 is not in this file"),
         ("O<there> CALL", "O<there> calls a subprogram that is not in this file"),
-        ("N7 GOTO 7", "more than 100000 blocks run; a loop does not end"),
-        ("R1=5", "R1 is no word that is known"), ("X=ACP(5)", "is not read"),
+        ("N7 GOTO 7", "run more than 100000 blocks beside"),
+        ("X=R1+2", "R1 has no value in this file"), ("X=ACP(5)", "is not read"),
+        ("M97 P7 L999999\nN7", "999999 repeats of a subprogram; at most 100000"),
         ("L9000", "L calls or repeats a subprogram"),
         ("U5", "U is no word that is known"),
         ("X1 X2", "X is there twice"), ("G0 G1 X1", "one of G0, G1, G2 and G3; got several"),
