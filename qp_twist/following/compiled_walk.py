@@ -40,12 +40,8 @@ class CompiledWalk:
     ) -> None:
         """Fill the arrays of a path for which :func:`walk_known` is true.
 
-        Args:
-            path_task: The task.
-            method: Name of the method.
-            settings: Of the method.
-            path: The rows; ``None``: the waypoints.
-            references: Of the secondary, for each row, (K, nq); ``None``: middles of the ranges.
+        Without ``path`` the rows are its waypoints, without ``references`` (K, nq) of the secondary
+        the middles of the ranges.
         """
         kind, model = METHODS[method], path_task.model
         path = path_task.at(flipped=kind.flipped) if path is None else path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from qp_twist.following.stretches import follow_stretches
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
-from qp_twist.planning import CentralConfiguration, central_starts
+from qp_twist.planning import central_starts
 from qp_twist.planning.central import best_of_each_branch
 from qp_twist.planning.path_rows import PathRows
 
@@ -95,33 +95,21 @@ def find_starts(
     """
     instance("find_starts(path_task, …)", path_task, PathTask)
     whole_number("find_starts(count=…)", count, at_least=1)
-    found: list[FoundStart] = []
-    candidates = best_of_each_branch(central_starts(path_task), count)
-    for number, start in enumerate(_tried(path_task, candidates, check_method(method), runs)):
-        found.append(start)
-        if progress is not None:
-            progress(number + 1, len(candidates))
-    if not runs:
-        return sorted(found, key=lambda start: start.z)
-    return sorted(found, key=lambda start: (-start.reached, start.z))
-
-
-def _tried(
-    path_task: PathTask, candidates: Sequence[CentralConfiguration], method: str, runs: bool
-) -> Iterator[FoundStart]:
+    check_method(method)
     ranges, rows = JointRanges.of(path_task.model), PathRows(path_task)
-    for candidate in candidates:
-        reached, stopped_by = _run(path_task, candidate.q, method) if runs else (0, "")
-        yield FoundStart(
-            candidate.q,
-            candidate.branch,
-            float(ranges.margins(candidate.q).min(initial=np.inf)),
-            candidate.z,
-            float(rows.sigma_min(candidate.q[None], np.zeros(1, dtype=np.intp))[0]),
-            reached,
-            len(path_task.waypoints),
-            stopped_by,
+    candidates = best_of_each_branch(central_starts(path_task), count)
+    found: list[FoundStart] = []
+    for number, one in enumerate(candidates, start=1):
+        reached, stopped_by = _run(path_task, one.q, method) if runs else (0, "")
+        margin = float(ranges.margins(one.q).min(initial=np.inf))
+        sigma = float(rows.sigma_min(one.q[None], np.zeros(1, dtype=np.intp))[0])
+        count_of = len(path_task.waypoints)
+        found.append(
+            FoundStart(one.q, one.branch, margin, one.z, sigma, reached, count_of, stopped_by)
         )
+        if progress is not None:
+            progress(number, len(candidates))
+    return sorted(found, key=lambda start: (-start.reached, start.z))
 
 
 def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
@@ -137,5 +125,4 @@ def _run(path_task: PathTask, q: Array, method: str) -> tuple[int, str]:
         )
     except InvalidInput as error:  # directions free in T may still violate a limit of the method
         return 0, clause(error)
-    names = run.blocked_by if run.rows_kept == len(run.q) else run.binding[run.rows_kept]
-    return run.kept, run.failure or ", ".join(names or ())
+    return run.kept, run.held_by

@@ -15,103 +15,67 @@ import qpsolvers
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.following.resolver import Iteration, Resolver
+from qp_twist.following.resolver import Iteration, Job, Resolver
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import Projector, ProjectorKind, TwistProjector, twist_error
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import METHODS, Method, MethodSettings, PathTask, twist_task
+from qp_twist.paths import Method, MethodSettings, PathTask, twist_task
 from qp_twist.qp import NoSolutionFound
 from qp_twist.qp.backend import SETTINGS
 
-_STANDING = 1e-9
-"""Smallest speed limit, rad/s or m/s: no step in practice, and no division by zero."""
 _ALONG = 1e-9
 """An axis counts as one of the frame's axes if its other two entries are below this."""
-
-
-class MinkLimits(WaypointLimits):
-    """Duration of a waypoint, and the speed limits that remain for its iterations.
-
-    mink's speed limit holds for one step. The iterations of a waypoint share its duration, so each
-    may use what the previous ones left of |q̇| Δt.
-    """
-
-    def __init__(self, path_task: PathTask, *, accelerations: bool = True) -> None:
-        super().__init__(path_task, accelerations=accelerations)
-        self.ranges = JointRanges.of(path_task.model)
-        self._began = self.ranges.positions(path_task.start)
-
-    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Store the configuration at the beginning of a waypoint."""
-        super().begin_waypoint(configuration, duration)
-        self._began = self.ranges.positions(configuration.q)
-
-    def speeds(self, configuration: mink.Configuration) -> Array:
-        """Largest joint speeds, rad/s or m/s, (nv,); ∞ without a limit."""
-        moved = np.abs(self.ranges.positions(configuration.q) - self._began) / self.dt
-        left: Array = np.maximum(self.velocity_limits - moved, _STANDING)
-        return left
 
 
 class MinkResolver(Resolver):
     """``mink.solve_ik`` with mink's tasks, limits and posture, neither verified nor repaired.
 
     Iterations and tolerances are the same as for all methods, and the posture task acts in the
-    first iteration of a waypoint unless the settings differ. A step is reported as solved if mink
-    says so; an exception of mink ends the run with its message.
+    first iteration of a waypoint unless the settings differ. mink's speed limit holds for one step;
+    each iteration of a waypoint has what the previous ones left. A step is reported as solved if
+    mink says so; an exception of mink ends the run with its message.
 
     Attributes:
-        limits: Duration of the waypoint and the speed limits.
         tasks: The pose, an axis to align if the roll is free, and the posture.
     """
 
-    limits: MinkLimits
-
-    def __init__(
-        self,
-        path_task: PathTask,
-        method: str,
-        settings: MethodSettings,
-        projector: TwistProjector,
-        solver: str,
-        limits: MinkLimits,
-    ) -> None:
+    def __init__(self, job: Job, projector: TwistProjector, limits: WaypointLimits) -> None:
         """Create tasks and limits.
 
         Raises:
             InvalidInput: If mink cannot express the task or the settings.
         """
-        model, frame = path_task.model, mink_frame(path_task, projector, METHODS[method])
-        target, costs = posture(path_task, settings, METHODS[method])
-        self.frame, self.limits = frame, limits
-        self.task = twist_task(path_task, projector)
+        task, settings = job.path_task, job.settings
+        self.job, self.limits = job, limits
+        self.frame = frame = mink_frame(task, projector, job.method)
+        target, costs = posture(task, settings, job.method)
+        self.task = twist_task(task, projector)
         self._aligns = frame.angular.kind is ProjectorKind.PLANE
         turns = 0.0 if self._aligns or not frame.angular.rank else 1.0
-        place = path_task.frame_name, path_task.frame_type
+        place = task.frame_name, task.frame_type
         self._pose = mink.FrameTask(*place, frame.position_costs(), turns)
         self._axis = mink.AxisAlignTask(*place, cost=1.0)
-        self._posture = mink.PostureTask(model, cost=costs)
+        self._posture = mink.PostureTask(task.model, cost=costs)
         self._posture.set_target(target)
         self.tasks = [self._pose, *([self._axis] if self._aligns else []), self._posture]
-        self._limits: list[mink.Limit] = [mink.ConfigurationLimit(model)]
-        speeds = path_task.velocity_limits
-        if path_task.durations is not None and np.isfinite(speeds).any():
-            named = zip(limits.ranges.names, speeds.tolist(), strict=True)
-            finite = {name: speed for name, speed in named if np.isfinite(speed)}
-            self._limits.append(mink.VelocityLimit(model, finite))
+        self._limits: list[mink.Limit] = [mink.ConfigurationLimit(task.model)]
+        named = zip(limits.ranges.names, task.velocity_limits.tolist(), strict=True)
+        finite = {name: speed for name, speed in named if np.isfinite(speed)}
+        if task.durations is not None and finite:
+            self._limits.append(mink.VelocityLimit(task.model, finite))
         # mink has no compiled step. For a fair comparison it gets the tolerances of this package's
         # QPs; without polishing, about which OSQP prints a message if there is nothing to polish.
-        self._solver = "daqp" if solver == COMPILED else solver
-        tuned = {} if method == "mink_default" else SETTINGS.get(self._solver, {})
+        self._solver = "daqp" if job.solver == COMPILED else job.solver
+        tuned = {} if job.method.name == "mink_default" else SETTINGS.get(self._solver, {})
         self._tuned = {key: value for key, value in tuned.items() if key != "polishing"}
-        self._gain = 0.0 if settings.secondary == "none" else settings.gain
-        self._every_iteration = settings.every_iteration
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """mink's step over the time of the waypoint."""
-        self._aim(configuration)
-        self._posture.gain = self._gain if first or self._every_iteration else 0.0
+        settings = self.job.settings
+        self._set_targets(configuration)
+        pulls = settings.secondary != "none" and (first or settings.every_iteration)
+        self._posture.gain = settings.gain if pulls else 0.0
         try:
             with warnings.catch_warnings():
                 # qpsolvers warns about dense matrices that it converts for a sparse solver.
@@ -128,8 +92,8 @@ class MinkResolver(Resolver):
             raise NoSolutionFound(f"mink: {error}") from error
         return Iteration(np.asarray(velocity) * self.limits.dt)
 
-    def _aim(self, configuration: mink.Configuration) -> None:
-        """Set the target and the remaining speeds."""
+    def _set_targets(self, configuration: mink.Configuration) -> None:
+        """Set the targets and the remaining speeds."""
         target, task = self.task.target, self.task
         assert target is not None
         here = configuration.get_transform_frame_to_world(task.frame_name, task.frame_type)
@@ -140,7 +104,7 @@ class MinkResolver(Resolver):
             self._axis.set_target(direction)
         for limit in self._limits:
             if isinstance(limit, mink.VelocityLimit):
-                limit.limit = self.limits.speeds(configuration)[limit.indices]
+                limit.limit = self.limits.speeds_left(configuration)[limit.indices]
 
 
 def posture(path_task: PathTask, settings: MethodSettings, method: Method) -> tuple[Array, Array]:
@@ -178,16 +142,17 @@ class MinkFrame:
     """The controlled frame and its projector in mink's terms.
 
     Attributes:
-        projector: The twist projector.
-        linear: Its linear block; full if it frees only directions in which the robot cannot move.
-        angular: Its angular block, likewise.
+        linear: The linear block; full if it frees only directions in which the robot cannot move.
+        angular: The angular block, likewise.
     """
 
     def __init__(self, projector: TwistProjector, operational: TwistProjector, name: str) -> None:
         self.projector, self._name = projector, name
-        same_frame = projector.frame == operational.frame
-        self.linear = _widened(projector.linear, operational.linear, same_frame)
-        self.angular = _widened(projector.angular, operational.angular, same_frame)
+        same = projector.frame == operational.frame
+        self.linear = _widened(projector.linear, operational.linear) if same else projector.linear
+        self.angular = (
+            _widened(projector.angular, operational.angular) if same else projector.angular
+        )
         self._minimal = projector.intersection(operational)
 
     def position_costs(self) -> Array:
@@ -199,9 +164,10 @@ class MinkFrame:
         linear, fixed_to = self.linear, self.projector.frame
         if linear.axis is None:
             return np.full(3, 1.0 if linear.rank else 0.0)
-        own = _own_axis(linear.axis)
+        own = int(np.argmax(np.abs(linear.axis)))
+        oblique = np.abs(np.delete(linear.axis, own)).max() >= _ALONG
         kept = fixed_to == "body" or (fixed_to == "target" and self._keeps(linear.axis))
-        if own is None or not kept:
+        if oblique or not kept:
             raise InvalidInput(
                 f"follow({self._name!r}): mink weighs positions along the frame's own axes, and "
                 f"{np.round(linear.axis, 6).tolist()} fixed to the {fixed_to} does not stay one of "
@@ -261,17 +227,11 @@ def mink_frame(path_task: PathTask, projector: TwistProjector, method: Method) -
     return frame
 
 
-def _widened(block: Projector, operational: Projector, same_frame: bool) -> Projector:
-    if operational.kind is ProjectorKind.FULL or not (same_frame and block.rank):
+def _widened(block: Projector, operational: Projector) -> Projector:
+    if operational.kind is ProjectorKind.FULL or not block.rank:
         return block
     left: Array = operational.basis - block.basis @ (block.basis.T @ operational.basis)
     return Projector.full() if np.abs(left).max(initial=0.0) < _ALONG else block
-
-
-def _own_axis(axis: Array) -> int | None:
-    """Index of the frame's axis that is ±``axis`` (3,); ``None`` for an oblique one."""
-    index = int(np.argmax(np.abs(axis)))
-    return index if np.abs(np.delete(axis, index)).max() < _ALONG else None
 
 
 def _refuse(method: Method, reasons: Mapping[str, bool]) -> None:

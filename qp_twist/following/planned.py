@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
-from qp_twist.following.planned_stretches import plan_stretches
+from qp_twist.following.stretches import plan_stretches
 from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
@@ -107,10 +107,8 @@ def plan(
 
     def runs(task: PathTask, start: Array | None) -> list[Array]:
         task = task if start is None else dataclasses.replace(task, start=start)
-        found = [_run(task, name, progress) for name in names]
-        if start is None:
-            return [run for run in found if run is not None]
-        return [np.vstack([start[None], run[1:]]) for run in found if run is not None]
+        found = [run for name in names if (run := _run(task, name, progress)) is not None]
+        return found if start is None else [np.vstack([start[None], run[1:]]) for run in found]
 
     def planned(task: PathTask, start: Array | None) -> Plan:
         return make_plan(task, objective, start, max_step_deg, runs, progress, joint_weights)

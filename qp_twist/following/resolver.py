@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mink
 import numpy as np
@@ -27,97 +27,98 @@ from qp_twist.kinematics import (
     TwistTask,
     total_displacement,
 )
-from qp_twist.paths import METHODS, MethodSettings, PathTask, twist_task
+from qp_twist.paths import Method, MethodSettings, PathTask, Waypoints, twist_task
 
 LARGEST_JOINT = 1e6
 """A joint beyond this many rad has diverged; its error would only overflow."""
 
 
-@dataclass(frozen=True, eq=False)
-class Iteration:
-    """Result of one iteration.
+class Job(NamedTuple):
+    """What is followed, and how."""
 
-    Attributes:
-        dq: Joint displacement, rad or m, (nv,).
-        scale: Scale s of the task.
-        binding: Names of the binding limits.
-        status: Status of the step; always ``SOLVED`` for closed forms without limits.
-    """
+    path_task: PathTask
+    path: Waypoints
+    method: Method
+    settings: MethodSettings
+    solver: str
+    plan: Array | None
+    """Reference of the secondary "plan" at each row, (N, nq)."""
+    slow_down: bool
+
+
+class Iteration(NamedTuple):
+    """Result of one iteration."""
 
     dq: Array
+    """Joint displacement, rad or m, (nv,)."""
     scale: float = 1.0
     binding: tuple[str, ...] = ()
     status: Status = Status.SOLVED
 
 
 class Resolver(abc.ABC):
-    """A method, prepared for one task.
+    """A method, prepared for one projector of a path.
 
     Attributes:
-        task: The twist task; the caller sets its target at every waypoint.
-        limits: The limits that the method enforces, shared by all resolvers of a run.
-        objectives: Its secondary objectives.
+        task: The twist task; the caller sets its target at every row.
+        limits: The limits of the run, which all its resolvers share.
+        objectives: The secondary objectives.
     """
 
     task: TwistTask
-    limits: WaypointLimits | None = None
+    limits: WaypointLimits
     objectives: Sequence[SecondaryObjective] = ()
+
+    def __init__(self, job: Job, projector: TwistProjector, limits: WaypointLimits) -> None:
+        self.job, self.limits = job, limits
+        self.task = twist_task(job.path_task, projector)
+        self.objectives = secondary_objectives(job.path_task, self.task, job.settings)
 
     @abc.abstractmethod
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
-        """Compute one iteration; on the waypoint's ``first`` one the secondary is active."""
+        """Compute one iteration; on the row's ``first`` one the secondary is active."""
 
-    def aim(self, plan: Array, index: int) -> None:
-        """Set the reference of the secondary to the plan's (N, nq) row of the next waypoint."""
-        for objective in self.objectives:
+    def aim(self, index: int) -> None:
+        """Set the target, and the reference of the secondary "plan", to a row of the path."""
+        self.task.set_target(self.job.path.target(index))
+        for objective in self.objectives if self.job.plan is not None else ():
             if isinstance(objective, PostureReference):
-                objective.q_ref = plan[index]
+                objective.q_ref = self.job.plan[index]  # type: ignore[index]
 
     def lead(self, configuration: mink.Configuration) -> Array | None:
         """When following a plan, a displacement (nv,) to apply before the first iteration."""
         return None
 
-    def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
-        """Begin a waypoint from the configuration at the last one, ``duration`` seconds before."""
-        if self.limits is not None:
-            self.limits.begin_waypoint(configuration, duration)
-
 
 class ClosedFormResolver(Resolver):
     """The closed forms without hard limits or time."""
 
-    def __init__(
-        self, path_task: PathTask, method: str, settings: MethodSettings, projector: TwistProjector
-    ) -> None:
-        self.method = METHODS[method]
-        self.task = twist_task(path_task, projector)
-        self.operational = path_task.operational
-        self.objectives = secondary_objectives(path_task, self.task, settings)
-        self.ranges = JointRanges.of(path_task.model)
-        self._weights = np.ones(path_task.model.nv)
-        self._gradient: Array | None = None
+    _weights: Array
+    _gradient: Array | None = None
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The method's formula at the configuration."""
         state = self.task.state(configuration)
         twist = self.task.clamped(state.error)
+        J, T = state.jacobian, state.projector
+        if self.job.method.name == "weighted_least_norm":
+            if first:
+                self._weigh(configuration)
+            return Iteration(closed_form.weighted_least_norm(J, T, twist, self._weights))
         h = np.zeros(configuration.model.nv)
         if first:
             h = total_displacement(self.objectives, configuration)
-        J, T = state.jacobian, state.projector
-        if self.method.name == "weighted_least_norm":
-            if first:
-                self._weigh(configuration.q)
-            return Iteration(closed_form.weighted_least_norm(J, T, twist, self._weights))
-        return Iteration(BY_METHOD[self.method.name](J, T, twist, h, self.operational))
+        operational = self.job.path_task.operational
+        return Iteration(BY_METHOD[self.job.method.name](J, T, twist, h, operational))
 
-    def _weigh(self, q: Array) -> None:
+    def _weigh(self, configuration: mink.Configuration) -> None:
         """Compute the joint weights for a waypoint.
 
         Whether a joint approaches its limit is decided by the change since the last waypoint; the
         small corrections between iterations would decide it arbitrarily.
         """
-        at = (self.ranges.positions(q), self.ranges.lower, self.ranges.upper)
+        ranges = JointRanges.of(configuration.model)
+        at = (ranges.positions(configuration.q), ranges.lower, ranges.upper)
         self._weights = closed_form.joint_limit_weights(*at, self._gradient)
         self._gradient = closed_form.joint_limit_gradient(*at)
 
@@ -125,71 +126,44 @@ class ClosedFormResolver(Resolver):
 class SaturationResolver(Resolver):
     """Saturation in the null space: a closed form that enforces position and velocity limits."""
 
-    limits: WaypointLimits
-
-    def __init__(
-        self,
-        path_task: PathTask,
-        settings: MethodSettings,
-        projector: TwistProjector,
-        limits: WaypointLimits,
-    ) -> None:
-        self.task = twist_task(path_task, projector)
-        self.optimal = settings.optimal
-        self.limits = limits
-        self.names = JointRanges.of(path_task.model).names
-
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
         """The shortest step inside the limits, which are widened to include zero velocity.
 
         So a joint outside its range may stay or return, and a joint that an acceleration limit
         would keep moving may stop.
         """
-        state = self.task.state(configuration)
-        dt = self.limits.dt
+        state, dt = self.task.state(configuration), self.limits.dt
         limits = gather_limits(self.limits.limits, configuration, dt)
         lower, upper = _with_rest(limits, dt)
         result = closed_form.saturation_in_null_space(
             state.jacobian, state.projector, self.task.clamped(state.error), lower, upper,
-            optimal=self.optimal,
+            optimal=self.job.settings.optimal,
         )  # fmt: skip
         dq = result.displacement
+        if result.scale == 1.0:
+            return Iteration(dq)
         names = []
-        for dof in np.flatnonzero(result.saturated) if result.scale < 1.0 else ():
+        for dof in np.flatnonzero(result.saturated):
             above = upper[dof] - dq[dof] < dq[dof] - lower[dof]
             kind = (limits.upper_kind if above else limits.lower_kind)[dof]
-            side = "upper" if above else "lower"
-            names.append(str(BindingLimit(self.names[dof], kind, side, 0.0)))
-        status = Status.SCALED if result.scale < 1.0 else Status.SOLVED
-        return Iteration(dq, result.scale, tuple(names), status)
+            joint, side = self.limits.ranges.names[dof], "upper" if above else "lower"
+            names.append(str(BindingLimit(joint, kind, side, 0.0)))
+        return Iteration(dq, result.scale, tuple(names), Status.SCALED)
 
 
 class QpResolver(Resolver):
     """The constrained counterparts: the controller's QP with the task's limits."""
 
-    limits: WaypointLimits
-
-    def __init__(
-        self,
-        path_task: PathTask,
-        method: str,
-        settings: MethodSettings,
-        projector: TwistProjector,
-        solver: str,
-        limits: WaypointLimits,
-    ) -> None:
-        self.method = METHODS[method]
-        self.task = twist_task(path_task, projector)
-        self.limits = limits
-        model = path_task.model
-        self.objectives = secondary_objectives(path_task, self.task, settings)
+    def __init__(self, job: Job, projector: TwistProjector, limits: WaypointLimits) -> None:
+        super().__init__(job, projector, limits)
+        model, settings = job.path_task.model, job.settings
         self._planned = settings.secondary == "plan"
         self.controller = Controller(
             model,
             tasks=[self.task],
             secondary=self.objectives,
-            secondary_space=self.method.space,
-            solver=solver,
+            secondary_space=job.method.space,
+            solver=job.solver,
             metric=None if settings.metric == "1" else JointRanges.of(model).metric,
             limits=limits.limits,
         )
@@ -203,11 +177,9 @@ class QpResolver(Resolver):
         """
         if not self._planned:
             return None
-        dt = self.limits.dt
-        limits = gather_limits(self.limits.limits, configuration, dt)
         desired = total_displacement(self.objectives, configuration)
-        lower, upper = _with_rest(limits, dt)
-        lead: Array = np.clip(desired, lower, upper)
+        limits = gather_limits(self.limits.limits, configuration, self.limits.dt)
+        lead: Array = np.clip(desired, *_with_rest(limits, self.limits.dt))
         return lead
 
     def displacement(self, configuration: mink.Configuration, *, first: bool) -> Iteration:
@@ -218,37 +190,14 @@ class QpResolver(Resolver):
         """
         dt = self.limits.dt
         step = self.controller.step(configuration, dt, use_secondary=first or self._planned)
-        names: tuple[str, ...] = ()
-        if step.status is not Status.SOLVED:
-            names = tuple(str(limit) for limit in step.binding)
+        solved = step.status is Status.SOLVED
+        names = () if solved else tuple(str(limit) for limit in step.binding)
         return Iteration(step.velocity * dt, step.scale, names, step.status)
 
 
 def _with_rest(limits: GatheredLimits, dt: float) -> tuple[Array, Array]:
     """Bounds of a displacement, (nv,) each, widened to include zero."""
     return np.minimum(limits.lower * dt, 0.0), np.maximum(limits.upper * dt, 0.0)
-
-
-def make_resolver(
-    path_task: PathTask,
-    method: str,
-    settings: MethodSettings,
-    projector: TwistProjector,
-    solver: str,
-    limits: WaypointLimits,
-) -> Resolver:
-    """Make the resolver of a method, by name, for one projector."""
-    if METHODS[method].constrained:
-        return QpResolver(path_task, method, settings, projector, solver, limits)
-    if method == "sns":
-        if path_task.stated_constraints:
-            raise InvalidInput(
-                "follow('sns'): saturation in the null space takes bounds on single joints only, "
-                f"and {path_task.name} has constraints ({path_task.stated_constraints[0].kind}); "
-                "use one of the QPs of this package."
-            )
-        return SaturationResolver(path_task, settings, projector, limits)
-    return ClosedFormResolver(path_task, method, settings, projector)
 
 
 def secondary_objectives(

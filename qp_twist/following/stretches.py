@@ -1,11 +1,11 @@
-"""Follow a path in stretches, with joint moves between them."""
+"""Follow or plan a path in stretches, with joint moves between them."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,18 +14,21 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.paths import MethodSettings, PathTask, stretches
-from qp_twist.planning import EFFORT, JointMoves, NoJointMove
+from qp_twist.paths import MethodSettings, PathTask, stretch_task, stretches
+from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
+from qp_twist.planning.objective import Objective
 from qp_twist.planning.starts import what_forbids
 
 _STARTS = 12
-"""Largest number of starts that are tried for a stretch."""
+"""Largest number of starts that are tried for a stretch that is followed."""
 _FIRST_EFFORT = 300
 """Random configurations of a joint move to each start at first; then all starts get ``EFFORT``."""
+_OTHERS = 3
+"""Number of other starts from which a stretch is planned if its best plan cannot be reached."""
 
 
-class Move(NamedTuple):
+class _Move(NamedTuple):
     """A joint move between two stretches."""
 
     to: int
@@ -43,6 +46,9 @@ class Move(NamedTuple):
         return inner
 
 
+# ---------------------------------------------------------------- followed
+
+
 def follow_stretches(
     path_task: PathTask,
     method: str,
@@ -57,15 +63,8 @@ def follow_stretches(
     Each stretch of the path between joint moves is followed by itself. It begins at the start to
     which the joints move soonest, of those from which the method keeps the whole stretch: the
     branch may change on a joint move. Candidates are the configuration nearest to the end of the
-    stretch before, and local minima of z on the stretch's first waypoint, of every branch.
-
-    Args:
-        path_task: The task, without via points, with a start.
-        method: Name of the method.
-        settings: Of the method.
-        start: In place of the task's, (nq,).
-        plan: Rows of the reference of the secondary "plan", one for each waypoint.
-        options: Other arguments of ``walk``.
+    stretch before, and local minima of z on the stretch's first waypoint, of every branch; with a
+    ``plan``, a row for each waypoint, its own.
 
     Returns:
         The trajectory, with the rows of the joint moves. If a stretch cannot be reached by a joint
@@ -82,67 +81,63 @@ def follow_stretches(
     if len(runs) == 1:
         return parts[0]
     moves = JointMoves(path_task)
-    found: list[Move] = []
+    found: list[_Move] = []
     for before, run in itertools.pairwise(runs):
         end = parts[-1].q[-1]
         if parts[-1].s[-1] < before[-1] or parts[-1].diverged_at is not None:
             break  # it was stopped
+        starts = [plan[run.start]] if plan is not None else _starts(path_task, run, end, moves)
         tried: list[Trajectory] = []
-        for candidate in _starts(path_task, run, end, plan, method, moves):
+        for candidate in starts:
             with contextlib.suppress(InvalidInput):  # the start cannot be corrected
                 tried.append(walked(run, candidate))
         tried.sort(key=lambda t: float(moves.seconds(np.array([end, t.q[0]]))[0]))
-        move = _soonest(end, tried, run[-1], moves) if tried else what_forbids(path_task, run.start)
-        if isinstance(move, str):
-            failure = f"no joint move from waypoint {run.start} to {run.start + 1}: {move}"
+        reached = _soonest(end, tried, run, moves) if tried else what_forbids(path_task, run.start)
+        if isinstance(reached, str):
+            failure = f"no joint move from waypoint {run.start} to {run.start + 1}: {reached}"
             parts[-1] = dataclasses.replace(parts[-1], failure=parts[-1].failure or failure)
             break
-        number, rows = move
-        parts.append(tried[number])
-        found.append(Move(run.start, rows, moves.seconds(rows)))
-    return _joined(parts, found)
+        parts.append(reached[0])
+        found.append(reached[1])
+    return _joined_runs(parts, found)
 
 
-def _starts(
-    path_task: PathTask, run: range, end: Array, plan: Array | None, method: str, moves: JointMoves
-) -> Iterator[Array]:
-    """Starts of a stretch (nv,): that of a plan; else candidates."""
-    if plan is not None:
-        yield plan[run.start]
-        return
+def _starts(path_task: PathTask, run: range, end: Array, moves: JointMoves) -> Iterator[Array]:
+    """Candidates for the start of a stretch, (nv,)."""
     yield end
     for found in best_of_each_branch(central_configurations(path_task, run.start), _STARTS):
         yield moves.nearest_turn(found.q[None], end)[0]
 
 
 def _soonest(
-    end: Array, tried: Sequence[Trajectory], last: int, moves: JointMoves
-) -> tuple[int, Array] | str:
-    """The first run that a joint move leads to, a complete one if possible, and its rows.
-
-    Or why there is none.
-    """
+    end: Array, tried: Sequence[Trajectory], run: range, moves: JointMoves
+) -> tuple[Trajectory, _Move] | str:
+    """The first run that a joint move leads to, complete if possible; or why there is none."""
     why = ""
-    whole = [t.s[-1] == last and t.keeps_rows for t in tried]
+    whole = [t.s[-1] == run[-1] and t.keeps_rows for t in tried]
     for complete, effort in itertools.product((True, False), (_FIRST_EFFORT, EFFORT)):
-        for number, trajectory in enumerate(tried):
-            if whole[number] != complete:
-                continue
+        for trajectory in itertools.compress(tried, (w == complete for w in whole)):
             try:
-                return number, moves.found(end, trajectory.q[0], effort)
+                rows = moves.found(end, trajectory.q[0], effort)
             except NoJointMove as error:
                 why = why or error.why
+            else:
+                return trajectory, _Move(run.start, rows, moves.seconds(rows))
     return why
 
 
-def _joined(parts: Sequence[Trajectory], moves: Sequence[Move]) -> Trajectory:
+def _joined_runs(parts: Sequence[Trajectory], moves: Sequence[_Move]) -> Trajectory:
     """One trajectory of stretches and the joint moves between them."""
+    if not moves:
+        return parts[0]
 
     def chained(name: str) -> tuple[Any, ...]:
         return tuple(itertools.chain.from_iterable(getattr(part, name) for part in parts))
 
-    stacked: dict[str, Any] = {n: np.concatenate([getattr(part, n) for part in parts]) for n in
-               ("q", "s", "scale", "iterations")}  # fmt: skip
+    stacked: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("q", "s", "scale", "iterations")
+    }
     joined = dataclasses.replace(
         parts[-1],
         binding=chained("binding"),
@@ -157,9 +152,104 @@ def _joined(parts: Sequence[Trajectory], moves: Sequence[Move]) -> Trajectory:
         times = [part.durations[bool(k) :] for k, part in enumerate(parts)]  # type: ignore[index]
         pairs = itertools.zip_longest(times, (move.seconds for move in moves), fillvalue=())
         durations = np.concatenate(list(itertools.chain.from_iterable(pairs)))
-    if not moves:
-        return joined
     begins = np.cumsum([len(part.q) for part in parts[:-1]], dtype=np.intp)
     rows, places = np.concatenate([m.q[1:-1] for m in moves]), np.concatenate([m.s for m in moves])
     at = np.repeat(begins, [len(move.q) - 2 for move in moves])
     return joined.with_rows(at, rows, places, durations)
+
+
+# ---------------------------------------------------------------- planned
+
+
+def plan_stretches(
+    path_task: PathTask,
+    goal: Objective,
+    start: Array | None,
+    planned: Callable[[PathTask, Array | None], Plan],
+) -> Plan:
+    """The plan of a task with joint moves, without via points; see :func:`qp_twist.plan`.
+
+    ``planned`` plans a stretch from a start (nv,), or from any if it is ``None``.
+
+    Raises:
+        KeyboardInterrupt: On Ctrl-C before the last stretch has a motion.
+    """
+    moves, runs = JointMoves(path_task), stretches(path_task)
+    plans: list[Plan] = []
+    found: list[_Move] = []
+    for run in runs:
+        if plans and plans[-1].interrupted:
+            raise KeyboardInterrupt
+        task = stretch_task(path_task, run, path_task.start)
+        best = planned(task, None if plans else start)
+        if best.q is None:
+            return _none(path_task, best, run, "")
+        if not plans:
+            plans.append(best)
+            continue
+        end, why = plans[-1].motion()[-1], ""
+        candidates: Iterable[Plan] = itertools.chain([best], _other_plans(task, planned, end))
+        if goal.travel:  # the way to a stretch counts, too
+            at_end = end[None]
+            candidates = sorted(
+                candidates, key=lambda plan: goal.value(np.vstack([at_end, plan.motion()]))
+            )
+        for plan in candidates:
+            q = moves.nearest_turn(plan.motion(), end)
+            try:
+                rows = moves.found(end, q[0], EFFORT)
+            except NoJointMove as error:
+                why = why or error.why
+                continue
+            plans.append(dataclasses.replace(plan, q=q))
+            found.append(_Move(run.start, rows, moves.seconds(rows)))
+            break
+        else:
+            return _none(path_task, best, run, why)
+    return _joined_plans(path_task, goal, runs, plans, found)
+
+
+def _other_plans(
+    task: PathTask, planned: Callable[[PathTask, Array | None], Plan], end: Array
+) -> Iterator[Plan]:
+    """Plans of a stretch from other starts than the best plan's, those nearest to ``end`` first."""
+    others = [found.q for found in best_of_each_branch(central_configurations(task), 4 * _OTHERS)]
+    others.sort(key=lambda q: float(np.abs(q - end).max()))
+    yield from (plan for q in others[:_OTHERS] if (plan := planned(task, q)).q is not None)
+
+
+def _none(path_task: PathTask, plan: Plan, run: range, why: str) -> Plan:
+    """A plan without a motion, for the reason of one stretch or of the move to it."""
+    changed: dict[str, Any] = {
+        "waypoints": tuple(run.start + k for k in plan.certificate.waypoints)
+    }
+    if why:
+        changed = {"kind": "move", "waypoints": (run.start, run.start + 1), "detail": why}
+    certificate = dataclasses.replace(plan.certificate, **changed)
+    return dataclasses.replace(
+        plan, path_task=path_task, q=None, value=np.nan, bound=np.nan, certificate=certificate
+    )
+
+
+def _joined_plans(
+    path_task: PathTask, goal: Objective, runs: list[range], plans: list[Plan], moves: list[_Move]
+) -> Plan:
+    """One plan of the stretches' plans and the joint moves between them."""
+    rows, places = [plans[0].motion()], [np.array(runs[0], dtype=np.float64)]
+    for run, plan, move in zip(runs[1:], plans[1:], moves, strict=True):
+        rows += [move.q[1:-1], plan.motion()]
+        places += [move.s, np.array(run, dtype=np.float64)]
+    q, s = np.concatenate(rows), np.concatenate(places)
+    counts = np.array([len(run) for run in runs])
+    bounds = np.array([plan.bound for plan in plans])
+    value, bound = goal.value(q), np.nan
+    if goal.margin:
+        bound = float(bounds.min())
+    elif not goal.travel:
+        bound = float(counts @ bounds / counts.sum())
+    elif not goal.centering:
+        bound = float(bounds.sum())
+    if goal.centering:  # of the waypoints, not of the joint moves' rows
+        z = goal.ranges.centring
+        value += goal.centering * float(z(q[s == np.floor(s)]).mean() - z(q).mean())
+    return dataclasses.replace(plans[-1], path_task=path_task, q=q, s=s, value=value, bound=bound)

@@ -203,23 +203,31 @@ class Trajectory:
         return int(self.at_waypoints[: self.rows_kept].sum())
 
     @property
+    def held_by(self) -> str:
+        """Why there is no step, or the active limits where the run leaves the path or ends."""
+        left = self.rows_kept < len(self.q)
+        names = self.binding[self.rows_kept] if left else self.blocked_by
+        return self.failure or ", ".join(names or ())
+
+    @property
     def ending(self) -> str:
         """Where the run ends or leaves the path, and why, in words; empty if it does neither."""
         count, kept, rows = len(self.path_task.waypoints), self.kept, self.rows_kept
         if rows < len(self.q):
             held = ", ".join(self.binding[rows])
-            return f"leaves the path at waypoint {kept + 1} of {count}" + (
-                f", held by {held}" if held else ""
-            )
+            where = f"leaves the path at waypoint {kept + 1} of {count}"
+            return f"{where}, held by {held}" if held else where
         if kept == count:
             return ""
+        if self.blocked_by is not None:
+            held = ", ".join(self.blocked_by) or "a singularity"
+            why = f"at no speed is the next one reached, held by {held}"
+        else:
+            why = self.failure
         where = (
             f"ends at waypoint {kept} of {count}" if kept else f"meets none of {count} waypoints"
         )
-        if self.blocked_by is not None:
-            held = ", ".join(self.blocked_by) or "a singularity"
-            return f"{where}: at no speed is the next one reached, held by {held}"
-        return f"{where}: {self.failure}" if self.failure else where
+        return f"{where}: {why}" if why else where
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from qp_twist.checks import Array, clause
 from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
-from qp_twist.following.resolver import LARGEST_JOINT, Iteration, Resolver
+from qp_twist.following.resolver import LARGEST_JOINT, Iteration, Job, Resolver
 from qp_twist.following.sampling import fine_rows, plan_at
-from qp_twist.following.slowing import Pace
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.geometry import TwistProjector
 from qp_twist.kernel import COMPILED
@@ -27,6 +26,13 @@ from qp_twist.qp import NoSolutionFound
 
 if TYPE_CHECKING:
     from qp_twist.following.compiled_walk import CompiledWalk
+
+_GROWTH = 1.5
+"""Factor of a row's duration from one attempt to the next."""
+_LONGEST = 1e4
+"""Largest factor of a row's duration."""
+_PATIENCE = 3
+"""Number of attempts without improvement after which it gives up."""
 
 
 def walk(
@@ -54,29 +60,27 @@ def walk(
     time it can, and the time it needs is known only for the whole path. Then the run also ends at
     the last row that the limits let it reach, or that has a step.
     """
-    path = path_task.at(s, flipped=METHODS[method].flipped)
+    kind = METHODS[method]
+    path = path_task.at(s, flipped=kind.flipped)
     first = start_of(path_task, method, path, start)
     if fine:
         rows = fine_rows(path_task, path.s, first)
         plan = None if plan is None else plan_at(path_task, plan, path.s, rows)
-        path = path_task.at(rows, flipped=METHODS[method].flipped)
-    job = _Job(path_task, path, method, settings, solver, plan, slow_down)
-    compiled = job.compiled()
+        path = path_task.at(rows, flipped=kind.flipped)
+    job = Job(path_task, path, kind, settings, solver, plan, slow_down)
+    compiled = _compiled(job)
     run = _Run(job, first, progress, stop)
     began = time.perf_counter()
     while run.unfinished:
         if compiled is not None and run.at_feed:
-            run.extend(*compiled.on_from(run.q, len(run.rows)))
+            run.extend(*compiled.on_from(run.rows[-1].q, len(run.rows)))
         if run.unfinished:
             run.next_row()
     return run.trajectory(time.perf_counter() - began)
 
 
 def start_of(
-    path_task: PathTask,
-    method: str,
-    path: Waypoints | None = None,
-    start: Array | None = None,
+    path_task: PathTask, method: str, path: Waypoints | None = None, start: Array | None = None
 ) -> Array:
     """The start, corrected onto the method's first row of the path, in the method's rows.
 
@@ -95,34 +99,16 @@ def start_of(
     )
 
 
-class _Job(NamedTuple):
-    """What is followed, and how: the arguments of :func:`walk`."""
+def _compiled(job: Job) -> CompiledWalk | None:
+    """The compiled walk, if requested and supported."""
+    if job.solver != COMPILED:
+        return None
+    from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
 
-    path_task: PathTask
-    path: Waypoints
-    method: str
-    settings: MethodSettings
-    solver: str
-    plan: Array | None
-    slow_down: bool
-
-    def compiled(self) -> CompiledWalk | None:
-        """The compiled walk, if requested and supported."""
-        if self.solver != COMPILED:
-            return None
-        from qp_twist.following.compiled_walk import CompiledWalk, walk_known  # with numba
-
-        task, method, settings = self.path_task, self.method, self.settings
-        if not walk_known(task, method, settings, accelerations=not self.slow_down):
-            return None
-        return CompiledWalk(task, method, settings, self.path, self.plan)
-
-    def resolvers(self) -> list[Resolver]:
-        """The resolver of each row."""
-        return resolvers_along(
-            self.path_task, self.path, self.method, self.settings, self.solver,
-            accelerations=not self.slow_down,
-        )  # fmt: skip
+    what = job.path_task, job.method.name, job.settings
+    if not walk_known(*what, accelerations=not job.slow_down):
+        return None
+    return CompiledWalk(*what, job.path, job.plan)
 
 
 class _Row(NamedTuple):
@@ -141,26 +127,21 @@ class _Run:
 
     def __init__(
         self,
-        job: _Job,
+        job: Job,
         start: Array,
         progress: Callable[[int], None] | None,
         stop: Callable[[Array, float, float], bool] | None,
     ) -> None:
         self.job, self._progress, self._stop = job, progress, stop
         self._configuration = mink.Configuration(job.path_task.model, start)
-        holds_limits = METHODS[job.method].holds_limits
-        self._pace = Pace() if job.slow_down and holds_limits else None
+        self._slows = job.slow_down and job.method.holds_limits
+        self._factor = 1.0  # of the last row's duration
         self.rows = [_Row(start)]
         self.stopped = False
         self._diverged_at: int | None = None
         self._failure = ""
         self._blocked_by: tuple[str, ...] | None = None
         self._compiled = 0
-
-    @property
-    def q(self) -> Array:
-        """The last recorded configuration, (nq,)."""
-        return self.rows[-1].q
 
     @property
     def unfinished(self) -> bool:
@@ -175,11 +156,11 @@ class _Run:
     @property
     def at_feed(self) -> bool:
         """Whether the next row is approached in the task's own duration."""
-        return self.going and (self._pace is None or self._pace.at_feed)
+        return self.going and self._factor <= _GROWTH
 
     @cached_property
     def _resolvers(self) -> list[Resolver]:
-        return self.job.resolvers()
+        return resolvers_along(self.job)
 
     @cached_property
     def _feed(self) -> Array:
@@ -189,33 +170,27 @@ class _Run:
 
     def extend(self, q: Array, iterations: npt.NDArray[np.int64], errors: Array) -> None:
         """Record rows of the compiled walk: those before the first that needs more time."""
-        kept = len(q)
-        if self._pace is not None:
+        if self._slows:
             missed = (errors > self.job.path_task.iteration.tolerances).any(axis=1)
-            kept = int(np.argmax(missed)) if missed.any() else kept
-            if kept:
-                self._pace.factor = 1.0
-        for k in range(kept):
+            q = q[: np.argmax(missed)] if missed.any() else q
+            self._factor = 1.0 if len(q) else self._factor
+        for k in range(len(q)):
             self._compiled += 1
             duration = float(self._feed[len(self.rows)])
-            row = _Row(q[k].copy(), duration, iterations=int(iterations[k]))
-            self._record(row, errors[k])
+            self._record(_Row(q[k].copy(), duration, iterations=int(iterations[k])), errors[k])
             if self.stopped:
                 break
-        self._configuration.update(self.q)
+        self._configuration.update(self.rows[-1].q)
 
     def next_row(self) -> None:
         """Approach the next row and record the result."""
-        index, job, q = len(self.rows), self.job, self.q
+        index, job, q = len(self.rows), self.job, self.rows[-1].q
         row = _Row(q, float(self._feed[index]))
         waypoint = int(np.ceil(job.path.s[index])) + 1
         if self.going:
-            resolver = self._resolvers[index]
-            resolver.task.set_target(job.path.target(index))
-            if job.plan is not None:
-                resolver.aim(job.plan, index)
+            self._resolvers[index].aim(index)
             try:
-                row = self._approach(resolver, row)
+                row = self._approach(self._resolvers[index], row)
             except NoSolutionFound as error:
                 self._failure = f"no step at waypoint {waypoint}: {clause(error)}"
         if self._diverged_at is None and not _sane(self._configuration.q):
@@ -229,38 +204,53 @@ class _Run:
             self._record(row._replace(q=self._configuration.q.copy()), None)
 
     def _approach(self, resolver: Resolver, row: _Row) -> _Row:
-        """Move to the resolver's target, in as much time as the way to it needs."""
-        found = row
+        """Move to the resolver's target, in as much time as the way to it needs.
 
-        def attempt(allowed: float | None) -> float:
-            nonlocal found
-            resolver.begin_waypoint(self._configuration, allowed)
-            tried = self._iterate(resolver, row)
-            # What held the faster attempts back is why this one is slower.
-            held = dict.fromkeys((*found.binding, *tried.binding))
-            found = tried._replace(binding=tuple(held))
-            if self._pace is None or not _sane(self._configuration.q):
-                return np.inf
-            return missed_by(self.job.path_task, resolver.task, self._configuration)
-
+        A run that may slow down repeats a missed row with 1.5 times the duration until it is
+        reached. If longer attempts do not improve it (a position limit, a target out of reach), the
+        first attempt is kept. The next row starts with a duration one factor shorter, so that the
+        feed is resumed.
+        """
         timed = self.job.path.feed_times is not None
-        if self._pace is not None and timed:
-            duration = self._pace.approach(attempt, self._configuration, row.duration)
-            return found._replace(duration=duration)
-        attempt(row.duration if timed else None)
-        return found
+        if not (self._slows and timed):
+            return self._attempt(resolver, row, row.duration if timed else None)[0]
+        begin = self._configuration.q.copy()
+        factor = max(1.0, self._factor / _GROWTH)
+        found, missed = self._attempt(resolver, row, factor * row.duration)
+        nearest, failed = missed, 0
+        while missed > 1.0 and failed < _PATIENCE and factor * _GROWTH <= _LONGEST:
+            factor *= _GROWTH
+            self._configuration.update(begin)
+            try:
+                found, missed = self._attempt(resolver, found, factor * row.duration)
+            except NoSolutionFound:
+                missed = np.inf
+            failed = 0 if missed < 0.99 * nearest else failed + 1
+            nearest = min(nearest, missed)
+        if missed > 1.0:
+            self._configuration.update(begin)
+            factor = 1.0
+            found, _ = self._attempt(resolver, found, row.duration)
+        self._factor = factor
+        return found._replace(duration=factor * row.duration)
 
-    def _iterate(self, resolver: Resolver, row: _Row) -> _Row:
-        """Iterate to the row that is the resolver's target; the row with how it was found."""
-        configuration = self._configuration
+    def _attempt(
+        self, resolver: Resolver, before: _Row, duration: float | None
+    ) -> tuple[_Row, float]:
+        """Iterate to the resolver's target; the row, and its error relative to the tolerance.
+
+        What held the faster attempts back is why this one is slower: their limits stay named.
+        """
+        configuration, task = self._configuration, self.job.path_task
+        resolver.limits.begin_waypoint(configuration, duration)
         lead = resolver.lead(configuration)
         if lead is not None:
             configuration.integrate_inplace(lead, 1.0)
-        held = resolver.limits is not None
+        held = self.job.method.holds_limits
         moves = list[Iteration]()
         for iteration in range(self.job.settings.iterations):
             first = iteration == 0
-            if not first and reached(self.job.path_task, resolver.task, configuration, held=held):
+            if not first and reached(task, resolver.task, configuration, held=held):
                 break
             move = resolver.displacement(configuration, first=first)
             if not np.isfinite(move.dq).all():
@@ -271,19 +261,20 @@ class _Run:
             # Blocked by limits: further iterations would not move it either.
             if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
                 break
-        return row._replace(
+        names = dict.fromkeys((*before.binding, *(name for m in moves for name in m.binding)))
+        row = before._replace(
             scale=min((move.scale for move in moves), default=1.0),
             iterations=len(moves),
-            binding=tuple(dict.fromkeys(name for move in moves for name in move.binding)),
-            status=max(
-                (move.status for move in moves), default=Status.SOLVED,
-                key=lambda status: status.severity,
-            ),
-        )  # fmt: skip
+            binding=tuple(names),
+            status=max((m.status for m in moves), default=Status.SOLVED, key=lambda s: s.severity),
+        )
+        if not self._slows or not _sane(configuration.q):
+            return row, np.inf
+        return row, missed_by(task, resolver.task, configuration)
 
     def _is_blocked(self, row: _Row) -> bool:
         """Whether the limits, or a singularity, keep the run from the next row at any speed."""
-        if self._pace is None or METHODS[self.job.method].peer:
+        if not self._slows or self.job.method.peer:
             return False
         if row.status in (Status.SOLVED, Status.PRIORITIZED):
             return False
@@ -318,7 +309,7 @@ class _Run:
         q, durations, scales, iterations, binding, statuses = zip(*rows, strict=True)
         return Trajectory(
             path_task=job.path_task,
-            method=job.method,
+            method=job.method.name,
             q=np.array(q),
             s=job.path.s[: len(rows)],
             scale=np.array(scales),

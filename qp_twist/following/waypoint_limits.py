@@ -1,4 +1,4 @@
-"""The limits shared by the QPs of a path."""
+"""The limits shared by all steps along a path."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from qp_twist.constraints import (
     MotionLimit,
     PositionLimit,
 )
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+
+_STANDING = 1e-9
+"""Smallest speed limit, rad/s or m/s: no step in practice, and no division by zero."""
 
 
 class WaypointLimits:
-    """The limits of a path's QPs, and their state from waypoint to waypoint.
-
-    Shared by all resolvers of a path: the state does not depend on the resolver or the number of
-    iterations.
+    """The limits of a path's methods, and their state from waypoint to waypoint.
 
     Attributes:
         limits: The limits of the controllers.
@@ -31,41 +32,43 @@ class WaypointLimits:
     def __init__(self, path_task: PathTask, *, accelerations: bool = True) -> None:
         model = path_task.model
         self.limits: list[mink.Limit] = [PositionLimit(model)]
+        self.ranges = JointRanges.of(model)
         self.velocity_limits = path_task.velocity_limits
         self.window: DisplacementWindow | None = None
         self.motion: MotionWindow | None = None
+        self.dt = 1.0
         timed = path_task.durations is not None
-        if accelerations and timed and np.isfinite(path_task.acceleration_limits).any():
-            self.motion = MotionWindow(
-                MotionLimit(
-                    model,
-                    velocity=path_task.velocity_limits,
-                    acceleration=path_task.acceleration_limits,
-                )
-            )
+        most = path_task.acceleration_limits
+        if accelerations and timed and np.isfinite(most).any():
+            motion = MotionLimit(model, velocity=self.velocity_limits, acceleration=most)
+            self.motion = MotionWindow(motion)
             self.limits = [self.motion]
         elif timed and np.isfinite(self.velocity_limits).any():
-            unbounded = np.full(model.nv, np.inf)
-            self.window = DisplacementWindow(model, path_task.start, unbounded)
+            self.window = DisplacementWindow(model, path_task.start, np.full(model.nv, np.inf))
             self.limits.append(self.window)
         self.limits += path_task.constraints
-        self.dt = 1.0
 
     def begin_waypoint(self, configuration: mink.Configuration, duration: float | None) -> None:
         """Move the window in which the joints may move during the next waypoint."""
-        if self.motion is not None:
-            self.motion.begin(configuration, duration or 1.0)
-        if self.window is not None:
-            self.window.move(configuration.q, self.velocity_limits * (duration or 1.0))
         self.dt = duration or 1.0
+        self._began = self.ranges.positions(configuration.q)
+        if self.motion is not None:
+            self.motion.begin(configuration, self.dt)
+        if self.window is not None:
+            self.window.move(configuration.q, self.velocity_limits * self.dt)
+
+    def speeds_left(self, configuration: mink.Configuration) -> Array:
+        """What the iterations of the waypoint so far have left of the speed limits, (nv,)."""
+        moved = np.abs(self.ranges.positions(configuration.q) - self._began) / self.dt
+        left: Array = np.maximum(self.velocity_limits - moved, _STANDING)
+        return left
 
 
 class MotionWindow(BoxLimit):
-    r"""A :class:`~qp_twist.MotionLimit` for the mean velocity over a waypoint.
+    """A :class:`~qp_twist.MotionLimit` for the mean velocity over a waypoint.
 
-    The bounds are those of the motion limit at the beginning of the waypoint, minus the motion of
-    its previous iterations. The first step of a path may have any speed: accelerations are limited
-    from the second step on.
+    The bounds are those at the beginning of the waypoint, minus the motion of its previous
+    iterations. The first step of a path may have any speed.
     """
 
     kind = "motion"
@@ -79,15 +82,12 @@ class MotionWindow(BoxLimit):
     def begin(self, configuration: mink.Configuration, dt: float) -> None:
         """Begin a waypoint of ``dt`` seconds; the mean velocity of the last one is stored."""
         here = self.motion.ranges.positions(configuration.q)
-        entered = self._begin is not None
         if self._begin is not None:
             self.motion.note((here - self._begin) / self._dt)
-        self._boxes = tuple(
-            box
-            for box in self.motion.boxes(configuration, dt)
-            if entered or box.kind != "acceleration"
-        )
-        self._begin, self._dt = here, dt
+        boxes = self.motion.boxes(configuration, dt)
+        if self._begin is None:
+            boxes = tuple(box for box in boxes if box.kind != "acceleration")
+        self._boxes, self._begin, self._dt = boxes, here, dt
 
     def boxes(self, configuration: mink.Configuration, dt: float) -> tuple[Box, ...]:
         """The boxes of the waypoint, minus the motion within it so far."""

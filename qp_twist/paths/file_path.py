@@ -177,20 +177,14 @@ def file_segments(
     Raises:
         InvalidInput: If a projector or a blend does not fit, with the key of its table.
     """
-    of = {"contact": projector}
-    for part, table in (("approach", section.approach), ("retreat", section.retreat)):
-        of[part] = (table and table.projector()) or projector
-    own = section.transfer and section.transfer.projector()
-    lifted = of["retreat"] if section.retreat else of["approach"]
-    of["transfer"] = own or lifted
-    blends = {
-        part: table.blend if table else 0
-        for part, table in (
-            ("approach", section.approach),
-            ("retreat", section.retreat),
-            ("transfer", section.transfer),
-        )
-    }
+    tables = {
+        "approach": section.approach, "retreat": section.retreat, "transfer": section.transfer
+    }  # fmt: skip
+    own = {part: table.projector() if table else None for part, table in tables.items()}
+    blends = {part: table.blend if table else 0 for part, table in tables.items()}
+    of = {part: found or projector for part, found in own.items()} | {"contact": projector}
+    if own["transfer"] is None:
+        of["transfer"] = of["retreat"] if section.retreat else of["approach"]
     segments: list[Segment] = []
     keys: list[str] = []
     begin = 0
@@ -244,6 +238,13 @@ def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curv
     return leaving, None if way is None or lowered else way.part([-1]), True
 
 
+def _sampled(curve: Curve, section: FilePath, toolpath: Toolpath) -> Curve:
+    try:
+        return resampled(curve, section.sampling())
+    except InvalidInput as error:
+        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
+
+
 def _ways(
     section: FilePath, way: Curve | None, beside: Curve, held: Array, toolpath: Toolpath
 ) -> list[Curve]:
@@ -255,18 +256,12 @@ def _ways(
         way = replace(way, vectors=None, rotations=np.broadcast_to(held, (len(way), 3, 3)))
     elif toolpath.meaning in ("axis", "normal"):
         way = way.facing(-1.0 if section.tool == "into" else 1.0)
-    try:
-        return [replace(resampled(way, section.sampling()), role="transfer")]
-    except InvalidInput as error:
-        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
+    return [replace(_sampled(way, section, toolpath), role="transfer")]
 
 
 def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) -> list[Curve]:
     """Approach, curve and retreat."""
-    try:
-        curve = resampled(curve, section.sampling())
-    except InvalidInput as error:
-        raise InvalidInput(f"{toolpath.source.name}: {error}") from error
+    curve = _sampled(curve, section, toolpath)
     # From the surface to the holder; the frame's z points the other way if the tool is "into".
     sign = -1.0 if section.tool == "into" else 1.0
     normals = curve.axes if toolpath.meaning == "normal" else None
@@ -275,20 +270,13 @@ def _of_curve(section: FilePath, curve: Curve, held: Array, toolpath: Toolpath) 
     elif curve.rotations is None:
         curve = replace(curve, rotations=np.broadcast_to(held, (len(curve), 3, 3)))
     if section.lead_deg or section.tilt_deg:
-        turns = lean_turns(
-            f"{toolpath.source.name}, curve {curve.name!r}",
-            curve.positions,
-            curve.axes,
-            np.radians(section.lead_deg),
-            np.radians(section.tilt_deg),
-        )
-        curve = replace(
-            curve,
-            vectors=None
-            if curve.vectors is None
-            else np.einsum("nij,nj->ni", turns, curve.vectors),
-            rotations=None if curve.rotations is None else turns @ curve.rotations,
-        )
+        lean = np.radians(section.lead_deg), np.radians(section.tilt_deg)
+        name = f"{toolpath.source.name}, curve {curve.name!r}"
+        turns = lean_turns(name, curve.positions, curve.axes, *lean)
+        if curve.vectors is not None:
+            curve = replace(curve, vectors=np.einsum("nij,nj->ni", turns, curve.vectors))
+        if curve.rotations is not None:
+            curve = replace(curve, rotations=turns @ curve.rotations)
     away = sign * curve.axes if normals is None else normals
     pieces = [curve]
     if section.approach is not None:
@@ -314,14 +302,6 @@ def _extend(
     """Add the parts of a curve, after a transfer or a joint move to the first of them."""
     if pieces and more:
         last, first = pieces[-1], more[0]
-        ends = replace(
-            last.part([-1]),
-            positions=np.array([last.positions[-1], first.positions[0]]),
-            vectors=_two(last.vectors, first.vectors),
-            rotations=_two(last.rotations, first.rotations),
-            lines=np.array([last.lines[-1], first.lines[0]]),
-            feeds=None,
-        )
         if _same(last, first):
             # No distance and no time: use the point once.
             rest = first.part(np.arange(1, len(first)))
@@ -329,14 +309,11 @@ def _extend(
         elif between_curves and section.joint_moves:
             more[0] = replace(more[0], by_joint_move=True)
         elif not more[0].by_joint_move:
+            ends = replace(_joined([last.part([-1]), first.part([0])]), feeds=None)
             way = resampled(ends, section.sampling())
             way = way.part(np.arange(1, len(way) - 1))
-            pieces.append(replace(way, role="transfer", by_joint_move=False))
+            pieces.append(replace(way, role="transfer"))
     pieces += [piece for piece in more if len(piece)]
-
-
-def _two(a: Array | None, b: Array | None) -> Array | None:
-    return None if a is None or b is None else np.array([a[-1], b[0]])
 
 
 def _same(a: Curve, b: Curve) -> bool:
@@ -351,16 +328,16 @@ def _same(a: Curve, b: Curve) -> bool:
 
 
 def _joined(pieces: list[Curve]) -> Curve:
-    def stacked(arrays: list[Array | None]) -> Array | None:
-        found = [array for array in arrays if array is not None]
-        return np.concatenate(found) if found else None
+    def stacked(name: str) -> Array | None:
+        arrays = [getattr(piece, name) for piece in pieces]
+        return None if any(array is None for array in arrays) else np.concatenate(arrays)
 
     feeds = [np.full(len(p), np.nan) if p.feeds is None else p.feeds for p in pieces]
     return Curve(
         "",
         np.concatenate([piece.positions for piece in pieces]),
-        stacked([piece.vectors for piece in pieces]),
-        stacked([piece.rotations for piece in pieces]),
+        stacked("vectors"),
+        stacked("rotations"),
         np.concatenate([piece.lines for piece in pieces]),
         np.concatenate(feeds) if any(piece.feeds is not None for piece in pieces) else None,
     )

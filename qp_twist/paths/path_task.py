@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -139,9 +139,7 @@ class PathTask:
             for name, value in _seen_from(self, self.relative_to).items():
                 object.__setattr__(self, name, value)
         refuse_other_equalities("scene", self.scene_model or self.model)
-        world = "world" if self.relative_to is None else OLD_WORLD
-        kept = _with_those_of_the_model(self.name, self.constraints, self.model, world)
-        object.__setattr__(self, "constraints", kept)
+        object.__setattr__(self, "constraints", _with_those_of_the_model(self))
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
 
@@ -359,14 +357,10 @@ def _poses(waypoints: tuple[mink.SE3, ...]) -> tuple[Array, Array]:
 
 def _check_types(task: PathTask) -> None:
     """Refuse arguments of other types, where what they lead to would be no clear message."""
-    for name, kind in (
-        ("name", str),
-        ("scene", Path),
-        ("model", mujoco.MjModel),
-        ("frame_name", str),
-        ("projector", TwistProjector),
-        ("operational", TwistProjector),
-    ):
+    for name, kind in {
+        "name": str, "scene": Path, "model": mujoco.MjModel, "frame_name": str,
+        "projector": TwistProjector, "operational": TwistProjector,
+    }.items():  # fmt: skip
         instance(f"PathTask({name}=…)", getattr(task, name), kind)
     ways = task.waypoints
     if not isinstance(ways, (list, tuple)) or not all(isinstance(w, mink.SE3) for w in ways):
@@ -389,36 +383,37 @@ def _seen_from(task: PathTask, body: str) -> dict[str, object]:
     }
 
 
-def _with_those_of_the_model(
-    name: str, given: Sequence[Constraint], model: mujoco.MjModel, world: str
-) -> tuple[Constraint, ...]:
+def _with_those_of_the_model(task: PathTask) -> tuple[Constraint, ...]:
     """Constraints that were passed, with couplings and clearance of the current model.
 
     Where geoms of the model may collide, and no clearance is passed, they must not touch. A
-    clearance of another model is made anew; ``world`` is the name that the world has in this one.
+    clearance of another model is made anew, with the name that the world has in this one.
     """
-    couplings: list[JointCouplings] = []
-    clearances: list[Clearance] = []
-    others = given
-    if isinstance(given, (list, tuple)):
-        couplings = [c for c in given if isinstance(c, JointCouplings)]
-        others = tuple(c for c in given if not isinstance(c, (JointCouplings, Clearance)))
-        for c in (c for c in given if isinstance(c, Clearance)):
-            pairs = [
-                tuple(re.sub(r"^world(?=$| geom \d+$)", world, part) for part in pair)
-                for pair in c.ignored
-            ]
-            speed = c.recovery_speed
-            same = c.model is model
-            clearances.append(
-                c if same else Clearance(model, c.distance, pairs, recovery_speed=speed)
-            )
-    checked = check_constraints(name, others, model)
+    given, model = task.constraints, task.model
+    if not isinstance(given, (list, tuple)):
+        return check_constraints(task.name, given, model)
+    couplings = [c for c in given if isinstance(c, JointCouplings)]
+    others = [c for c in given if not isinstance(c, (JointCouplings, Clearance))]
+    world = "world" if task.relative_to is None else OLD_WORLD
+    clearances = [_of_model(c, model, world) for c in given if isinstance(c, Clearance)]
+    checked = check_constraints(task.name, others, model)
     if not clearances and JointRanges.of(model).only_hinges_and_slides:
         own = Clearance(model, 0.0)
         clearances = [own] if len(own.pairs) else []
-    check_constraints(name, clearances, model)
+    check_constraints(task.name, clearances, model)
     return *checked, *couplings_of(model, couplings), *clearances
+
+
+def _of_model(clearance: Clearance, model: mujoco.MjModel, world: str) -> Clearance:
+    """The clearance, if need be made anew of another model."""
+    if clearance.model is model:
+        return clearance
+    pairs = [
+        tuple(re.sub(r"^world(?=$| geom \d+$)", world, part) for part in pair)
+        for pair in clearance.ignored
+    ]
+    speed = clearance.recovery_speed
+    return Clearance(model, clearance.distance, pairs, recovery_speed=speed)
 
 
 def _sees_orientation(task: PathTask) -> bool:

@@ -7,7 +7,6 @@ import dataclasses
 
 import mink
 import mujoco
-import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array
@@ -40,7 +39,7 @@ def placed(
     """
     about, there = finite_array("point", point, (3,)), finite_array("to", to, (3,))
     turn = rotation.as_matrix()
-    rotations = turn @ _rotations(path_task)
+    rotations = turn @ path_task.poses[0]
     positions = there + (path_task.positions - about) @ turn.T
     if body is not None:
         path_task = _with_body_moved(path_task, body, rotation, about, there)
@@ -80,13 +79,9 @@ def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
     Raises:
         InvalidInput: If the path is parallel to the tool's axis everywhere.
     """
-    rotations = _rotations(path_task)
-    turns = lean_turns(path_task.name, path_task.positions, rotations[:, :, 2], lead, tilt)
-    return _with_poses(path_task, path_task.positions, turns @ rotations)
-
-
-def _rotations(path_task: PathTask) -> Array:
-    return np.array([waypoint.rotation().as_matrix() for waypoint in path_task.waypoints])
+    rotations, positions = path_task.poses
+    turns = lean_turns(path_task.name, positions, rotations[:, :, 2], lead, tilt)
+    return _with_poses(path_task, positions, turns @ rotations)
 
 
 def _with_poses(path_task: PathTask, positions: Array, rotations: Array) -> PathTask:

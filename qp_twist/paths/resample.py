@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from qp_twist.paths.turning import (
     vectors_at,
 )
 
+_At = Callable[[Array, Array, Array], Array]
+_Apart = Callable[[Array, Array], Array]
 CORNER = math.radians(30.0)
 """A point where the path turns by more than this is kept."""
 FLAT = math.radians(179.0)
@@ -86,13 +89,19 @@ def _refuse_opposite(curve: Curve) -> None:
         )
 
 
+def _directions(curve: Curve) -> tuple[Array | None, _At, _Apart]:
+    """Directions (N, 3) or (N, 3, 3), their interpolation, and the angles between them."""
+    if curve.vectors is not None:
+        return curve.vectors, vectors_at, angles_between
+    return curve.rotations, rotations_at, turns_between
+
+
 def _turns(curve: Curve, kept: npt.NDArray[np.intp]) -> Array:
     """Angles from each of some points to the next, rad."""
-    if curve.vectors is not None:
-        return angles_between(curve.vectors[kept[:-1]], curve.vectors[kept[1:]])
-    if curve.rotations is not None:
-        return turns_between(curve.rotations[kept[:-1]], curve.rotations[kept[1:]])
-    return np.zeros(len(kept) - 1)
+    values, _, apart = _directions(curve)
+    if values is None:
+        return np.zeros(len(kept) - 1)
+    return apart(values[kept[:-1]], values[kept[1:]])
 
 
 def _kept(curve: Curve, chord_error: float, axis_error: float) -> npt.NDArray[np.bool_]:
@@ -141,16 +150,12 @@ def _off_chord(positions: Array, a: int, b: int) -> Array:
 def _off_direction(curve: Curve, arc: Array, a: int, b: int) -> Array:
     """Angles between the directions of the points between a and b and those interpolated, rad."""
     shares = (arc[a + 1 : b] - arc[a]) / (arc[b] - arc[a])
-    if curve.vectors is not None:
-        ends = curve.vectors[[a, b]]
-        if angles_between(ends[0], ends[1]) > FLAT:
-            return np.full(len(shares), np.inf)
-        found = vectors_at(ends[0], ends[1], shares)
-        return angles_between(found, curve.vectors[a + 1 : b])
-    if curve.rotations is not None:
-        found = rotations_at(curve.rotations[a], curve.rotations[b], shares)
-        return turns_between(found, curve.rotations[a + 1 : b])
-    return np.zeros(len(shares))
+    values, at, apart = _directions(curve)
+    if values is None:
+        return np.zeros(len(shares))
+    if apart(values[a : a + 1], values[b : b + 1])[0] > FLAT:
+        return np.full(len(shares), np.inf)
+    return apart(at(values[a], values[b], shares), values[a + 1 : b])
 
 
 def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Curve:
@@ -177,20 +182,15 @@ def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Cu
         points[given] = values[begin[given]]
         return np.concatenate([points, values[-1:]])
 
-    positions = curve.positions
+    positions, feeds = curve.positions, curve.feeds
     between = positions[begin] + shares[:, None] * (positions[end] - positions[begin])
-    vectors = rotations = None
-    if curve.vectors is not None:
-        v = curve.vectors
-        vectors = with_last(vectors_at(v[begin], v[end], shares), v)
-    if curve.rotations is not None:
-        r = curve.rotations
-        rotations = with_last(rotations_at(r[begin], r[end], shares), r)
-    feeds = None
-    if curve.feeds is not None:
-        feeds = with_last(curve.feeds[end], curve.feeds)
+    values, at, _ = _directions(curve)
+    if values is not None:
+        values = with_last(at(values[begin], values[end], shares), values)
+    turning = {"rotations" if curve.vectors is None else "vectors": values}
     lines = np.concatenate([curve.lines[begin], curve.lines[-1:]])
+    feeds = None if feeds is None else with_last(feeds[end], feeds)
     return replace(
-        curve, positions=with_last(between, positions), vectors=vectors, rotations=rotations,
-        lines=lines, feeds=feeds, before=None, after=None,
+        curve, positions=with_last(between, positions), lines=lines, feeds=feeds, before=None,
+        after=None, **turning,
     )  # fmt: skip

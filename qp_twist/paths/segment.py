@@ -69,19 +69,18 @@ def check_segments(
         InvalidInput: With the segment's key in the task file.
     """
     keys = [f"segments[{index}]" for index in range(len(segments))] if keys is None else keys
-    for index, segment in enumerate(segments):
-        instance(keys[index], segment, Segment)
-        begin = segments[index - 1].first if index else 0
+    before, begin = projector, 0
+    for key, segment in zip(keys, segments, strict=True):
+        instance(key, segment, Segment)
         if not begin < segment.first < count:
             raise InvalidInput(
                 f"expected a waypoint after {begin + 1}, where the projector before it begins, up "
                 f"to {count}, the last one; got {segment.first + 1}.",
-                key=f"{keys[index]}.first",
+                key=f"{key}.first",
             )
-    before = projector
-    for index, segment in enumerate(segments):
-        end = segments[index + 1].first if index + 1 < len(segments) else count
-        key = keys[index]
+        begin = segment.first
+    ends = [*(segment.first for segment in segments[1:]), count]
+    for key, segment, end in zip(keys, segments, ends, strict=False):
         if not 0 <= segment.blend < end - segment.first:
             raise InvalidInput(
                 f"the segment has waypoints {segment.first + 1} to {end}, and its "
@@ -90,13 +89,12 @@ def check_segments(
             )
         with about(key):
             task_redundancy(operational, segment.projector)
-            common = before.intersection(segment.projector) if segment.blend else None
-        if common is not None and common.rank == 0:
-            raise InvalidInput(
-                "this projector has no row in common with the one before, so nothing "
-                "would be held in the blend; leave it out, or put a segment in between.",
-                key=f"{key}.blend",
-            )
+            if segment.blend and before.intersection(segment.projector).rank == 0:
+                raise InvalidInput(
+                    "this projector has no row in common with the one before, so nothing "
+                    "would be held in the blend; leave it out, or put a segment in between.",
+                    key="blend",
+                )
         before = segment.projector
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import re
@@ -23,7 +22,7 @@ from qp_twist.checks import Array, clause, did_you_mean, unit_vector
 from qp_twist.constraints import Clearance, per_joint
 from qp_twist.errors import InvalidInput, TaskFileError, about
 from qp_twist.files import printable, read_text
-from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_vector, task_redundancy
+from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.kinematics import (
     JointRanges,
     SerialChain,
@@ -45,10 +44,12 @@ from qp_twist.paths.task_schema import (
     ClearanceSection,
     PolylinePath,
     PosesPath,
+    RollSection,
     SphericalPatchPath,
     StartSection,
     TaskFile,
 )
+from qp_twist.paths.turning import turns_between
 from qp_twist.robots import Robot, load_robot
 from qp_twist.shipped import shipped_folder, shipped_tasks
 
@@ -129,18 +130,18 @@ def _find(task: str | Path) -> Path:
     if text.endswith(".toml") or "/" in text or "\\" in text:
         return Path(task)
     shipped = {path.stem: path for path in shipped_tasks()}
-    if text not in shipped and os.path.lexists(text):
+    if text in shipped:
+        return shipped[text]
+    if os.path.lexists(text):
         raise TaskFileError(
             f"{text} is no task file: expected the name of a shipped task, or the path of a .toml "
             "file."
         )
-    if text not in shipped:
-        names, close, text = ", ".join(shipped), did_you_mean(text, shipped), text[:100]
-        raise TaskFileError(
-            f"there is no shipped task {text!r}{close} Shipped: {names}. A file of your own is "
-            f"given by its path, e.g. ./{text}.toml."
-        )
-    return shipped[text]
+    names, close, text = ", ".join(shipped), did_you_mean(text, shipped), text[:100]
+    raise TaskFileError(
+        f"there is no shipped task {text!r}{close} Shipped: {names}. A file of your own is "
+        f"given by its path, e.g. ./{text}.toml."
+    )
 
 
 def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dict[str, Any]:
@@ -165,6 +166,7 @@ def _with_toolpath(source: Path, table: dict[str, Any], path: str | Path) -> dic
 
 def _build(path: Path, file: TaskFile) -> PathTask:
     robot = load_scene(path, file.robot.scene, file.robot.packages, file.robot.arguments)
+    frame = file.robot.frame, file.robot.frame_type
     model = scene = robot.model
     ranges = JointRanges.of(model)
     if not ranges.only_hinges_and_slides:
@@ -179,32 +181,37 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     task_redundancy(operational, projector)
     bands = check_bands("bands", [table.band() for table in file.bands], projector)
     try:
-        frame_id(model, file.robot.frame, file.robot.frame_type)
+        frame_id(model, *frame)
     except mink.InvalidFrame as error:
         raise InvalidInput(str(error), key="robot.frame") from error
     carrier = file.robot.relative_to
     if carrier is not None:
-        model, ranges, start = _seen_from(carrier, file, scene, start)
-    configuration = mink.Configuration(model, start)
-    rotation, _ = frame_pose(configuration, file.robot.frame, file.robot.frame_type)
+        with about("robot"):
+            check_carrier(scene, *frame, carrier)
+            seen = rerooted(scene, carrier)
+        model, start = seen.model, seen.ordered(start)
+        ranges = JointRanges.of(model)
+    rotation, _ = frame_pose(mink.Configuration(model, start), *frame)
     reach = np.inf
     if projector.linear.kind is ProjectorKind.FULL:
-        chain = SerialChain.of(model, file.robot.frame, file.robot.frame_type)
-        reach = largest_reach(chain, ranges)
+        reach = largest_reach(SerialChain.of(model, *frame), ranges)
     built, first, segments = _waypoints(path, file, rotation, projector, operational, reach)
     durations, notes = _durations(file, built)
     toolpath = built.toolpath
     if toolpath is not None:
         toolpath = replace(toolpath, assumptions=(*toolpath.assumptions, *notes))
-    timed = durations is not None
+    timed, stated = durations is not None, file.robot.controller
+    if stated is not None and stated.lower().endswith(".toml"):
+        stated = str(path.parent / stated)  # a table of robots is relative to the task file
+    rule = None if built.flipped is None else file.roll
     task = PathTask(
         name=printable(path.stem),
         title=file.title,
         source=path,
         scene=robot.path,
         model=model,
-        frame_name=file.robot.frame,
-        frame_type=file.robot.frame_type,
+        frame_name=frame[0],
+        frame_type=frame[1],
         projector=first,
         operational=operational,
         waypoints=poses(built.positions, built.rotations),
@@ -219,9 +226,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         bands=bands,
         constraints=() if file.clearance is None else (_clearance(file.clearance, scene),),
         best_start=file.start.found,
-        roll_normal=None
-        if built.flipped is None or file.roll is None
-        else unit_vector("roll.plane_normal", file.roll.plane_normal),
+        roll_normal=rule and unit_vector("roll.plane_normal", rule.plane_normal),
         study=file.study,
         toolpath=toolpath,
         lines=built.lines,
@@ -229,7 +234,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         joint_moves=built.joint_moves,
         relative_to=carrier,
         scene_model=None if carrier is None else scene,
-        controller=_controller(path, file.robot.controller),
+        controller=stated,
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
@@ -239,22 +244,6 @@ def _build(path: Path, file: TaskFile) -> PathTask:
                 key=f"methods.{name}.{key}",
             )
     return task
-
-
-def _controller(path: Path, stated: str | None) -> str | None:
-    """The controller of a task file; a table of robots is relative to it."""
-    is_file = stated is not None and stated.lower().endswith(".toml")
-    return str(path.parent / stated) if stated is not None and is_file else stated
-
-
-def _seen_from(
-    carrier: str, file: TaskFile, scene: mujoco.MjModel, start: Array
-) -> tuple[mujoco.MjModel, JointRanges, Array]:
-    """The scene as seen from the body that carries the path, its ranges, and the start there."""
-    with about("robot"):
-        check_carrier(scene, file.robot.frame, file.robot.frame_type, carrier)
-        seen = rerooted(scene, carrier)
-    return seen.model, JointRanges.of(seen.model), seen.ordered(start)
 
 
 def load_scene(
@@ -268,9 +257,8 @@ def load_scene(
     Raises:
         TaskFileError: If there is no such file, or it is refused.
     """
-    candidates = [path.parent / scene, shipped_folder("scenes") / scene]
     folders = {name: path.parent / folder for name, folder in (packages or {}).items()}
-    for candidate in candidates:
+    for candidate in (path.parent / scene, shipped_folder("scenes") / scene):
         if os.path.lexists(candidate):
             try:
                 robot = load_robot(candidate, packages=folders, arguments=arguments)
@@ -287,20 +275,18 @@ def load_scene(
 
 
 def _start(section: StartSection, model: mujoco.MjModel) -> Array:
-    key = "q_deg" if section.q_deg is not None else "q"
-    values = np.array(section.q_deg if section.q_deg is not None else section.q, dtype=np.float64)
+    degrees = section.q_deg is not None
+    key = "start.q_deg" if degrees else "start.q"
+    values = np.array(section.q_deg if degrees else section.q, dtype=np.float64)
     if values.shape != (model.nq,):
         raise InvalidInput(
-            f"the scene has {model.nq} joint coordinates, got {len(values)}.", key=f"start.{key}"
+            f"the scene has {model.nq} joint coordinates, got {len(values)}.", key=key
         )
-    if key == "q_deg":
-        if not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all():
-            raise InvalidInput(
-                "the scene has joints that are not hinges; give start.q in rad and m.",
-                key="start.q_deg",
-            )
-        values = np.radians(values)
-    return values
+    if degrees and not (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE).all():
+        raise InvalidInput(
+            "the scene has joints that are not hinges; give start.q in rad and m.", key=key
+        )
+    return np.radians(values) if degrees else values
 
 
 def _waypoints(
@@ -336,14 +322,15 @@ def _waypoints(
             key="segments",
         )
     if found.from_start == "roll" and file.roll is not None:
-        axes, normal = found.rotations[:, :, 2], np.array(file.roll.plane_normal)
-        found = replace(
-            found,
-            rotations=roll_by_plane(axes, normal),
-            flipped=roll_by_plane(axes, normal, flip=True),
-            from_start="nothing",
-        )
+        rotations, flipped = _rolled(file.roll, found.rotations[:, :, 2])
+        found = replace(found, rotations=rotations, flipped=flipped, from_start="nothing")
     return found, first, own or segments
+
+
+def _rolled(rule: RollSection, axes: Array) -> tuple[Array, Array]:
+    """Rotations (N, 3, 3) with z along axes (N, 3) by the roll rule, and by its other sign."""
+    normal = np.array(rule.plane_normal)
+    return roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
 
 
 def _refuse_held(file: TaskFile, without: str) -> None:
@@ -360,11 +347,8 @@ def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
     """Positions (N, 3), rotations (N, 3, 3), and those of the roll rule's other sign."""
     section = file.path
     if isinstance(section, PosesPath):
-        return (
-            np.array([pose.position for pose in section.poses]),
-            np.array([pose.rotation() for pose in section.poses]),
-            None,
-        )
+        positions = np.array([pose.position for pose in section.poses])
+        return positions, np.array([pose.rotation() for pose in section.poses]), None
     if isinstance(section, PolylinePath):
         positions = polyline(np.array(section.points), section.steps_per_segment)
         if section.tool_axis is None:
@@ -374,25 +358,21 @@ def _poses(file: TaskFile, held: Array) -> tuple[Array, Array, Array | None]:
         axes = np.broadcast_to(axis, (len(positions), 3))
     else:
         assert isinstance(section, SphericalPatchPath)
-        positions, normals = spherical_patch_edges(
-            np.array(section.center),
-            section.radius,
-            np.array(section.half_width),
-            section.steps_per_edge,
+        half_width = np.array(section.half_width)
+        positions, axes = spherical_patch_edges(
+            np.array(section.center), section.radius, half_width, section.steps_per_edge
         )
         if section.lead is not None and section.steps_per_lead is not None:
-            positions, normals = with_leads(
-                positions, normals, section.lead, section.steps_per_lead
-            )
-        axes = -normals if section.tool == "into" else normals
+            positions, axes = with_leads(positions, axes, section.lead, section.steps_per_lead)
+        if section.tool == "into":
+            axes = -axes
     if file.roll is None:
         raise InvalidInput(
             "this path states the tool axis only; add [roll] with plane_normal, the "
             "rule by which rmr and qp_rmr fix the roll.",
             key="roll",
         )
-    normal = np.array(file.roll.plane_normal)
-    return positions, roll_by_plane(axes, normal), roll_by_plane(axes, normal, flip=True)
+    return positions, *_rolled(file.roll, axes)
 
 
 def _durations(file: TaskFile, built: PlacedPath) -> tuple[Array | None, list[str]]:
@@ -402,32 +382,30 @@ def _durations(file: TaskFile, built: PlacedPath) -> tuple[Array | None, list[st
     feed is that of the toolpath; where it has none, ``feed.speed``; and without [feed] that of the
     nearest section.
     """
-    feed = file.feed
-    of_file = built.feeds
-    if feed is not None and feed.dt is not None:
-        notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
-        durations = np.concatenate([[0.0], np.full(len(built.positions) - 1, feed.dt)])
-        durations[list(built.joint_moves)] = 0.0
-        return durations, notes if of_file is not None else []
+    feed, of_file, moves = file.feed, built.feeds, list(built.joint_moves)
     if feed is None and of_file is None:
         return None, []
-    if feed is not None:
+    count = len(built.positions)
+    durations = np.zeros(count)
+    if feed is not None and feed.dt is not None:
+        durations[1:] = feed.dt
+        durations[moves] = 0.0
+        notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
+        return durations, notes if of_file is not None else []
+    if feed is None:
+        speeds = _nearest_feeds(built)
+    else:
         assert feed.speed is not None
-        speeds = np.full(len(built.positions), feed.speed)
+        speeds = np.full(count, feed.speed)
         if of_file is not None:
             speeds = np.where(np.isnan(of_file), speeds, of_file)
         if feed.rapid is not None:
-            between = _between_curves(built)
-            speeds = np.where(between, feed.rapid, speeds)
-    else:
-        speeds = _nearest_feeds(built)
-    durations = np.zeros(len(built.positions))
+            speeds[_between_curves(built)] = feed.rapid
     durations[1:] = np.linalg.norm(np.diff(built.positions, axis=0), axis=1) / speeds[1:]
     if feed is not None and feed.angular_speed_deg is not None:
-        pairs = itertools.pairwise(built.rotations)
-        turns = [np.linalg.norm(rotation_vector(b @ a.T)) for a, b in pairs]
+        turns = turns_between(built.rotations[:-1], built.rotations[1:])
         durations[1:] = np.maximum(durations[1:], turns / np.radians(feed.angular_speed_deg))
-    standing = np.setdiff1d(np.flatnonzero(durations <= 0.0)[1:], built.joint_moves) - 1
+    standing = np.setdiff1d(np.flatnonzero(durations <= 0.0)[1:], moves) - 1
     if len(standing):
         raise InvalidInput(
             f"waypoints {standing[0] + 1} and {standing[0] + 2} are at the same "
@@ -437,7 +415,7 @@ def _durations(file: TaskFile, built: PlacedPath) -> tuple[Array | None, list[st
         )
     if not np.isfinite(durations).all():
         raise InvalidInput("it is so low that the path takes no finite time.", key="feed")
-    durations[list(built.joint_moves)] = 0.0  # as fast as the joints may
+    durations[moves] = 0.0  # as fast as the joints may
     return durations, []
 
 
@@ -481,19 +459,14 @@ def _nearest_feeds(built: PlacedPath) -> Array:
 
 
 def _limits(
-    file: TaskFile,
-    ranges: JointRanges,
-    kind: str,
-    of_robot: dict[str, float],
-    *,
-    timed: bool,
+    file: TaskFile, ranges: JointRanges, kind: str, of_robot: dict[str, float], *, timed: bool
 ) -> Array:
     """Limits by joint, (nv,): those of the file; for a timed path without them, the robot's."""
-    limits_by_joint: dict[str, float] = getattr(file.limits, kind)
-    if not limits_by_joint and timed:
-        return per_joint(f"{kind} limits of the robot", of_robot, ranges)
-    limits = per_joint(f"limits.{kind}", limits_by_joint, ranges)
-    if limits_by_joint and not timed:
+    stated: dict[str, float] = getattr(file.limits, kind)
+    if not stated:
+        return per_joint(f"{kind} limits of the robot", of_robot if timed else {}, ranges)
+    limits = per_joint(f"limits.{kind}", stated, ranges)
+    if not timed:
         raise InvalidInput(
             f"{kind} limits need a clock; add [feed] with speed or dt.", key=f"limits.{kind}"
         )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorFrame
@@ -18,6 +17,7 @@ from qp_twist.paths.methods import MethodName, MethodSettings
 from qp_twist.paths.projector_schema import ProjectorSection
 from qp_twist.paths.section import Number, Positive, Section, Vector
 
+Name = Annotated[str, Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
@@ -38,7 +38,7 @@ class RobotSection(Section):
     arguments: dict[str, str | bool | int | float] = Field(
         default_factory=dict, description="values of the arguments of a xacro file"
     )
-    controller: Annotated[str, Field(min_length=1)] | None = Field(
+    controller: Name | None = Field(
         default=None,
         description="how the controller counts the joints in programs: a known robot's name, a "
         'file with a table of its own (.toml, relative to the task file), or "as modelled"',
@@ -238,28 +238,13 @@ class LimitsSection(Section):
     )
 
 
-def _pairs_of_names(value: Any) -> Any:
-    """Tuples for arrays, which strict mode does not convert."""
-    if not isinstance(value, list) or any(
-        not isinstance(pair, list)
-        or len(pair) != 2
-        or not all(isinstance(name, str) and name for name in pair)
-        for pair in value
-    ):
-        raise ValueError(
-            'expected pairs of names of geoms or bodies, for example [["tool", "part"]], got '
-            f"{json.dumps(value, ensure_ascii=False)[:80]}"
-        )
-    return tuple(tuple(pair) for pair in value)
-
-
 class ClearanceSection(Section):
     """Distance between geoms of the scene that must not touch."""
 
     distance: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=0.005, description="smallest distance of every pair, m"
     )
-    ignore: Annotated[tuple[tuple[str, str], ...], BeforeValidator(_pairs_of_names)] = Field(
+    ignore: tuple[tuple[Name, Name], ...] = Field(
         default=(), description="pairs of geoms or bodies that may touch"
     )
 

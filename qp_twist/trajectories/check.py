@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask, instance
+from qp_twist.checks import Mask, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import resolved_twist_error
 from qp_twist.kinematics import JointRanges
@@ -114,59 +114,40 @@ class Check:
 
     def table(self) -> str:
         """The findings as a plain table."""
-        head = ("", "largest", "proven", "limit", "", "where", "")
-        cells = [
-            (
-                finding.name,
-                f"{finding.value:.4g}",
-                "" if finding.bound is None else f"≤ {finding.bound:.4g}",
-                "–" if finding.limit is None else f"{finding.limit:.4g}",
-                finding.unit,
-                finding.where,
-                "" if finding.passes else "✗",
-            )
-            for finding in self.findings
-        ]
-        widths = [max(len(row[k]) for row in (head, *cells)) for k in range(len(head))]
+        rows = [("", "largest", "proven", "limit", "", "where", "")]
+        for finding in self.findings:
+            limit = "–" if finding.limit is None else f"{finding.limit:.4g}"
+            proven = "" if finding.bound is None else f"≤ {finding.bound:.4g}"
+            measured = f"{finding.value:.4g}", proven, limit, finding.unit
+            rows.append((finding.name, *measured, finding.where, "" if finding.passes else "✗"))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        align = "<>>><<<"
         lines = [
-            "  ".join(
-                cell.rjust(width) if k in (1, 2, 3) else cell.ljust(width)
-                for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in (head, *cells)
+            "  ".join(f"{cell:{to}{w}}" for cell, to, w in zip(row, align, widths, strict=True))
+            for row in rows
         ]
-        return "\n".join(lines) + "\n"
+        return "".join(f"{line.rstrip()}\n" for line in lines)
 
     def to_dict(self) -> dict[str, Any]:
         """All results, ready for JSON, which has no infinity: ``None`` stands for it."""
+        listed = ("problems", "notes", "unchecked", "sources")
         return {
-            "task": self.task,
-            "rows": self.rows,
-            "waypoints": self.waypoints,
-            "matched": self.matched,
+            **{name: getattr(self, name) for name in ("task", "rows", "waypoints", "matched")},
             "passes": self.passes,
             "findings": [
                 {key: _finite(value) for key, value in vars(finding).items()}
                 for finding in self.findings
             ],
-            "problems": list(self.problems),
-            "notes": list(self.notes),
-            "unchecked": list(self.unchecked),
-            "sources": list(self.sources),
+            **{name: list(getattr(self, name)) for name in listed},
         }
 
     def _repr_html_(self) -> str:
         """The findings as a small table, for notebooks."""
-        rows = [
-            (
-                f"{'✓' if finding.passes else '✗'} {finding.name}",
-                finding.value,
-                "–" if finding.limit is None else finding.limit,
-                finding.unit,
-                finding.where,
-            )
-            for finding in self.findings
-        ]
+        rows = []
+        for finding in self.findings:
+            name = f"{'✓' if finding.passes else '✗'} {finding.name}"
+            limit = "–" if finding.limit is None else finding.limit
+            rows.append((name, finding.value, limit, finding.unit, finding.where))
         return html_table(self.verdict, rows, ("", "largest", "limit", "", "where"))
 
     def __repr__(self) -> str:
@@ -189,11 +170,10 @@ def check_trajectory(
     Everything is computed from the joint positions, and from times and velocities if there are any;
     the trajectory's metadata only produce notes where they contradict the task. Limits of speed and
     acceleration are the task's, else those of the robot's data sheet, else for accelerations the
-    default (:func:`~qp_twist.referee.with_default_accelerations`), which the verdict names. If
-    there are as
-    many rows as waypoints, they correspond one by one. With another number of rows, or if the
-    motion between rows meets waypoints that the rows miss, the trajectory has to pass all waypoints
-    in their order, at times that are searched.
+    default (:func:`~qp_twist.referee.with_default_accelerations`), which the verdict names. As many
+    rows as waypoints correspond one by one. With another number of rows, or if the motion between
+    rows meets waypoints that the rows miss, the trajectory has to pass all waypoints in their
+    order, at times that are searched.
 
     Args:
         trajectory: From :func:`~qp_twist.read_trajectory`, or a computed one.
@@ -218,15 +198,15 @@ def check_trajectory(
     rows = TimedPath.of(trajectory).of_joints(ranges.names)
     motion, count, timed = rows.motion, len(path_task.waypoints), rows.times is not None
     passing = Passing(motion.times, timed, by_row=True)
-    errors = None
-    if len(rows.q) == count:
+    by_row = len(rows.q) == count
+    if by_row:
         errors = errors_of(path_task, motion, tolerances, passing)
-    if errors is None or not _met(errors, tolerances):
-        times = times_at_waypoints(path_task, motion, tolerances.position, tolerances.axis)
-        matched = Passing(times, timed, by_row=False)
-        nearest = errors_of(path_task, motion, tolerances, matched)
-        if errors is None or _met(nearest, tolerances):
-            errors, passing = nearest, matched
+    if not by_row or not tolerances.met(errors.position, errors.axis).all():
+        times = times_at_waypoints(path_task, motion, tolerances)
+        searched = Passing(times, timed, by_row=False)
+        nearest = errors_of(path_task, motion, tolerances, searched)
+        if not by_row or tolerances.met(nearest.position, nearest.axis).all():
+            errors, passing = nearest, searched
     met = tolerances.met(errors.position, errors.axis)
     astray: tuple[Astray, ...] = ()
     if not passing.by_row:
@@ -234,9 +214,12 @@ def check_trajectory(
     limits = motion_limits(path_task)
     if not rows.own_ramps:
         limits = with_default_accelerations(limits, ranges)
-    notes = [*disagreements(rows.metadata, path_task, limits), *rows.notes]
-    notes += _part_of_the_path(passing, motion, met)
-    notes += _beside_the_path(path_task, passing, motion, met, tolerances)
+    notes = [
+        *disagreements(rows.metadata, path_task, limits),
+        *rows.notes,
+        *_part_of_the_path(passing, motion, met),
+        *_beside_the_path(path_task, passing, motion, met, tolerances),
+    ]
     if motion.degree == 5:
         notes.append(
             "the trajectory has accelerations: its joints move on polynomials of degree five from "
@@ -244,7 +227,7 @@ def check_trajectory(
         )
     unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
     if timed and not rows.own_ramps:
-        unchecked += tuple(_at_speed(ranges, motion))
+        unchecked += _at_speed(ranges, motion)
     return Check(
         path_task.name,
         len(rows.q),
@@ -252,7 +235,7 @@ def check_trajectory(
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
         examine(path_task, motion, tolerances, passing, errors, limits, astray),
         tuple(notes),
-        unchecked,
+        tuple(unchecked),
         (*rows.sources, *sources),
         motion,
         passing,
@@ -261,10 +244,6 @@ def check_trajectory(
         limits,
         tolerances,
     )
-
-
-def _met(errors: PathErrors, tolerances: Tolerances) -> bool:
-    return bool(tolerances.met(errors.position, errors.axis).all())
 
 
 def _does(part: Astray) -> str:
@@ -315,47 +294,41 @@ def _beside_the_path(
 
 def _coverage(
     path_task: PathTask, limits: MotionLimits, ranges: JointRanges, *, timed: bool
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+) -> tuple[list[str], list[str]]:
     """What could not be checked and why, and the sources of limits that are not the task's."""
     unchecked, sources = [], []
     if not timed:
-        what = "joint speeds and accelerations"
-        if path_task.durations is not None:
-            what = f"feed, {what}"
-        unchecked.append(f"{what} not checked: no times")
+        feed = "feed, " if path_task.durations is not None else ""
+        unchecked.append(f"{feed}joint speeds and accelerations not checked: no times")
     else:
-        unchecked += _without("joint speeds", limits.velocity, ranges, "no limits known")
+        of_limits = (
+            ("joint speeds", limits.velocity, "no limits known"),
+            ("joint accelerations", limits.acceleration, "the controller makes its own ramps"),
+        )
+        for what, most, why in of_limits:
+            unknown = [n for n, limit in zip(ranges.names, most, strict=True) if limit == np.inf]
+            of = ""
+            if len(unknown) < len(most):
+                more = f" and {len(unknown) - _NAMED} more" if len(unknown) > _NAMED else ""
+                of = f" of {', '.join(unknown[:_NAMED])}{more}"
+            if unknown:
+                unchecked.append(f"{what}{of} not checked: {why}")
         if limits.speeds_of:
             sources.append(f"speeds checked against the {limits.speeds_of}'s data sheet")
-        own = "the controller makes its own ramps"
-        unchecked += _without("joint accelerations", limits.acceleration, ranges, own)
         if limits.accelerations_of:
             sources.append(f"accelerations checked against {limits.accelerations_of}")
     if not ranges.limited.any():
         unchecked.append("joint ranges not checked: the model states none")
-    return tuple(unchecked), tuple(sources)
-
-
-def _without(what: str, limits: Array, ranges: JointRanges, why: str) -> list[str]:
-    """A sentence about the joints that have no limit, if there are any."""
-    unknown = [name for name, limit in zip(ranges.names, limits, strict=True) if limit == np.inf]
-    if not unknown:
-        return []
-    if len(unknown) < len(limits):
-        more = f" and {len(unknown) - _NAMED} more" if len(unknown) > _NAMED else ""
-        what += f" of {', '.join(unknown[:_NAMED])}{more}"
-    return [f"{what} not checked: {why}"]
+    return unchecked, sources
 
 
 def _at_speed(ranges: JointRanges, motion: JointMotion) -> list[str]:
     """A sentence if the joints are not at rest in the first row or in the last."""
     found = []
-    for end, velocities in zip(
-        ("begins", "ends"), motion.at(motion.times[[0, -1]]).velocities, strict=True
-    ):
-        speed = np.abs(velocities)
-        joint = int(np.argmax(speed))
-        if speed[joint] > _REST:
-            unit = ranges.units[joint]
-            found.append(f"{ranges.names[joint]} {end} at {speed[joint]:.3g} {unit}/s")
+    ends = motion.at(motion.times[[0, -1]]).velocities
+    for does, velocities in zip(("begins", "ends"), ends, strict=True):
+        joint = int(np.argmax(np.abs(velocities)))
+        name, speed = ranges.names[joint], abs(velocities[joint])
+        if speed > _REST:
+            found.append(f"{name} {does} at {speed:.3g} {ranges.units[joint]}/s")
     return [f"rest at its ends not checked: {' and '.join(found)}"] if found else []

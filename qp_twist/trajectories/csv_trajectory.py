@@ -54,13 +54,13 @@ def encode(rows: TimedPath) -> str:
         InvalidInput: If the metadata do not have the unit of each joint.
     """
     units = rows.metadata.get("units", {})
-    known = [key for key in ("task", "method") if key in rows.metadata]
-    task = " ".join(", ".join(f"{key} {rows.metadata[key]}" for key in known).split())
     if not isinstance(units, dict) or not set(rows.joint_names) <= set(units):
         raise InvalidInput(
             "the units of the joints, which a table states, are not in the trajectory's metadata; "
             "write .json or .npz."
         )
+    known = [key for key in ("task", "method") if key in rows.metadata]
+    task = " ".join(", ".join(f"{key} {rows.metadata[key]}" for key in known).split())
     how = "positions only, joints straight between rows"
     if rows.velocities is not None:
         how = "each joint on the cubic through positions and velocities of two rows"
@@ -68,23 +68,24 @@ def encode(rows: TimedPath) -> str:
         how = "each joint on the quintic through positions, velocities, accelerations of two rows"
     if rows.times is None:
         how = "no clock"
+    header, columns = ["row"], []
+    if rows.times is not None:
+        header, columns = ["row", "time [s]"], [rows.times[:, None]]
+    for values, rate, per in (
+        (rows.q, "", ""),
+        (rows.velocities, " velocity", "/s"),
+        (rows.accelerations, " acceleration", "/s²"),
+    ):
+        if values is not None:
+            header += [f"{name}{rate} [{units[name]}{per}]" for name in rows.joint_names]
+            columns.append(values)
     file = io.StringIO()
     file.write(f"# qp_twist joint trajectory; {task}; {how}\n")
     file.write(_METADATA + json.dumps(rows.metadata, ensure_ascii=False) + "\n")
-    header, columns = ["row"], [rows.q]
-    if rows.times is not None:
-        header, columns = [*header, "time [s]"], [rows.times[:, None], rows.q]
-    header += [f"{name} [{units[name]}]" for name in rows.joint_names]
-    if rows.velocities is not None:
-        header += [f"{name} velocity [{units[name]}/s]" for name in rows.joint_names]
-        columns.append(rows.velocities)
-    if rows.accelerations is not None:
-        header += [f"{name} acceleration [{units[name]}/s²]" for name in rows.joint_names]
-        columns.append(rows.accelerations)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)
-    for number, values in enumerate(np.hstack(columns).tolist(), start=1):
-        writer.writerow([number, *values])
+    for number, cells in enumerate(np.hstack(columns).tolist(), start=1):
+        writer.writerow([number, *cells])
     return file.getvalue()
 
 
@@ -135,12 +136,13 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     problems = Problems()
     found = table.finite(used, problems)
     problems.refuse()
-    values = found * [columns[k].scale(names[k]) for k in used]
-    _refuse_other_units([columns[k] for k in used], [names[k] for k in used], values)
+    values = found * [columns[k].scale() for k in used]
+    read = [columns[k] for k in used]
+    _refuse_other_units(read, values)
     notes = []
     if any(column.kind in _OTHERS for column in columns):
         notes = _resting_axes(columns, table.numbers)
-    return _rows([columns[k] for k in used], values, metadata, notes)
+    return _rows(read, values, metadata, notes)
 
 
 def _resting_axes(columns: Sequence[_Column], values: Array) -> list[str]:
@@ -160,8 +162,9 @@ def _resting_axes(columns: Sequence[_Column], values: Array) -> list[str]:
 
 @dataclass(frozen=True)
 class _Column:
-    """Contents of a column: ``kind`` of ``joint``, and the unit after its name, if any."""
+    """A column: its name, ``kind`` of ``joint``, and the unit after its name, if any."""
 
+    name: str
     kind: str
     joint: str = ""
     unit: str | None = None
@@ -177,17 +180,17 @@ class _Column:
             if unit is None:
                 label = name  # "arm[0]": the brackets belong to the name
         if label not in joints and label.lower() in _INDEX:
-            return cls("index")
+            return cls(name, "index")
         if label.lower() in _TIME and (label not in joints or unit in TIMES):
-            return cls("time", unit=unit)
+            return cls(name, "time", unit=unit)
         kind, joint = _parted(label, joint_names)
         if kind == "position" and unit is not None:
             # For "joint_1 [deg/s]" the unit determines the kind.
             kind = {"s": "velocity", "s²": "acceleration"}.get(unit.partition("/")[2], kind)
         known = joint_names is None or joint in joints
-        return cls(kind if known else f"other {kind}", joint, unit)
+        return cls(name, kind if known else f"other {kind}", joint, unit)
 
-    def scale(self, name: str) -> float:
+    def scale(self) -> float:
         """Factor from the column's unit to SI.
 
         Raises:
@@ -199,28 +202,22 @@ class _Column:
         per = {"velocity": ("", "s", "min"), "acceleration": ("", "s²")}.get(self.kind, ("",))
         if size is None or self.unit.partition("/")[2] not in per:
             raise InvalidInput(
-                f"column {name!r}: the unit {self.unit!r} is not known; expected rad, deg, m or mm "
-                "for joints, the same per s for velocities and per s² for accelerations, s or ms "
-                "for time."
+                f"column {self.name!r}: the unit {self.unit!r} is not known; expected rad, deg, m "
+                "or mm for joints, the same per s for velocities and per s² for accelerations, s "
+                "or ms for time."
             )
         return size
 
 
-def _refuse_other_units(columns: list[_Column], names: list[str], values: Array) -> None:
-    """Refuse columns without a unit that are hardly in rad or m.
-
-    Args:
-        columns: Contents of the columns.
-        names: Their names in the header.
-        values: Their numbers, (N, columns).
+def _refuse_other_units(columns: list[_Column], values: Array) -> None:
+    """Refuse columns (N, columns) without a unit that are hardly in rad or m.
 
     Raises:
         InvalidInput: If a position without a unit is above two turns, or a column has none and
             others are in degrees.
     """
-    degrees = [(c.unit or "").partition("/")[0] == "deg" for c in columns]
-    in_degrees = [name for name, deg in zip(names, degrees, strict=True) if deg]
-    for name, column, numbers in zip(names, columns, values.T, strict=True):
+    in_degrees = [c.name for c in columns if (c.unit or "").partition("/")[0] == "deg"]
+    for column, numbers in zip(columns, values.T, strict=True):
         if column.unit is not None or column.kind not in _RATES:
             continue
         largest = float(np.abs(numbers).max(initial=0.0))
@@ -231,7 +228,7 @@ def _refuse_other_units(columns: list[_Column], names: list[str], values: Array)
             why = f"its numbers reach {largest:.6g}, as radians {turns:.3g} turns"
         else:
             continue
-        per = {"velocity": "/s", "acceleration": "/s²"}.get(column.kind, "")
+        name, per = column.name, {"velocity": "/s", "acceleration": "/s²"}.get(column.kind, "")
         raise InvalidInput(
             f"column {name!r} has no unit, and {why}: write the unit of each "
             f"joint into the header, e.g. {name} [deg{per}] or {name} [rad{per}]."
@@ -255,16 +252,16 @@ def _rows(
     columns: list[_Column], values: Array, metadata: dict[str, Any], notes: list[str]
 ) -> TimedPath:
     kinds = [column.kind for column in columns]
-    positions = [k for k, kind in enumerate(kinds) if kind == "position"]
-    joints = tuple(columns[k].joint for k in positions)
+    joints = tuple(column.joint for column in columns if column.kind == "position")
     for joint in joints:
         if joints.count(joint) > 1:
             raise InvalidInput(f"two columns hold the positions of {joint}.")
     rates: list[Array | None] = []
-    for rate, names in (("velocity", "velocities"), ("acceleration", "accelerations")):
-        places = {columns[k].joint: k for k, kind in enumerate(kinds) if kind == rate}
+    for rate in _RATES:
+        places = {c.joint: k for k, c in enumerate(columns) if c.kind == rate}
         without = [joint for joint in joints if joint not in places]
         if places and without and len(without) < len(joints):
+            names = {"velocity": "velocities", "acceleration": "accelerations"}[rate]
             raise InvalidInput(
                 f"there are {names}, but none of {', '.join(without)}; give those of all joints or "
                 "of none."
@@ -273,5 +270,6 @@ def _rows(
     if kinds.count("time") > 1:
         raise InvalidInput("two columns hold the time; leave one of them.")
     times = values[:, kinds.index("time")] if "time" in kinds else None
-    q = values[:, positions]
-    return TimedPath(joints, q, times, rates[0], metadata, rates[1], tuple(notes))
+    q, velocities, accelerations = rates
+    assert q is not None
+    return TimedPath(joints, q, times, velocities, metadata, accelerations, tuple(notes))

@@ -23,10 +23,10 @@ def encode(rows: TimedPath) -> str:
     so ``accelerations`` is empty unless the rows have them, which means polynomials of degree five.
     """
     fields = message(rows)
+    points = ",\n".join(json.dumps(point) for point in fields.pop("points"))
     lines = [
-        f'"header": {json.dumps(fields["header"])}',
-        f'"joint_names": {json.dumps(fields["joint_names"], ensure_ascii=False)}',
-        '"points": [\n' + ",\n".join(json.dumps(point) for point in fields["points"]) + "\n]",
+        *(f"{json.dumps(k)}: {json.dumps(v, ensure_ascii=False)}" for k, v in fields.items()),
+        f'"points": [\n{points}\n]',
         f'"metadata": {json.dumps(rows.metadata, ensure_ascii=False)}',
     ]
     return "{\n" + ",\n".join(lines) + "\n}\n"
@@ -34,20 +34,15 @@ def encode(rows: TimedPath) -> str:
 
 def message(rows: TimedPath) -> dict[str, Any]:
     """The fields of a JointTrajectory; points without times have no ``time_from_start``."""
+    rates = {"velocities": rows.velocities, "accelerations": rows.accelerations}
     points = []
     for k, q in enumerate(rows.q):
-        point: dict[str, Any] = {
-            "positions": q.tolist(),
-            "velocities": [] if rows.velocities is None else rows.velocities[k].tolist(),
-            "accelerations": [] if rows.accelerations is None else rows.accelerations[k].tolist(),
-            "effort": [],
-        }
+        point: dict[str, Any] = {"positions": q.tolist()}
+        point |= {key: [] if x is None else x[k].tolist() for key, x in rates.items()}
+        point["effort"] = []
         if rows.times is not None:
-            nanoseconds = round(float(rows.times[k]) * _NANO)
-            point["time_from_start"] = {
-                "sec": nanoseconds // _NANO,
-                "nanosec": nanoseconds % _NANO,
-            }
+            sec, nanosec = divmod(round(float(rows.times[k]) * _NANO), _NANO)
+            point["time_from_start"] = {"sec": sec, "nanosec": nanosec}
         points.append(point)
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},

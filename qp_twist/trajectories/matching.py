@@ -9,7 +9,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import ProjectorKind
 from qp_twist.paths import PathTask
-from qp_twist.referee import JointMotion, poses_of, task_errors
+from qp_twist.referee import JointMotion, Tolerances, poses_of, task_errors
 
 _DENSITY = 8
 """Smallest number of samples of the motion for each waypoint."""
@@ -23,9 +23,7 @@ _ON = 1e-3
 """Task error, in tolerances, at which the refinement ends."""
 
 
-def times_at_waypoints(
-    path_task: PathTask, motion: JointMotion, position_tolerance: float, axis_tolerance: float
-) -> Array:
+def times_at_waypoints(path_task: PathTask, motion: JointMotion, tolerances: Tolerances) -> Array:
     r"""Times, s, (N,), never decreasing, at which the motion is nearest to the waypoints in order.
 
     Among all nondecreasing times of the waypoints, the result minimises the sum of squared task
@@ -35,7 +33,6 @@ def times_at_waypoints(
     not be optimal: other times only give larger errors at the waypoints, and the bounds between
     waypoints are proven for the times found.
     """
-    tolerances = position_tolerance, axis_tolerance
     times = motion.times
     at, met = _matched(path_task, motion, times, tolerances)
     if not met.all():  # from the rows alone
@@ -56,19 +53,17 @@ def _refined(
     times: Array,
     at: Indices,
     waypoints: Indices,
-    tolerances: tuple[float, float],
+    tolerances: Tolerances,
 ) -> Array:
     """Refine the times (M,) of some waypoints near their samples ``at`` (M,), all at once."""
-    R_d, p_d = (part[waypoints] for part in path_task.poses)
-    looks = _REFINED + 1
-    rows = [path_task.in_force[k] for k in waypoints for _ in range(looks)]
+    looks = np.repeat(waypoints, _REFINED + 1)
+    R_d, p_d = (part[looks] for part in path_task.poses)
+    rows = [path_task.in_force[k] for k in looks]
     found = times[at]
     low, high = times[np.maximum(at - 1, 0)], times[np.minimum(at + 1, len(times) - 1)]
     for _ in range(_ROUNDS):
         near = np.column_stack([np.linspace(low, high, _REFINED, axis=1), found])
-        R, p = poses_of(path_task, motion.at(near.ravel()).q)
-        errors = task_errors(R, p, np.repeat(R_d, looks, axis=0), np.repeat(p_d, looks, axis=0),
-                             rows)  # fmt: skip
+        errors = task_errors(*poses_of(path_task, motion.at(near.ravel()).q), R_d, p_d, rows)
         best = _squared(errors, tolerances).reshape(near.shape).argmin(axis=1)
         found = near[np.arange(len(near)), best]
         width = (high - low) / (_REFINED - 1)
@@ -77,7 +72,7 @@ def _refined(
 
 
 def _matched(
-    path_task: PathTask, motion: JointMotion, times: Array, tolerances: tuple[float, float]
+    path_task: PathTask, motion: JointMotion, times: Array, tolerances: Tolerances
 ) -> tuple[Indices, Mask]:
     """Index of each waypoint's time, (N,), and whether the motion is on the waypoint then."""
     R, p = poses_of(path_task, motion.at(times).q)
@@ -106,9 +101,7 @@ def _in_order(costs: Iterable[Array]) -> Indices:
     return at
 
 
-def _costs(
-    path_task: PathTask, R: Array, p: Array, tolerances: tuple[float, float]
-) -> Iterator[Array]:
+def _costs(path_task: PathTask, R: Array, p: Array, tolerances: Tolerances) -> Iterator[Array]:
     """Squared task errors of poses (K) at each waypoint in turn, in tolerances.
 
     For poses with a large position error the angular error is not computed but set to its maximum:
@@ -117,19 +110,19 @@ def _costs(
     (R_d, p_d), in_force = path_task.poses, path_task.in_force
     for first in range(0, len(p_d), step := max(1, _PAIRS // len(p))):
         rows = in_force[first : first + step]
-        cost = ((p - p_d[first : first + step, None]) ** 2).sum(axis=2) / tolerances[0] ** 2
+        cost = ((p - p_d[first : first + step, None]) ** 2).sum(axis=2) / tolerances.position**2
         whole = np.array([t.linear.kind is ProjectorKind.FULL for t in rows])
         waypoint, pose = np.nonzero((cost < _NEAR**2) | ~whole[:, None])
         at = first + waypoint
         near = [rows[k] for k in waypoint.tolist()]
         errors = task_errors(R[pose], p[pose], R_d[at], p_d[at], near)
-        cost += (np.pi / tolerances[1]) ** 2
+        cost += (np.pi / tolerances.axis) ** 2
         cost[waypoint, pose] = _squared(errors, tolerances)
         yield from cost
 
 
-def _squared(errors: Array, tolerances: tuple[float, float]) -> Array:
+def _squared(errors: Array, tolerances: Tolerances) -> Array:
     """Squares of task errors (K, 6) in tolerances, (K,)."""
-    squared: Array = np.sum((errors[:, :3] / tolerances[0]) ** 2, axis=1)
-    squared += np.sum((errors[:, 3:] / tolerances[1]) ** 2, axis=1)
+    scale = np.repeat([tolerances.position, tolerances.axis], 3)
+    squared: Array = np.sum((errors / scale) ** 2, axis=1)
     return squared

@@ -110,21 +110,14 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
 
 def _fields(message: Any) -> dict[str, Any]:
     """The fields that rows are read from; no times if all are zero."""
-    points: list[dict[str, Any]] = [
-        {
-            "positions": list(point.positions),
-            "velocities": list(point.velocities),
-            "accelerations": list(point.accelerations),
-            "time_from_start": {
-                "sec": point.time_from_start.sec,
-                "nanosec": point.time_from_start.nanosec,
-            },
-        }
+    points = [
+        {key: list(getattr(point, key)) for key in ("positions", "velocities", "accelerations")}
         for point in message.points
     ]
-    if not any(any(point["time_from_start"].values()) for point in points):
-        for point in points:
-            del point["time_from_start"]
+    stamps = [point.time_from_start for point in message.points]
+    if any(stamp.sec or stamp.nanosec for stamp in stamps):
+        for fields, stamp in zip(points, stamps, strict=True):
+            fields["time_from_start"] = {"sec": stamp.sec, "nanosec": stamp.nanosec}  # type: ignore[assignment]
     return {"joint_names": list(message.joint_names), "points": points}
 
 

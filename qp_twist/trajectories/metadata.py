@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qp_twist import __version__
-from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.geometry import Projector
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, joint_move_ends
 from qp_twist.referee import JointMotion, MotionLimits
@@ -35,7 +35,12 @@ def metadata_of(
         "frame": {"name": task.frame_name, "type": task.frame_type},
         **({} if task.relative_to is None else {"relative_to": task.relative_to}),
         "projectors": [
-            {"first_row": first, **_words(projector)}
+            {
+                "first_row": first,
+                "linear": _block(projector.linear),
+                "angular": _block(projector.angular),
+                "frame": projector.frame,
+            }
             for first, projector in zip(firsts, task.projectors, strict=True)
         ],
         "units": dict(zip(ranges.names, ranges.units, strict=True)),
@@ -80,19 +85,18 @@ def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionL
     They do not affect the verdict: a file may contain any metadata.
     """
     ranges = JointRanges.of(path_task.model)
+    frame, units = (
+        value if isinstance(value := metadata.get(key), dict) else {} for key in ("frame", "units")
+    )
     facts = {"task": path_task.name, "robot": path_task.scene.name}
     claims = [(key, metadata[key], fact) for key, fact in facts.items() if key in metadata]
-    frame, units = metadata.get("frame"), metadata.get("units")
-    if isinstance(frame, dict) and "name" in frame:
+    if "name" in frame:
         claims.append(("frame", frame["name"], path_task.frame_name))
-    if "frame" in metadata and metadata.get("relative_to") != path_task.relative_to:
-        words = [
-            name or "the world" for name in (metadata.get("relative_to"), path_task.relative_to)
-        ]
-        claims.append(("the path lies on", words[0], words[1]))
-    if isinstance(units, dict):
-        here = zip(ranges.names, ranges.units, strict=True)
-        claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
+    if "frame" in metadata:
+        carrier = metadata.get("relative_to") or "the world"
+        claims.append(("the path lies on", carrier, path_task.relative_to or "the world"))
+    here = zip(ranges.names, ranges.units, strict=True)
+    claims += [(f"unit of {name}", units[name], unit) for name, unit in here if name in units]
     notes = [
         f"the file's metadata say {key} {str(value)[:60]!r}, but it is checked with {fact!r}"
         for key, value, fact in claims
@@ -103,9 +107,10 @@ def disagreements(metadata: dict[str, Any], path_task: PathTask, limits: MotionL
         checked = zip(ranges.names, limits.acceleration.tolist(), strict=True)
         others = [name for name, a in checked if name in stated and not _same(stated[name], a)]
         if others:
-            joints = ", ".join(others)
-            notes.append(f"the file's metadata state acceleration limits of {joints} that are not "
-                         "those of this check")  # fmt: skip
+            notes.append(
+                f"the file's metadata state acceleration limits of {', '.join(others)} that are "
+                "not those of this check"
+            )
     return notes
 
 
@@ -116,15 +121,7 @@ def _same(stated: object, limit: float) -> bool:
     return (1.0 - 1e-6) * limit <= stated <= (1.0 + 1e-6) * limit
 
 
-def _words(projector: TwistProjector) -> dict[str, Any]:
-    """A projector as written in task files."""
-    return {
-        "linear": _block(projector.linear),
-        "angular": _block(projector.angular),
-        "frame": projector.frame,
-    }
-
-
 def _block(block: Projector) -> str | dict[str, list[float]]:
+    """A projector as written in task files."""
     word = block.kind.name.lower()
-    return word if block.axis is None else {word: [float(x) for x in block.axis]}
+    return word if block.axis is None else {word: block.axis.tolist()}

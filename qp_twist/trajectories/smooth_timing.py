@@ -31,12 +31,8 @@ def smooth_timing(
 ) -> tuple[Trajectory, SpeedProfile]:
     """The timing of a path by cubics, which keep it within the tolerances.
 
-    Args:
-        trajectory: The path, with N rows.
-        limits: Of its joints.
-        floor: Least time of each piece, s, (N − 1,), above 0.
-        tolerances: Of the task errors between rows; where linear interpolation does not keep them,
-            cubics need not.
+    Where linear interpolation does not keep the ``tolerances`` of the task errors between rows,
+    cubics need not. ``floor`` (N − 1,) has the least time of each piece, s, above 0.
 
     Returns:
         The trajectory with further rows, and its timing.
@@ -67,11 +63,7 @@ class _Timing:
     """
 
     def __init__(
-        self,
-        trajectory: Trajectory,
-        limits: MotionLimits,
-        floor: Array,
-        tolerances: Tolerances,
+        self, trajectory: Trajectory, limits: MotionLimits, floor: Array, tolerances: Tolerances
     ) -> None:
         self.trajectory, self.limits, self.floor = trajectory, limits, floor
         self.tolerances = tolerances
@@ -79,11 +71,9 @@ class _Timing:
         straight = straight_profile(q, floor, limits.velocity).motion
         self.may_help: Mask = self.use(straight) <= 1.0
         self.whole = np.zeros(len(q) - 1, dtype=bool)
-        self.rests = np.zeros(len(q), dtype=bool)
-        self.rests[[0, -1]] = True
         # A joint move is from rest to rest: the path, which it leaves, ends in a corner.
         moves = trajectory.path.moves
-        self.rests[1:-1] |= moves[1:] != moves[:-1]
+        self.rests = np.concatenate([[True], moves[1:] != moves[:-1], [True]])
 
     def use(self, motion: JointMotion) -> Array:
         """Largest error in each piece as a share of its tolerance, of the hard bands', too."""
@@ -112,7 +102,8 @@ class _Timing:
         its ends stay the same; half of it is left to what is not.
         """
         rests = self.rests
-        turn = self._turns()
+        D = np.diff(self.trajectory.q, axis=0) / self.floor[:, None]  # velocities at the feed
+        turn = np.pad(np.linalg.norm(np.diff(D, axis=0), axis=1), 1)
         at_begin = rests[pieces + 1] | (~rests[pieces] & (turn[pieces] >= turn[pieces + 1]))
         near = _ROOM * self.floor[pieces] * np.minimum(0.5, 1.0 / use[pieces])
         corners = np.where(at_begin, pieces, pieces + 1)
@@ -158,43 +149,27 @@ class _Timing:
         self.whole = np.insert(self.whole, after, False)
         self.floor = divided_times(self.floor, divided, shares)
 
-    def _turns(self) -> Array:
-        """Change of the joints' velocities at each row, at the feed, (N,)."""
-        D = np.diff(self.trajectory.q, axis=0) / self.floor[:, None]
-        return np.concatenate([[0.0], np.linalg.norm(np.diff(D, axis=0), axis=1), [0.0]])
-
     def _around(self, corners: Indices, near: Array) -> tuple[Indices, Array]:
         """Where rows are inserted around corners: pieces, ascending, and shares of them.
 
-        Args:
-            corners: Rows; a corner may be named by both of its pieces.
-            near: Distance of the inserted rows from each of them, s at the feed.
+        A corner may be named by both of its pieces; ``near`` is the distance of the inserted rows
+        from each of them, s at the feed.
         """
-        floor = self.floor
-        closest: dict[int, float] = {}
-        for corner, distance in zip(corners.tolist(), near.tolist(), strict=True):
-            closest[corner] = min(distance, closest.get(corner, np.inf))
-        found: dict[int, float] = {}
-        for corner, distance in closest.items():
-            for piece, share in (
-                (corner - 1, 1.0 - distance / floor[corner - 1]),
-                (corner, distance / floor[corner]),
-            ):
-                # A piece between two corners is halved; one that is short already stays.
-                if 0.0 < share < 1.0:
-                    found[piece] = 0.5 if piece in found else share
-        pieces = sorted(found)
-        return np.array(pieces, dtype=np.int64), np.array([found[piece] for piece in pieces])
+        closest = np.full(len(self.rests), np.inf)
+        np.minimum.at(closest, corners, near)
+        at_end, at_begin = closest[1:] / self.floor, closest[:-1] / self.floor
+        # A piece between two corners is halved; one that is short already stays.
+        ends, begins = at_end < 1.0, at_begin < 1.0
+        shares = np.where(ends & begins, 0.5, np.where(ends, 1.0 - at_end, at_begin))
+        pieces = np.flatnonzero(ends | begins)
+        return pieces, shares[pieces]
 
 
 def _feed_ratios(steps: Array, floor: Array) -> Array:
     """The feed of each piece as a share of the highest one, (N − 1,).
 
-    Speeds of neighbours that differ by less than a tenth count as one feed.
-
-    Args:
-        steps: Distance of the frame's targets at the ends of each piece, m, (N − 1,).
-        floor: Time of each piece at the feed, s, (N − 1,).
+    Speeds of neighbours that differ by less than a tenth count as one feed. ``steps`` (N − 1,) are
+    the distances of the frame's targets, m, ``floor`` (N − 1,) the times at the feed, s.
     """
     ratios, last = np.ones(len(steps)), 0.0
     for k, speed in enumerate(steps / floor):

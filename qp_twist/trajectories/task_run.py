@@ -50,10 +50,8 @@ class TaskRun:
 
     @property
     def held_by(self) -> str:
-        """Active limits at the first missed waypoint, or why it had no step, where known."""
-        trajectory, kept = self.trajectory, self.trajectory.rows_kept
-        names = trajectory.binding[kept] if kept < len(trajectory.q) else trajectory.blocked_by
-        return trajectory.failure or ", ".join(names or ())
+        """What held it back (:attr:`Trajectory.held_by <qp_twist.Trajectory.held_by>`)."""
+        return self.trajectory.held_by
 
 
 def run_task(

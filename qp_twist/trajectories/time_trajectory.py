@@ -9,6 +9,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import MotionLimits
+from qp_twist.trajectories.metadata import metadata_of
 from qp_twist.trajectories.smooth_timing import smooth_timing
 from qp_twist.trajectories.speed_profile import SpeedProfile, straight_profile
 from qp_twist.trajectories.timed_path import Slowed, TimedPath
@@ -84,7 +85,12 @@ def time_trajectory(
         profile = straight_profile(q, floor, limits.velocity)
     slowed = _slowed(profile, np.where(trajectory.path.moves, 0.0, feed), ranges.names)
     stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
-    return TimedPath.timed(trajectory, profile.motion, limits, slowed, stops)
+    motion = profile.motion
+    return TimedPath(
+        ranges.names, motion.q, motion.times, motion.velocities,
+        metadata_of(trajectory, motion, limits),
+        trajectory=trajectory, limits=limits, slowed=slowed, stops=stops,
+    )  # fmt: skip
 
 
 def _least_times(limits: MotionLimits, q: Array, feed: Array) -> Array:
@@ -105,18 +111,15 @@ def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple
     """The sections of pieces that take longer than the feed."""
     T = np.diff(profile.motion.times)
     slow = np.flatnonzero((feed > 0.0) & (T / np.where(feed > 0.0, feed, 1.0) > 1.0 + _SLOWED))
+    uses = {"velocity": profile.speed_use, "acceleration": profile.acceleration_use}
     found = []
-    for pieces in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1):
-        if not len(pieces):
-            continue
-        count: dict[str, int] = {}
-        for kind, use in (
-            ("velocity", profile.speed_use),
-            ("acceleration", profile.acceleration_use),
-        ):
-            for joint, tight in enumerate((use[pieces] >= _TIGHT).sum(axis=0)):
-                if tight:
-                    count[f"{kind} of {names[joint]}"] = int(tight)
+    for pieces in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1) if len(slow) else ():
+        count = {
+            f"{kind} of {name}": int(tight)
+            for kind, use in uses.items()
+            for name, tight in zip(names, (use[pieces] >= _TIGHT).sum(axis=0), strict=True)
+            if tight
+        }
         first, last = int(pieces[0]), int(pieces[-1]) + 1
         found.append(
             Slowed(

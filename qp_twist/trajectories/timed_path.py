@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array
+from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
@@ -105,36 +105,34 @@ class TimedPath:
         finite_array("q", self.q, (None, count))
         if self.times is not None:
             finite_array("times", self.times, (len(self.q),))
-        if self.velocities is not None:
-            finite_array("velocities", self.velocities, self.q.shape)
-        if self.accelerations is not None:
-            finite_array("accelerations", self.accelerations, self.q.shape)
-            if self.velocities is None:
-                raise InvalidInput(
-                    "the rows have accelerations, but no velocities: no curve between them is "
-                    "defined. Add the velocities, or leave the accelerations out."
-                )
+        for name in ("velocities", "accelerations"):
+            if getattr(self, name) is not None:
+                finite_array(name, getattr(self, name), self.q.shape)
+        if self.accelerations is not None and self.velocities is None:
+            raise InvalidInput(
+                "the rows have accelerations, but no velocities: no curve between them is "
+                "defined. Add the velocities, or leave the accelerations out."
+            )
 
     def __repr__(self) -> str:
         clock = "untimed" if self.times is None else f"{self.times[-1] - self.times[0]:.6g} s"
-        if self.trajectory is not None and self.times is not None:
+        if self.trajectory is not None:
             clock += f", {len(self.slowed)} stretches slowed, {len(self.stops)} stops"
         return f"TimedPath({len(self.q)} rows of {list(self.joint_names)}, {clock})"
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
         rows: list[tuple[str, object]] = [("rows", len(self.q))]
-        caption = f"rows of {', '.join(self.joint_names)}"
+        caption, run = f"rows of {', '.join(self.joint_names)}", self.trajectory
         if self.times is not None:
             rows.append(("time, s", float(self.times[-1] - self.times[0])))
-        if self.trajectory is not None and self.times is not None:
-            errors, run = self.errors, self.trajectory
+        if run is not None:
             caption = f"{run.method} along {run.path_task.name}, timed"
             rows += [
                 ("stretches slower than the feed", len(self.slowed)),
                 ("stops between the ends", len(self.stops)),
-                ("position error at rows, mm", 1e3 * float(errors.position.max())),
-                ("position error between them, mm", 1e3 * float(errors.position_between.max())),
+                ("position error at rows, mm", 1e3 * float(self.errors.position.max())),
+                ("… between them, mm", 1e3 * float(self.errors.position_between.max())),
             ]
         return html_table(caption, rows)
 
@@ -151,31 +149,10 @@ class TimedPath:
         else:
             from qp_twist.following import Trajectory  # and all planners
 
-            if not isinstance(path, Trajectory):
-                raise InvalidInput(
-                    "trajectory: expected a Trajectory, as follow returns it, or a TimedPath, as "
-                    "time_trajectory and read_trajectory return it; got "
-                    f"{type(path).__name__}."
-                )
+            instance("trajectory", path, Trajectory)
             run, ranges = path, JointRanges.of(path.path_task.model)
             found = cls(ranges.names, ranges.positions(path.q), metadata=metadata_of(path))
         return found.of_joints(JointRanges.of(run.path_task.shown.model).names)
-
-    @classmethod
-    def timed(
-        cls,
-        run: Trajectory,
-        motion: JointMotion,
-        limits: MotionLimits,
-        slowed: tuple[Slowed, ...],
-        stops: tuple[int, ...],
-    ) -> TimedPath:
-        """A trajectory with its motion in time."""
-        return cls(
-            run.joint_names, motion.q, motion.times, motion.velocities,
-            metadata_of(run, motion, limits),
-            trajectory=run, limits=limits, slowed=slowed, stops=stops,
-        )  # fmt: skip
 
     @cached_property
     def motion(self) -> JointMotion:

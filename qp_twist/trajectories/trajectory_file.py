@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, clause, float_array
+from qp_twist.checks import clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.paths import PathTask
@@ -31,24 +31,17 @@ if TYPE_CHECKING:
     from qp_twist.following import Trajectory
 
 
-class _Format(NamedTuple):
-    encode: Callable[[TimedPath], str | bytes]
-    decode: Callable[[bytes, tuple[str, ...] | None], TimedPath]
-
-
 def _to_npz(rows: TimedPath) -> bytes:
     """Arrays ``joint_names``, ``q``, ``times``, ``velocities``; ``metadata`` is a JSON text.
 
     Missing data are left out. ``accelerations`` are there only if the rows have them: they say that
     the joints move on quintics.
     """
-    arrays = {"joint_names": np.array(rows.joint_names), "q": rows.q}
-    if rows.times is not None:
-        arrays["times"] = rows.times
-    if rows.times is not None and rows.velocities is not None:
-        arrays["velocities"] = rows.velocities
-        if rows.accelerations is not None:
-            arrays["accelerations"] = rows.accelerations
+    arrays = {"joint_names": np.array(rows.joint_names)}
+    for name in ("q", "times", "velocities", "accelerations"):
+        values = getattr(rows, name)
+        if values is not None:
+            arrays[name] = values
     arrays["metadata"] = np.array(json.dumps(rows.metadata, ensure_ascii=False))
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
@@ -63,38 +56,32 @@ def _from_npz(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     except Exception as error:  # invalid files raise various errors of zipfile, zlib or NumPy
         raise InvalidInput(f"this is no NumPy archive (.npz): {clause(error)}.") from None
 
-    def found(*names: str) -> Array | None:
-        for name in names:
-            if name in arrays:
-                return float_array(name, arrays[name])
-        return None
-
-    q = found("q", "positions")
+    q, times, velocities, accelerations = (
+        next((float_array(name, arrays[name]) for name in names if name in arrays), None)
+        for names in (("q", "positions"), ("times", "time"), ("velocities",), ("accelerations",))
+    )
     if q is None:
         raise InvalidInput(
             f"there is no array 'q' or 'positions'; there is {', '.join(arrays) or 'nothing'}."
         )
     if "joint_names" in arrays:
-        names = tuple(str(name) for name in arrays["joint_names"].ravel())
-    elif joint_names is not None and q.ndim == 2 and q.shape[1] == len(joint_names):
-        names = joint_names
-    else:
+        joint_names = tuple(str(name) for name in arrays["joint_names"].ravel())
+    elif joint_names is None or q.ndim != 2 or q.shape[1] != len(joint_names):
         raise InvalidInput("there is no array 'joint_names' that says which column is which.")
     metadata = read_metadata(str(arrays.get("metadata", "")))
-    times, rates = found("times", "time"), (found("velocities"), found("accelerations"))
-    return TimedPath(names, q, times, rates[0], metadata, rates[1])
+    return TimedPath(joint_names, q, times, velocities, metadata, accelerations)
 
 
-_FORMATS = {
-    ".csv": _Format(csv_trajectory.encode, csv_trajectory.decode),
-    ".npz": _Format(_to_npz, _from_npz),
-    ".json": _Format(json_trajectory.encode, json_trajectory.decode),
-    ".mcap": _Format(mcap_trajectory.encode, mcap_trajectory.decode),
+_Encode = Callable[[TimedPath], str | bytes]
+_Decode = Callable[[bytes, tuple[str, ...] | None], TimedPath]
+_FORMATS: dict[str, tuple[_Encode, _Decode]] = {
+    ".csv": (csv_trajectory.encode, csv_trajectory.decode),
+    ".npz": (_to_npz, _from_npz),
+    ".json": (json_trajectory.encode, json_trajectory.decode),
+    ".mcap": (mcap_trajectory.encode, mcap_trajectory.decode),
 }
 ENDINGS = (*_FORMATS, *SUFFIXES)
 """Suffixes of the files that are written and read."""
-
-
 _LARGEST = 1e5
 """Positions, speeds and accelerations beyond this, in SI units, are mistakes of a file: the fastest
 arms make some 10³ rad/s², and 1e5 rad are 16,000 turns."""
@@ -125,10 +112,10 @@ def write_trajectory(
     """
     path = Path(path)
     dialect = dialect_of(path)
-    if dialect is None:
-        rows = TimedPath.of(trajectory)
-        return write_atomically(path, _format(path).encode(rows))
-    return _write_program(path, _program_texts(trajectory, path, dialect, joints))
+    if dialect is not None:
+        return _write_program(path, _program_texts(trajectory, path, dialect, joints))
+    encode, _ = _format(path)
+    return write_atomically(path, encode(TimedPath.of(trajectory)))
 
 
 def _program_texts(
@@ -140,8 +127,8 @@ def _program_texts(
     """The files of a program, by name; messages name ``path``."""
     rows = TimedPath.of(trajectory)
     if joints is None:
-        plain = getattr(trajectory, "trajectory", trajectory)
-        task: PathTask | None = getattr(plain, "path_task", None)  # rows of a file have none
+        run = getattr(trajectory, "trajectory", trajectory)
+        task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
         return program_trajectory.encode(rows, dialect, joints, path.stem)
@@ -156,12 +143,7 @@ def _write_program(path: Path, texts: Mapping[str, str]) -> Path:
 
 
 class CheckedFile(NamedTuple):
-    """What became of a trajectory that was to be written.
-
-    Attributes:
-        check: The check of the file.
-        written: Whether it was written.
-    """
+    """The check of a file, and whether it was written."""
 
     check: Check
     written: bool
@@ -240,10 +222,10 @@ def read_trajectory(
             )
         rows = program_trajectory.decode(path, dialect, joints)
         return rows if joint_names is None else rows.of_joints(joint_names)
-    form = _format(path)
+    _, decode = _format(path)
     content = read_bytes(path, "trajectory file")
     with of_file(path):
-        rows = form.decode(content, None if joint_names is None else tuple(joint_names))
+        rows = decode(content, None if joint_names is None else tuple(joint_names))
         _check_numbers(rows)
         return rows if joint_names is None else rows.of_joints(joint_names)
 
@@ -267,7 +249,7 @@ def _check_numbers(rows: TimedPath) -> None:
         )
 
 
-def _format(path: Path) -> _Format:
+def _format(path: Path) -> tuple[_Encode, _Decode]:
     if path.suffix.lower() not in _FORMATS:
         raise InvalidInput(f"{path}: expected a file that ends in {', '.join(ENDINGS)}.")
     return _FORMATS[path.suffix.lower()]

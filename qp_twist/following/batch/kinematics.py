@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array
-from qp_twist.following.batch.threads import shared
+from qp_twist.following.batch.arrays import shared
 from qp_twist.kinematics import SerialChain
 
 

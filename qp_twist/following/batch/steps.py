@@ -14,8 +14,7 @@ from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.control import Controller, Step
 from qp_twist.control.composition import composition_known
 from qp_twist.errors import InvalidInput, QpTwistError
-from qp_twist.following.batch.rigid import pose_of, rigid_motions
-from qp_twist.following.batch.threads import shared
+from qp_twist.following.batch.arrays import pose_of, rigid_motions, shared
 from qp_twist.kinematics import SerialChain, TwistTask
 
 Mask = npt.NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mink
 import numpy as np
@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput, QpTwistError
-from qp_twist.following.batch.rigid import pose_of, rigid_motions
-from qp_twist.following.batch.threads import shared
+from qp_twist.following.batch.arrays import pose_of, rigid_motions, shared
 from qp_twist.following.follow import follow as follow_one
 from qp_twist.following.follow import with_options
 from qp_twist.following.walk import start_of
@@ -22,14 +21,10 @@ from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import (
     DEFAULT_METHOD,
-    MethodSettings,
     PathTask,
     check_method,
     refuse_joint_moves,
 )
-
-if TYPE_CHECKING:
-    from qp_twist.following.compiled_walk import CompiledWalk
 
 Counts = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
@@ -104,7 +99,7 @@ def follow(
         InvalidInput: If an argument is wrong, or the method or the path has no compiled form
             (tolerance bands, acceleration limits, ball joints).
     """
-    from qp_twist.following.compiled_walk import CompiledWalk, walk_known
+    from qp_twist.following.compiled_walk import STILL, walk_known
 
     instance("batch.follow(path_task, …)", path_task, PathTask)
     refuse_joint_moves(path_task, "batch.follow")
@@ -119,46 +114,36 @@ def follow(
             f"batch.follow: {method} on {path_task.name} has no compiled form{reason}; follow the "
             "runs one by one with qp_twist.follow."
         )
-    if method in path_task.starts:
-        path_task = dataclasses.replace(path_task, start=path_task.starts[method])
-    motions = _moves(moves)
-    q0 = _starts(path_task, starts, len(motions))
-    motions = np.broadcast_to(motions, (len(q0), 12)) if len(motions) == 1 else motions
-    return _Batch(
-        path_task, method, settings, CompiledWalk(path_task, method, settings), q0, motions
-    ).run(keep, threads)
+    motions = STILL if moves is None else rigid_motions("batch.follow(moves=…)", moves)
+    q0 = _starts(path_task, method, starts, len(motions))
+    motions = np.ascontiguousarray(np.broadcast_to(motions, (len(q0), 12)))
+    return _Batch(path_task, method, q0, motions).run(keep, threads)
 
 
 class _Batch:
-    """The runs of one call."""
+    """The runs of one call: by the kernel, and what it cannot complete by the reference."""
 
-    def __init__(
-        self,
-        path_task: PathTask,
-        method: str,
-        settings: MethodSettings,
-        walk: CompiledWalk,
-        starts: Array,
-        moves: Array,
-    ) -> None:
-        self.path_task, self.method, self.settings, self.walk = path_task, method, settings, walk
-        self.starts, self.moves = starts.copy(), np.ascontiguousarray(moves)
+    def __init__(self, path_task: PathTask, method: str, starts: Array, moves: Array) -> None:
+        from qp_twist.following.compiled_walk import CompiledWalk
+
+        self.path_task, self.method = path_task, method
+        self.walk = CompiledWalk(path_task, method, path_task.settings(method))
+        self.starts, self.moves = starts.copy(), moves
         self.ranges = JointRanges.of(path_task.model)
         self.failures: dict[int, str] = {}
-        count = len(starts)
-        self.numbers = np.zeros((count, 6))
-        self.ends = np.zeros(count, dtype=np.int64)
+        self.numbers = np.zeros((len(starts), 6))
+        self.ends = np.zeros(len(starts), dtype=np.int64)
 
     def run(self, keep: bool, threads: int | None) -> Trajectories:
-        """Do all runs with the kernel, and those that it could not complete with the reference."""
+        """Do all runs."""
         count, waypoints = len(self.starts), len(self.path_task.waypoints)
         kept = np.zeros((count if keep else 0, waypoints, self.starts.shape[1]))
         self._correct_starts(threads)
         shared(count, lambda part: self._by_kernel(part, kept), threads)
         by_reference = self.ends < waypoints
         by_reference[list(self.failures)] = True  # runs without a start
-        for run in np.flatnonzero(by_reference):
-            self._by_reference(int(run), kept)
+        for run in np.flatnonzero(by_reference).tolist():
+            self._by_reference(run, kept)
         errors, axis, margin, z, step, steps = self.numbers.T
         return Trajectories(
             kept if keep else None, self.ends, errors, axis, margin, z, step,
@@ -176,12 +161,17 @@ class _Batch:
             after = np.arange(q.shape[1]) >= ends[:, None]
             q[after], errors[after] = np.nan, np.nan
             self.ends[some] = ends
-            self.numbers[some, :2] = np.fmax.reduce(errors, axis=1)
-            self.numbers[some, 2] = np.fmin.reduce(self.ranges.margins(q), axis=(1, 2))
-            self.numbers[some, 3] = np.nansum(self.ranges.centring(q), axis=1) / ends
-            steps = np.abs(np.diff(q, axis=1))
-            self.numbers[some, 4] = np.fmax.reduce(steps, axis=(1, 2), initial=0.0)
-            self.numbers[some, 5] = iterations.sum(axis=1)
+            self.numbers[some] = self._measured(q, errors, ends, iterations)
+
+    def _measured(self, q: Array, errors: Array, ends: Counts, iterations: Counts) -> Array:
+        """The numbers of runs (K, N, nq), NaN after their ends, in the order of the result."""
+        return np.column_stack([
+            np.fmax.reduce(errors, axis=1),
+            np.fmin.reduce(self.ranges.margins(q), axis=(1, 2), initial=np.inf),
+            np.nansum(self.ranges.centring(q), axis=1) / ends,
+            np.fmax.reduce(np.abs(np.diff(q, axis=1)), axis=(1, 2), initial=0.0),
+            iterations.sum(axis=1),
+        ])  # fmt: skip
 
     def _correct_starts(self, threads: int | None) -> None:
         """Correct starts onto their first waypoint, as :func:`qp_twist.follow` does for one run."""
@@ -196,11 +186,11 @@ class _Batch:
         reached = np.all(errors <= self.path_task.iteration.tolerances, axis=2)
         taken = ~reached[:, 0] & reached[:, 1]
         self.starts[taken] = corrected[taken]
-        for run in np.flatnonzero(~reached.any(axis=1)):
+        for run in np.flatnonzero(~reached.any(axis=1)).tolist():
             try:
-                self.starts[run] = start_of(self._task(int(run)), self.method)
+                self.starts[run] = start_of(self._task(run), self.method)
             except QpTwistError as error:
-                self.failures[int(run)] = str(error)
+                self.failures[run] = str(error)
 
     def _by_reference(self, run: int, kept: Array) -> None:
         if run in self.failures:
@@ -215,53 +205,39 @@ class _Batch:
         if done.failure:
             self.failures[run] = done.failure
         self.ends[run] = len(done.q)
-        self.numbers[run] = (
-            done.position_error.max(), done.axis_error.max(), done.margins.min(initial=np.inf),
-            float(self.ranges.centring(done.q).mean()),
-            np.abs(np.diff(done.q, axis=0)).max(initial=0.0), done.iterations.sum(),
-        )  # fmt: skip
+        errors = np.column_stack([done.position_error, done.axis_error])
+        of_run = done.q[None], errors[None], self.ends[run : run + 1], done.iterations[None]
+        self.numbers[run] = self._measured(*of_run)[0]
         kept[run : run + 1, : len(done.q)] = done.q
 
     def _task(self, run: int) -> PathTask:
         """The path task of one run, with its own start and placement."""
-        move = pose_of(self.moves[run])
-
-        def moved(waypoints: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
-            return tuple(move @ waypoint for waypoint in waypoints)
-
-        flipped = self.path_task.flipped_waypoints
+        move, task = pose_of(self.moves[run]), self.path_task
+        flipped = task.flipped_waypoints
         return dataclasses.replace(
-            self.path_task,
-            waypoints=moved(self.path_task.waypoints),
-            flipped_waypoints=None if flipped is None else moved(flipped),
+            task,
+            waypoints=tuple(move @ waypoint for waypoint in task.waypoints),
+            flipped_waypoints=None if flipped is None else tuple(move @ w for w in flipped),
             start=self.starts[run],
             starts={},
             best_start=False,
         )
 
 
-def _moves(moves: Sequence[mink.SE3] | npt.ArrayLike | None) -> Array:
-    """Rotations (9) and translations (3), (K, 12); the identity if ``None``."""
-    if moves is None:
-        from qp_twist.following.compiled_walk import STILL
-
-        return STILL
-    return rigid_motions("batch.follow(moves=…)", moves)
-
-
-def _starts(path_task: PathTask, starts: npt.ArrayLike | None, moves: int) -> Array:
+def _starts(path_task: PathTask, method: str, starts: npt.ArrayLike | None, moves: int) -> Array:
     """The start of each run, (K, nq)."""
     nq = path_task.model.nq
+    if starts is None:
+        starts = path_task.starts.get(method)
     if starts is None:
         if path_task.best_start:
             raise InvalidInput(
                 "batch.follow: the task file leaves the start to a search; give starts, from "
                 "qp_twist.find_starts or qp_twist.plan."
             )
-        given = path_task.start[None]
-    else:
-        shape = (nq,) if np.ndim(starts) == 1 else (None, nq)
-        given = finite_array("batch.follow(starts=…)", starts, shape).reshape(-1, nq)
+        starts = path_task.start
+    shape = (nq,) if np.ndim(starts) == 1 else (None, nq)
+    given = finite_array("batch.follow(starts=…)", starts, shape).reshape(-1, nq)
     if len(given) == 1:
         given = np.repeat(given, moves, axis=0)
     if moves not in (1, len(given)):
