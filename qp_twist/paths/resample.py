@@ -187,10 +187,10 @@ def _divided(curve: Curve, kept: npt.NDArray[np.intp], sampling: Sampling) -> Cu
     values, at, _ = _directions(curve)
     if values is not None:
         values = with_last(at(values[begin], values[end], shares), values)
-    turning = {"rotations" if curve.vectors is None else "vectors": values}
+    vectors, rotations = (None, values) if curve.vectors is None else (values, None)
     lines = np.concatenate([curve.lines[begin], curve.lines[-1:]])
     feeds = None if feeds is None else with_last(feeds[end], feeds)
     return replace(
-        curve, positions=with_last(between, positions), lines=lines, feeds=feeds, before=None,
-        after=None, **turning,
+        curve, positions=with_last(between, positions), vectors=vectors, rotations=rotations,
+        lines=lines, feeds=feeds, before=None, after=None,
     )  # fmt: skip

@@ -203,7 +203,9 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     timed, stated = durations is not None, file.robot.controller
     if stated is not None and stated.lower().endswith(".toml"):
         stated = str(path.parent / stated)  # a table of robots is relative to the task file
-    rule = None if built.flipped is None else file.roll
+    normal = None
+    if built.flipped is not None and file.roll is not None:
+        normal = unit_vector("roll.plane_normal", file.roll.plane_normal)
     task = PathTask(
         name=printable(path.stem),
         title=file.title,
@@ -226,7 +228,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         bands=bands,
         constraints=() if file.clearance is None else (_clearance(file.clearance, scene),),
         best_start=file.start.found,
-        roll_normal=rule and unit_vector("roll.plane_normal", rule.plane_normal),
+        roll_normal=normal,
         study=file.study,
         toolpath=toolpath,
         lines=built.lines,
