@@ -88,15 +88,9 @@ class BlendingResolver(Resolver):
         steps: tuple[float, float],
         blend: int,
     ) -> None:
-        """Wrap the resolvers of both projectors and of their common rows.
+        """Blend ``old`` and ``new``, of the row before at steps[0] and of this one at steps[1].
 
-        Args:
-            old: Resolver of the segment before.
-            new: Resolver of the segment that begins.
-            common: Resolver of the common rows.
-            previous: The pose of the row before.
-            steps: k of the row before and of this one.
-            blend: n.
+        ``previous`` is the pose of the row before, ``blend`` is n.
         """
         self.old, self.new, self.common, self.previous = old, new, common, previous
         self.task, self.limits = common.task, common.limits

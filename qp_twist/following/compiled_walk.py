@@ -91,9 +91,8 @@ class CompiledWalk:
     def on_from(self, start: Array, first: int) -> tuple[Array, Counts, Array]:
         """Follow the rows from ``first`` on, from ``start``, until the reference is needed.
 
-        Returns:
-            Configurations (K, nq), iterations (K,), and lengths of the task errors (K, 2), m and
-            rad.
+        Returns configurations (K, nq), iterations (K,), and lengths of the task errors, m and rad,
+        (K, 2).
         """
         q = np.zeros((1, len(self._path.durations), len(start)))
         q[0, first - 1] = start
@@ -104,18 +103,16 @@ class CompiledWalk:
     def many(self, moves: Array, q: Array) -> tuple[Counts, Counts, Array]:
         """Follow K runs of moved paths (K, 12), from and into the rows of q (K, N, nq).
 
-        Returns:
-            Indices of the first waypoints that are left to the reference, (K,), the iterations
-            (K, N), and the lengths of the task errors, m and rad, (K, N, 2).
+        Returns the first waypoints that are left to the reference, (K,), the iterations (K, N), and
+        the lengths of the task errors, m and rad, (K, N, 2).
         """
         return self._followed(self._way, self._path, moves, q, 1)
 
     def corrected_starts(self, moves: Array, starts: Array) -> tuple[Array, Array]:
         """Starts (K, nq) corrected onto the first waypoints of moved paths.
 
-        Returns:
-            The corrected ones, (K, nq), and the lengths of the task errors before and after the
-            correction, m and rad, (K, 2, 2); NaN where the reference has to correct.
+        Also the lengths of the task errors before and after, m and rad, (K, 2, 2); NaN where the
+        reference has to correct.
         """
         twice = np.zeros(2, dtype=np.intp)
         rows = self._path.rows

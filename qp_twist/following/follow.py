@@ -48,14 +48,9 @@ def follow(
     number of iterations. The secondary objective acts in the first iteration only: repeated, it
     would keep violating the task by curvature. The QPs keep the scene's position limits and, over
     the time of the waypoint, the task's velocity limits; if the whole task is infeasible within
-    these, the step is scaled and the waypoint has an error. With ``slow_down`` the path is kept
-    instead: a missed waypoint is repeated with more time, and the trajectory has its own durations.
-    It ends before a waypoint that limits or a singularity keep out of reach for any duration, and
-    so has fewer rows than the path has waypoints; without ``slow_down`` it goes on, and
-    :attr:`Trajectory.ending <qp_twist.Trajectory.ending>` says where it left the path.
-
-    Where the task's projector changes (:class:`~qp_twist.paths.Segment`), the first iteration
-    blends from one to the other, and the others correct the rows common to both.
+    these, the step is scaled and the waypoint has an error. Where the projector changes
+    (:class:`~qp_twist.paths.Segment`), the first iteration blends from one to the other, and the
+    others correct the rows common to both.
 
     Where the task has joint moves, each stretch between them is followed by itself, from the start
     to which the joints move soonest of those from which the method keeps the stretch. The
@@ -71,9 +66,10 @@ def follow(
         plan: Plan that ``qp_planned`` follows, with the plan's start; if ``None`` it plans from the
             task's start.
         planning: Called during planning with the current phase and its share done.
-        slow_down: Whether to extend a waypoint's duration instead of missing it. Methods without
-            velocity limits never need it. Acceleration limits are then left to
-            :func:`~qp_twist.time_trajectory`.
+        slow_down: Whether to extend a waypoint's duration instead of missing it. The run ends
+            before a waypoint that is out of reach for any duration; without ``slow_down`` it goes
+            on, and :attr:`Trajectory.ending <qp_twist.Trajectory.ending>` says where it left the
+            path. Acceleration limits are then left to :func:`~qp_twist.time_trajectory`.
         fine: Whether to follow the path also at rows between its waypoints, where joints that go
             straight from one to the next would leave it by more than the tolerances.
         **options: Settings that replace those of the task file, which replace the method's own
@@ -145,15 +141,9 @@ def with_options(
 ) -> PathTask:
     """The task with options in place of the settings of methods, of each those that it uses.
 
-    Args:
-        path_task: The task.
-        methods: Names of the methods.
-        options: Fields of :class:`~qp_twist.paths.MethodSettings`.
-        call: What was called, for messages.
-
     Raises:
         InvalidInput: If an option is unknown, has an invalid value, or would change nothing in any
-            of the methods.
+            of the methods; with ``call``, what was called.
     """
     changed, left = dict(path_task.methods), dict[str, str]()
     used: set[str] = set()

@@ -67,12 +67,11 @@ def find_starts(
 ) -> list[FoundStart]:
     """Search candidate starts on the first waypoint, the best first.
 
-    Each candidate is a local minimum of z inside the limits and hard bands. They come from every
-    branch of the closed-form inverse kinematics of an industrial arm, or from many random seeds on
-    any other arm of hinges and slides. A run from each candidate tests how far it comes: the best
-    one at the first waypoint may end at a limit or a singularity. If joint speeds require it, the
-    run is slower than the feed, as with ``follow(…, slow_down=True)``. Candidates with a completed
-    run come first, by z; then the others, by the length of their runs.
+    Each candidate is a local minimum of z inside the limits and hard bands, from every branch of
+    the closed-form inverse kinematics of an industrial arm, or from many random seeds on any other
+    arm of hinges and slides. A run from each, slowed down where joint speeds require it, tests how
+    far it comes. Candidates with a completed run come first, by z; then the others, by the length
+    of their runs.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.

@@ -38,9 +38,8 @@ def plan(
     r"""Plan the whole joint motion along a path, over all branches, turns and rolls.
 
     A step-by-step method may end at a limit that a global choice avoids. A plan considers the whole
-    path: layers of all configurations at its waypoints (on a grid of the free coordinates), the
-    best path through them by dynamic programming, from coarse to fine, and quadratic programs over
-    all waypoints at once that move this path off the grid:
+    path: layers of all configurations at its waypoints, the best path through them, from coarse to
+    fine, and quadratic programs over all waypoints at once that move this path off the grid:
 
     .. math::
 
@@ -52,8 +51,10 @@ def plan(
     with **s** from the task's speed limits and feed and from ``max_step_deg``; 15° without either.
     Acceleration limits hold between the waypoints, too. Hard tolerance bands hold to 1e-9 at the
     waypoints and, with linearly interpolated joints, provably to 0.05° and 0.1 mm between them;
-    soft bands are ignored. The layers are computed by the closed-form inverse kinematics if the arm
-    has one, else by nets of its self-motion manifolds grown from random seeds.
+    soft bands are ignored. Where the task has joint moves, each stretch between them is planned by
+    itself, from another start if no joint move leads to its best plan; the plan has the rows of the
+    joint moves, too (``plan.s``). Mean z is that of the waypoints, travel and margin count joint
+    moves.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.
@@ -64,27 +65,16 @@ def plan(
         start: The first configuration, (nq,), corrected onto the first waypoint; free if ``None``.
         max_step_deg: Largest displacement of a joint between two waypoints, degrees; a metre of a
             slide counts as a radian.
-        joint_weights: Weights w of joints in z and in the travel, by name, such as
-            ``{"rail": 0.1}``; 1 for the others:
-            z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w ‖Δθ‖. An axis that is slow or heavy
-            gets a large one, one that should do most of the work a small one.
+        joint_weights: Weights w of joints by name, e.g. ``{"rail": 0.1}``; 1 for the others:
+            z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w ‖Δθ‖.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
         progress: Called with the current phase and its share done.
 
     Returns:
         A plan with its motion, value, bound and certificate. If there is no motion, nothing is
-        raised; the certificate has the reason.
-
-    Where the task has joint moves, each stretch between them is planned by itself, and joint moves
-    are searched between its plans (``planning.JointMoves``), whose rows the plan has, too
-    (``plan.s``). Mean z is that of the waypoints, travel and margin count joint moves, too;
-    the branch may change on them. If the stretch's best plan cannot be reached, plans from other
-    starts on its first waypoint are tried.
-
-    Ctrl-C ends the search. If it has found a motion by then, the best one is returned, with
-    ``interrupted`` and with its bound, which takes some seconds more (Ctrl-C once more leaves the
-    bound out).
+        raised; the certificate has the reason. After Ctrl-C the best one so far, with its bound,
+        ``interrupted`` (Ctrl-C once more leaves the bound out).
 
     Raises:
         InvalidInput: If an argument is wrong, the start cannot be corrected or is outside a hard

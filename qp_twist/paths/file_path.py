@@ -62,17 +62,13 @@ class PlacedPath:
 def file_waypoints(
     task_file: Path, section: FilePath, held: Array, reach: float = np.inf
 ) -> PlacedPath:
-    """Read a toolpath and place waypoints along it, with the roll of the start if it states none.
+    """Read the toolpath of ``[path]`` and place waypoints along it.
 
-    Args:
-        task_file: The task file that names it.
-        section: The task file's ``[path]``.
-        held: Orientation of the frame if the file has none, (3, 3).
-        reach: Largest distance of the frame from the robot's first joint, m.
+    Without directions in the file they have the orientation ``held`` (3, 3), else the roll of that.
 
     Raises:
-        InvalidInput: If the toolpath is refused, is larger than the robot's reach, yields too many
-            waypoints, or contradicts the keys.
+        InvalidInput: If the toolpath is refused, is larger than the robot's ``reach`` (m), yields
+            too many waypoints, or contradicts the keys.
     """
     toolpath = read_toolpath(task_file.parent / section.file, section)
     if section.curves is not None:

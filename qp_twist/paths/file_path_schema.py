@@ -111,16 +111,12 @@ class FilePath(ToolpathOptions):
     transfer: TransferTable | None = None
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
+    def _comes_and_goes(self) -> Self:
         if self.rapids == "keep" and (self.approach or self.retreat):
             raise ValueError(
                 'rapids = "keep" has the tool come and go as in the file; leave out [path.approach]'
                 ' and [path.retreat], or say rapids = "drop"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _joint_moves_have_ends(self) -> Self:
         if self.rapids != "keep" and self.joint_moves and not (self.approach and self.retreat):
             raise ValueError(
                 'motion = "joint" in [path.transfer] begins and ends away from the part; add '

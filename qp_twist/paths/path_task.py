@@ -218,15 +218,11 @@ class PathTask:
         return self.poses[1]
 
     def at(self, s: Array | None = None, *, flipped: bool = False) -> Waypoints:
-        """The path at parameters s (K,), ascending (:class:`~qp_twist.paths.Waypoints`).
-
-        Args:
-            s: The parameters; ``None``: at its waypoints.
-            flipped: Whether to take the flipped waypoints.
+        """The path at parameters s (K,), ascending; ``None``: at its waypoints.
 
         Raises:
             InvalidInput: If s is not from 0, the first waypoint, to the last one, and ascending, or
-                there are no flipped waypoints.
+                there are no ``flipped`` waypoints.
         """
         last = len(self.waypoints) - 1
         if s is None:
@@ -437,7 +433,7 @@ def _sees_orientation(task: PathTask) -> bool:
 def check_carrier(
     scene: mujoco.MjModel, frame_name: str, frame_type: str, relative_to: str
 ) -> None:
-    """Refuse a body that a path cannot lie on.
+    """Refuse a body ``relative_to`` that a path cannot lie on.
 
     Raises:
         InvalidInput: If there is no such body, not all joints are hinges and slides, or none of

@@ -67,14 +67,9 @@ def _with_body_moved(
 
 
 def leaned(path_task: PathTask, lead: float, tilt: float) -> PathTask:
-    """The path with its tool tilted, constant relative to the path.
+    """The path with its tool tilted towards its direction (``lead``) and to its left, rad.
 
-    The frame's z is turned by :func:`~qp_twist.paths.orientation.lean_turns`.
-
-    Args:
-        path_task: The task.
-        lead: Tilt towards the direction of the path, rad.
-        tilt: Tilt to the left of it, as seen from the tip of z, rad.
+    The tilt is constant relative to the path (:func:`~qp_twist.paths.orientation.lean_turns`).
 
     Raises:
         InvalidInput: If the path is parallel to the tool's axis everywhere.

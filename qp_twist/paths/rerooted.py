@@ -47,11 +47,8 @@ def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
 
     Bodies fixed to each other are one link. Between the world and the body lie the links
     :math:`L_0, \dots, L_m`, and :math:`L_i` hangs on :math:`L_{i-1}` at the pose
-
-    .. math:: \mathbf X\, e^{[\xi_1] q_1} \cdots e^{[\xi_k] q_k}
-
-    with the screws of its joints in its own frame. In the new model :math:`L_{i-1}` hangs on
-    :math:`L_i`, at the inverse
+    :math:`\mathbf X\, e^{[\xi_1] q_1} \cdots e^{[\xi_k] q_k}` with the screws of its joints. In the
+    new model :math:`L_{i-1}` hangs on :math:`L_i`, at the inverse
 
     .. math::
 
@@ -59,19 +56,11 @@ def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
         = \mathbf X^{-1}\, e^{[\xi'_k] q_k} \cdots e^{[\xi'_1] q_1}, \qquad
         \xi'_j = -\mathrm{Ad}_{\mathbf X}\,\xi_j :
 
-    the joints in the opposite order, each about the same line, in the axes of the other link, with
-    the opposite direction. All other links hang where they did. Joints keep their names, ranges,
-    reference positions and values, so that configurations and couplings are those of the scene;
-    which geoms may collide is decided in the scene, as by :class:`~qp_twist.Clearance`, and stated
-    pair by pair. The world's geoms and sites are on a body ``scene_world``.
-
-    The model has what kinematics and distances need: bodies, joints, geoms, sites and joint
-    couplings; mocap bodies stand still. Actuators, sensors, cameras and lights remain with the
-    scene, and so do forces: gravity would turn with the body.
-
-    Args:
-        model: The scene.
-        body: Name of the body.
+    the joints in the opposite order, each about the same line with the opposite direction. Joints
+    keep their names, ranges, reference positions and values, so that configurations and couplings
+    are those of the scene; which geoms may collide is decided in the scene and stated pair by pair.
+    The world's geoms and sites are on a body ``scene_world``. The model has bodies, joints, geoms,
+    sites and joint couplings; actuators, sensors, cameras, lights and forces remain with the scene.
 
     Raises:
         InvalidInput: If there is no such body, or a ball or free joint moves it.

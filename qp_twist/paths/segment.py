@@ -56,14 +56,9 @@ def check_segments(
     count: int,
     keys: Sequence[str] | None = None,
 ) -> None:
-    """Refuse segments that do not fit the path or the robot.
+    """Refuse segments that do not fit a path of ``count`` waypoints, or the robot.
 
-    Args:
-        operational: T of the robot.
-        projector: T before the first segment.
-        segments: The segments.
-        count: Number of waypoints.
-        keys: The key of each in the task file, if it is not ``segments[0]`` and so on.
+    ``keys`` are those of the segments in the task file, if not ``segments[0]`` and so on.
 
     Raises:
         InvalidInput: With the segment's key in the task file.

@@ -40,6 +40,13 @@ if TYPE_CHECKING:
 __all__ = ["Check", "Finding", "JointMotion", "PathErrors", "check_trajectory", "path_errors"]
 _NAMED = 3
 """Largest number of joints without a limit that are named one by one."""
+_DOES = {
+    (False, True): "ends at",
+    (False, False): "begins at",
+    (True, True): "leaves the path for good after",
+    (True, False): "comes onto the path only at",
+}
+"""What a motion does at the waypoint where a part begins (``after``) or ends."""
 _REST = 1e-6
 """A joint counts as at rest below this speed, rad/s or m/s."""
 
@@ -97,7 +104,7 @@ class Check:
     def path_left(self) -> tuple[str, ...]:
         """Where it ends or leaves its path before the last waypoint, or begins late, in words."""
         return tuple(
-            f"{_does(part)} waypoint {part.waypoint} of {self.waypoints}"
+            f"{_DOES[part.moves, part.after]} waypoint {part.waypoint} of {self.waypoints}"
             if part.waypoint
             else f"meets none of {self.waypoints} waypoints"
             for part in self.astray
@@ -244,13 +251,6 @@ def check_trajectory(
         limits,
         tolerances,
     )
-
-
-def _does(part: Astray) -> str:
-    """What a motion does at the waypoint where a part off the path begins or ends."""
-    if part.moves:
-        return "leaves the path for good after" if part.after else "comes onto the path only at"
-    return "ends at" if part.after else "begins at"
 
 
 def _part_of_the_path(passing: Passing, motion: JointMotion, met: Mask) -> list[str]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -95,22 +94,17 @@ def joints_of(
                 f"where its controller counts from. {_ADVICE}"
             )
     joints = controller_joints(*path_task.arm, given)
-    _refuse_others(path_task, joints)
-    return joints
-
-
-def _refuse_others(path_task: PathTask, joints: ControllerJoints) -> None:
-    """Refuse a robot without some of the joints that move the tool along the path."""
-    names = JointRanges.of(path_task.model).names
+    of_dofs = JointRanges.of(path_task.model).names
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    others = [names[screw.dof] for screw in chain.screws]
-    others = [name for name in others if name not in joints.joint_names]
+    moving = [of_dofs[screw.dof] for screw in chain.screws]
+    others = [name for name in moving if name not in joints.joint_names]
     if others:
         raise InvalidInput(
             f"{path_task.name}: the path also needs {listed('joint', others)}, and a program for "
             f"the {joints.robot} has only the axes of the robot: external axes are not written. "
             "Export a bag, which has all joints (--to mcap)."
         )
+    return joints
 
 
 def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> None:
@@ -152,10 +146,11 @@ def encode(
     if len(rows.q) < 2:
         raise InvalidInput("the trajectory has one row; a program needs two or more.")
     moves = printed(JointMoves(scale * joints.shown(rows.q), durations, velocities), dialect)
-    task = str(rows.metadata.get("task", ""))
-    lines = header_lines(
-        dialect, moves, joints.robot, joints.equations(dialect.axis_names), _plain(task)
-    )
+    # In characters that every controller reads, and on one line.
+    task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
+    equations = joints.equations(dialect.axis_names)
+    task = " ".join(task.split())[:60]
+    lines = header_lines(dialect, moves, joints.robot, equations, task)
     return dialect.encode(name, moves, lines)
 
 
@@ -168,12 +163,9 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     """
     content = read_bytes(path, "program")
     with of_file(path):
-        other = "the program is for another robot"
-        if _HEADER_AS_MODELLED.search(content):
-            other = WRITTEN_AS_MODELLED
+        modelled = _HEADER_AS_MODELLED.search(content)
+        other = WRITTEN_AS_MODELLED if modelled else "the program is for another robot"
         check_language(dialect, joints, other)
-
-    with of_file(path):
         if re.search(rb"\r(?!\n)|\x1a(?!\s*$)", content):
             raise InvalidInput(
                 "a carriage return or an end-of-file mark stands within the text; a controller may "
@@ -185,7 +177,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         moves = joint_moves(path, dialect, lines)
         check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
     scale = _scale(dialect)
-    times: Array | None = None
+    times = None
     if moves.durations is not None:
         times = np.concatenate([[0.0], np.cumsum(moves.durations)])
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
@@ -215,10 +207,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
 def check_language(dialect: Dialect, joints: ControllerJoints, instead: str | None = None) -> None:
     """Refuse a language in which the robot is not programmed.
 
-    Args:
-        dialect: The language to write or read.
-        joints: How the robot's controller counts the joints.
-        instead: What to do; ``None``: choose a file with the suffix of the robot's language.
+    ``instead`` says what to do; ``None``: choose a file with the suffix of the robot's language.
 
     Raises:
         InvalidInput: With the language to use.
@@ -233,10 +222,6 @@ def check_language(dialect: Dialect, joints: ControllerJoints, instead: str | No
             f"the {joints.robot} is programmed in {joints.program or 'none of them'}, not in "
             f"{dialect.name}; {instead.rstrip('.')}."
         )
-    _check_axes(dialect, joints)
-
-
-def _check_axes(dialect: Dialect, joints: ControllerJoints) -> None:
     if not joints.robot and dialect.name == "ls":
         raise InvalidInput(
             "the controllers of Fanuc show J3 as the angle of the forearm to the floor, the angle "
@@ -253,8 +238,3 @@ def _check_axes(dialect: Dialect, joints: ControllerJoints) -> None:
 def _scale(dialect: Dialect) -> float:
     """Factor from rad to the dialect's unit."""
     return float(np.degrees(1.0)) if dialect.unit == "deg" else 1.0
-
-
-def _plain(text: str) -> str:
-    """A name in characters that every controller reads, and on one line."""
-    return " ".join("".join(c if " " <= c <= "~" else "?" for c in text).split())[:60]

@@ -29,12 +29,10 @@ def refine_trajectory(
 ) -> Trajectory:
     """Insert rows until linear interpolation of the joints keeps the path.
 
-    A method meets the waypoints. Between two of them the joints are interpolated linearly, and the
-    path error grows with their displacement, above all in the null space: with a large gain of the
-    secondary by millimetres. Between such waypoints another is inserted, at half the displacement
-    in position and orientation; the mean of the joint positions is corrected onto it by least-norm
-    steps within the limits. This is repeated until every piece stays within half the tolerances,
-    also for hard tolerance bands.
+    A method meets the waypoints; between two of them the path error grows with the joints'
+    displacement, above all in the null space. There another row is inserted, at half the
+    displacement: the mean of the joint positions, corrected by least-norm steps within the limits.
+    This is repeated until every piece stays within half the tolerances, also for hard bands.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`.
@@ -69,16 +67,10 @@ def refine_trajectory(
 def with_rows_between(
     trajectory: Trajectory, pieces: Indices, shares: Array
 ) -> tuple[Trajectory, Indices]:
-    """The trajectory with another row in some pieces, on a path corrected onto it.
+    """The trajectory with another row in pieces (K,), ascending, at shares (K,) of them.
 
-    Args:
-        trajectory: Its rows k and k + 1 bound piece k.
-        pieces: Pieces in ascending order, each at most once, (K,).
-        shares: Where the row is in its piece, 0 at the begin and 1 at the end, (K,).
-
-    Returns:
-        The trajectory, and those of the pieces that have got a row: not all joint positions can be
-        corrected onto the path.
+    Also returns those of the pieces that have got a row: not all joint positions can be corrected
+    onto the path. Piece k is bounded by rows k and k + 1.
     """
     if not len(pieces):
         return trajectory, pieces
@@ -105,13 +97,7 @@ def with_rows_between(
 
 
 def divided_times(times: Array, pieces: Indices, shares: Array) -> Array:
-    """Times of the pieces, (N − 1 + K,), after some were divided by a row.
-
-    Args:
-        times: Of the pieces before, s, (N − 1,).
-        pieces: Pieces in ascending order, each at most once, (K,).
-        shares: Where the row is in its piece, 0 at the begin and 1 at the end, (K,).
-    """
+    """Times of the pieces (N − 1,) after those (K,) were divided at ``shares``, s, (N − 1 + K,)."""
     rest = times.copy()
     rest[pieces] *= 1.0 - shares
     found: Array = np.insert(rest, pieces, shares * times[pieces])

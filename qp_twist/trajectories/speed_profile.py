@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.referee import JointMotion
 
 _ROUNDS = 100
@@ -38,7 +37,7 @@ def speed_profile(
     feed: Array,
     max_velocity: Array,
     max_acceleration: Array,
-    rests: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    rests: Mask,
     most: Array | None = None,
 ) -> SpeedProfile:
     r"""Velocities and times at the rows of a joint path, as fast as feed and limits permit.
@@ -104,24 +103,21 @@ def speed_profile(
     T[both] = np.maximum(steady, slowest.max(axis=1, initial=0.0))[both]
     times, velocities = np.concatenate([[0.0], np.cumsum(T)]), pace[:, None] * p
     motion = JointMotion(times, q, velocities)
-    use = _largest_use(motion, max_velocity, max_acceleration)
+    fastest, hardest = motion.largest_speeds(), motion.largest_accelerations()
+    use = float(max(
+        (fastest / max_velocity).max(initial=0.0),
+        np.sqrt((hardest / max_acceleration).max(initial=0.0)),
+    ))  # fmt: skip
     if use > 1.0:  # violations due to rounding, or to passes that were cut short
         motion = JointMotion(use * times, q, velocities / use)
-    return SpeedProfile(
-        motion,
-        pace,
-        motion.largest_speeds() / max_velocity,
-        motion.largest_accelerations() / max_acceleration,
-    )
+        fastest, hardest = fastest / use, hardest / use**2
+    return SpeedProfile(motion, pace, fastest / max_velocity, hardest / max_acceleration)
 
 
 def straight_profile(q: Array, floor: Array, max_velocity: Array) -> SpeedProfile:
     """Constant joint speeds from row to row: at the feed, or as fast as the velocity limits permit.
 
-    Args:
-        q: Joint positions, rad or m, (N, nv).
-        floor: Least time of each piece, s, (N − 1,), above 0.
-        max_velocity: rad/s or m/s, (nv,); ∞ without a limit.
+    ``floor`` (N − 1,) has the least time of each piece, s, above 0.
     """
     moved = np.abs(np.diff(q, axis=0))
     T = np.maximum(floor, (moved / max_velocity).max(axis=1, initial=0.0))
@@ -130,16 +126,7 @@ def straight_profile(q: Array, floor: Array, max_velocity: Array) -> SpeedProfil
     return SpeedProfile(motion, np.ones(len(q)), use, np.zeros_like(use))
 
 
-def _largest_use(motion: JointMotion, max_velocity: Array, max_acceleration: Array) -> float:
-    """Factor by which all times have to be extended."""
-    speed = (motion.largest_speeds() / max_velocity).max(initial=0.0)
-    acceleration = (motion.largest_accelerations() / max_acceleration).max(initial=0.0)
-    return float(max(speed, np.sqrt(acceleration)))
-
-
-def _directions(
-    D: Array, h: Array, rests: np.ndarray[tuple[int], np.dtype[np.bool_]]
-) -> tuple[Array, Array, Array]:
+def _directions(D: Array, h: Array, rests: Mask) -> tuple[Array, Array, Array]:
     """dq/ds at the rows (N, nv), and at the begin and the end of each piece (N − 1, nv).
 
     The derivative of the parabola through a row and its neighbours; at a rest, where the path may
@@ -211,7 +198,7 @@ class _Pieces(NamedTuple):
         """
         middle, constant = (alpha + beta) * y, beta * y * y
 
-        def feasible(paces: Array) -> npt.NDArray[np.bool_]:
+        def feasible(paces: Array) -> Mask:
             squares = paces[:, None] * (alpha * paces[:, None] + middle) + constant
             lines = gamma * paces[:, None] + delta * y
             hard = np.abs(squares) <= c * (1.0 + _ROUNDING)

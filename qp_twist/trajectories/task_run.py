@@ -69,9 +69,7 @@ def run_task(
 ) -> TaskRun:
     """Follow a task, slower where limits require it; time it, write the file and check it.
 
-    A run that cannot go on ends at the last waypoint that it reached; the file has no more. Every
-    verdict on a start or a placement of the workpiece is the check of the trajectory that this
-    function writes.
+    A run that cannot go on ends at the last waypoint that it reached; the file has no more.
 
     Args:
         path_task: The task.

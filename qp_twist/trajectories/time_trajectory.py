@@ -29,24 +29,18 @@ def time_trajectory(
 ) -> TimedPath:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
-    The waypoints do not change. Each piece from a waypoint to the next takes at least the duration
-    of the task's feed (``path_task.durations``), and
+    The waypoints do not change. Each piece from a row to the next takes at least the time at the
+    feed. Without acceleration limits every joint moves at constant speed from row to row, in
+    :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`. With them every joint moves on a cubic in
+    time (:class:`~qp_twist.trajectories.JointMotion`), from rest to rest;
+    :func:`~qp_twist.trajectories.speed_profile` computes the fastest motion that keeps velocity and
+    acceleration limits everywhere. Its pace changes at rows only: where a ramp would take longer
+    than its acceleration needs, a row is inserted at which it can end.
 
-    * without acceleration limits every joint moves at constant speed from waypoint to waypoint, the
-      piece takes :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`;
-    * with acceleration limits every joint moves on a cubic in time
-      (:class:`~qp_twist.trajectories.JointMotion`), from rest to rest, its velocity continuous;
-      ``speed_profile`` computes the fastest motion that keeps velocity and acceleration limits
-      everywhere, not only at the waypoints.
-
-    The pace changes at rows only. Where rows are so far apart that a ramp would take longer than
-    its acceleration needs, another is inserted where it can end.
-
-    A smooth motion cuts corners. Where it would leave the path between two waypoints by more than
-    the tolerances, but linear interpolation of the joints would not, a row is inserted on each side
-    of the waypoint with the sharper turn, so near that the tolerances are kept; the joints pass
-    the waypoint as fast as their accelerations permit. Where these rows would be less than a
-    millisecond away at the feed, the joints stop.
+    A smooth motion cuts corners. Where it would leave the path by more than the tolerances, but
+    linear interpolation of the joints would not, a row is inserted on each side of the waypoint
+    with the sharper turn, so near that the tolerances are kept. Where these rows would be less than
+    a millisecond away at the feed, the joints stop.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.
@@ -71,16 +65,22 @@ def time_trajectory(
     q = trajectory.q
     if len(q) < 2:
         raise InvalidInput("time_trajectory: the trajectory has one waypoint only; follow more.")
-    feed = trajectory.feed
-    if feed is None:
-        feed = np.zeros(len(q) - 1)
     if limits is None:
         limits = MotionLimits(task.velocity_limits, task.acceleration_limits)
     instance("time_trajectory(limits)", limits, MotionLimits)
-    floor = _least_times(limits, q, feed)
+    feed = _feed(trajectory)
+    moved = np.abs(np.diff(q, axis=0))
+    by_limits = np.maximum(moved / limits.velocity, np.sqrt(6.0 * moved / limits.acceleration))
+    floor = np.where(feed > 0.0, feed, by_limits.max(axis=1, initial=0.0))
+    if (floor <= 0.0).any():
+        k = int(np.argmax(floor <= 0.0))
+        raise InvalidInput(
+            f"time_trajectory: nothing says how long the way from waypoint {k + 1} to {k + 2} "
+            "takes; add [feed] to the task file, and [limits]."
+        )
     if np.isfinite(limits.acceleration).any():
         trajectory, profile = smooth_timing(trajectory, limits, floor, tolerances)
-        feed = np.zeros(len(profile.pace) - 1) if trajectory.feed is None else trajectory.feed
+        feed = _feed(trajectory)
     else:
         profile = straight_profile(q, floor, limits.velocity)
     slowed = _slowed(profile, np.where(trajectory.path.moves, 0.0, feed), ranges.names)
@@ -93,18 +93,9 @@ def time_trajectory(
     )  # fmt: skip
 
 
-def _least_times(limits: MotionLimits, q: Array, feed: Array) -> Array:
-    """Duration of each piece at the feed, s, (N − 1,); without a feed that of the limits."""
-    moved = np.abs(np.diff(q, axis=0))
-    by_limits = np.maximum(moved / limits.velocity, np.sqrt(6.0 * moved / limits.acceleration))
-    floor = np.where(feed > 0.0, feed, by_limits.max(axis=1, initial=0.0))
-    if (floor <= 0.0).any():
-        k = int(np.argmax(floor <= 0.0))
-        raise InvalidInput(
-            f"time_trajectory: nothing says how long the way from waypoint {k + 1} to {k + 2} "
-            "takes; add [feed] to the task file, and [limits]."
-        )
-    return floor
+def _feed(trajectory: Trajectory) -> Array:
+    """Least time of each piece at the feed, s, (N − 1,); 0 without one."""
+    return np.zeros(len(trajectory.q) - 1) if trajectory.feed is None else trajectory.feed
 
 
 def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:

@@ -160,13 +160,8 @@ def write_checked(
 ) -> CheckedFile:
     """Write a trajectory, read it back and check it; a program that does not pass is not written.
 
-    Args:
-        trajectory: The trajectory.
-        path: The file to write.
-        path_task: The task to check it against.
-        joints: For a program: how the controller counts the joints.
-        joint_names: The joints to read back, in this order; ``None``: those of the file.
-        force: Write a program that does not pass, with a first line at which a controller stops.
+    With ``force`` it is, with a first line at which a controller stops. ``joint_names`` are the
+    joints to read back, in this order; ``None``: those of the file.
 
     Raises:
         InvalidInput: As :func:`write_trajectory`.
