@@ -13,10 +13,11 @@ from qp_twist.checks import Array, finite_array, float_array, one_of, within
 from qp_twist.constraints import BindingLimit
 from qp_twist.errors import InvalidInput
 from qp_twist.qp.backend import check_solver
+from qp_twist.qp.directions import Directions
 from qp_twist.qp.failures import InfeasibleStep, SolverInaccurate
-from qp_twist.qp.levels import Cascade, Level
+from qp_twist.qp.levels import INNER, Cascade, Level
+from qp_twist.qp.one_program import Found, first_level
 from qp_twist.qp.problem import QuadraticProgram
-from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, solve_within
 
 OnInfeasible = Literal["scale", "relax", "raise"]
@@ -108,16 +109,17 @@ def solve_levels(
     )
     scale, start, multipliers = 1.0, np.clip(desired, low, high), None
     if on_infeasible != "relax" and not parsed[0].met(Cascade(parsed[:1], low, high, start).x):
-        largest = largest_scale(problem)
+        unit = parsed[0].size or 1.0
+        whole = Directions.as_stated(parsed[0].A / unit, parsed[0].b / unit)
+        found = first_level(problem, whole, "scale", INNER, whole=False)
         if on_infeasible == "raise":
             raise InfeasibleStep(
                 "infeasible: the first level does not fit inside the bounds"
-                + ("." if largest is None else f"; {largest.scale:.4g} of it does."),
+                + (f"; {found.scale:.4g} of it does." if isinstance(found, Found) else "."),
                 problem,
             )
-        if largest is not None and largest.scale < 1.0:
-            scale = largest.scale * (1.0 - SCALE_BACKOFF)
-            start, multipliers = largest.x, largest.box_multipliers
+        if isinstance(found, Found):
+            scale, start, multipliers = found.scale, found.x, found.box
             parsed[0] = replace(parsed[0], b=scale * parsed[0].b)
     cascade = Cascade(parsed, low, high, start)
     result = solve_within(problem, cascade, solver)

@@ -10,13 +10,12 @@ from .failures import NoSolutionFound as NoSolutionFound
 from .failures import SolverInaccurate as SolverInaccurate
 from .levels import Cascade as Cascade
 from .levels import Level as Level
+from .one_program import SCALE_BACKOFF as SCALE_BACKOFF
 from .one_program import Found as Found
 from .one_program import costs_along as costs_along
 from .one_program import first_level as first_level
 from .problem import QuadraticProgram as QuadraticProgram
 from .problem import widened as widened
-from .scaling import SCALE_BACKOFF as SCALE_BACKOFF
-from .scaling import largest_scale as largest_scale
 from .solve import Refused as Refused
 from .solve import Verified as Verified
 from .solve import solve as solve

@@ -31,15 +31,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, largest
+from qp_twist.kernel import COMPILED
 from qp_twist.qp.directions import Directions
 from qp_twist.qp.problem import QuadraticProgram, widened
-from qp_twist.qp.scaling import SCALE_BACKOFF, largest_scale
 from qp_twist.qp.solve import Refused, Verified, solve
 
 WORTH = 50.0
 """γ: full speed is worth 50 times the joint motion that the task asks for by itself. A larger one
 comes nearer to the largest scale, and joints at their limits reverse where it moves."""
+LARGEST = 1e8
+"""γ for which s is the largest and the rest optimal (a linear program with a small quadratic cost:
+Mangasarian, Appl. Math. Optim. 5, 1979): of 65,879 random steps that had to be slowed down 5 were
+up to 1e-4 too slow with 1e6, and none by 1e-7 with 1e8."""
+SCALE_BACKOFF = 1e-8
+"""Share of the largest scale that is given up: on the very edge rounding would decide whether the
+rows have a solution."""
+OF_COSTS = 10.0
+"""Multipliers up to so many times the gradient of the costs are not those of the largest scale:
+these are larger by the order of ``LARGEST``."""
 BEYOND = 3.0
 """A task is cut to three times what the bounds allow its directions one by one. Of 300 arms whose
 task was 25 to 800 times too fast ProxQP did not solve 5 with 1, 8 with 3, 27 with 10 and 91 without
@@ -96,12 +106,12 @@ class Programs:
         H, c = with_weak_rows(p.H, self._c, first.rows, first.rate, slack, self._cost)
         return p.with_rows(H, c, first.rows[:0], first.rate[:0])
 
-    def scaled(self) -> tuple[QuadraticProgram, float]:
-        """The program with the scale, and the scale's unit: s is the last unknown times it."""
+    def scaled(self, worth: float = WORTH) -> tuple[QuadraticProgram, float]:
+        """The program with the scale for a γ, and its unit: s is the last unknown times it."""
         p, n, first = self._problem, self._problem.n, self._first
         size, phi, beta, hard = p.steepest or 1.0, first.weakness, first.rate, first.slack == 0.0
         motion, most = first.motion(), min(BEYOND * first.allowed(p.lower, p.upper), 1.0)
-        worth = WORTH * max(most**2 * float(motion @ p.H @ motion), LEAST_MOTION * size)
+        worth *= max(most**2 * float(motion @ p.H @ motion), LEAST_MOTION * size)
         whole = math.sqrt(CURVED * worth / size)
         unit = most / whole
         rows = widened(first.rows, n + 1)
@@ -209,22 +219,23 @@ def _at_largest_scale(
 ) -> Found | Refused | None:
     """The solution at the largest scale less a share of 1e-8, clear of the very edge.
 
-    Steps that are repeated until a waypoint is reached, and single ones, take the largest scale:
-    the limit of the scaled program for a large γ, here by linear programming.
+    Steps that are repeated until a waypoint is reached, and single ones, take the largest scale.
     """
-    phi, hard = first.weakness, first.slack == 0.0
-    stated = problem.with_rows(
-        problem.H, problem.c, first.rows[hard], ((1.0 - phi) * first.rate)[hard]
-    )
-    largest = largest_scale(stated, (phi * first.rate)[hard])
-    if largest is None:
-        return None
-    scale = largest.scale * (1.0 - SCALE_BACKOFF) if largest.scale < 1.0 else 1.0
-    found = solve(programs.posed(scale), solver, options)
+    n = problem.n
+    program, unit = programs.scaled(LARGEST)
+    found = solve(program, COMPILED)  # no other backend solves costs of so different sizes
     if isinstance(found, Refused):
-        return found
-    return Found(
-        found.x, scale, 0.0, largest.box_multipliers, largest.row_multipliers, found.solver
+        return None
+    per_scale, x = unit / -float(program.c[n]), found.x[:n]
+    of_costs = OF_COSTS * per_scale * largest(problem.H @ x + first.free(problem.c))
+    box, rows = per_scale * found.multipliers.box[:n], per_scale * found.multipliers.rows
+    box, rows = (np.where(np.abs(v) > of_costs, v, 0.0) for v in (box, rows))
+    scale = min(float(found.x[n]) * unit, 1.0) * (1.0 - SCALE_BACKOFF)
+    slower = solve(programs.posed(scale), solver, options)
+    return (
+        slower
+        if isinstance(slower, Refused)
+        else Found(slower.x, scale, 0.0, box, rows, slower.solver)
     )
 
 

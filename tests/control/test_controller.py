@@ -14,12 +14,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from oracles.arms import random_arm, random_configuration
 from oracles.compositions import HalfSpaces
-from oracles.problems import program
 from oracles.twists import ROLL_FREE, site
 from scipy.optimize import lsq_linear
 
 import qp_twist as qt
-from qp_twist.qp import largest_scale
 
 SOLVERS = ["daqp", "proxqp", "osqp"]
 SEEDS = st.integers(0, 2**32 - 1)
@@ -59,33 +57,6 @@ def test_velocity_limits_scale_the_task_and_keep_its_direction(solver: str, seed
     size = 1.0 + np.abs(rate).max()
     assert rows @ step.velocity == pytest.approx(step.scale * rate, abs=1e-7 * size)
     assert step.residuals[0] == pytest.approx(rows @ step.velocity - step.scale * rate, abs=1e-12)
-
-
-@given(SEEDS, st.integers(1, 8))
-@settings(max_examples=25)
-def test_the_scale_is_the_largest_by_bounded_least_squares(seed: int, joints: int) -> None:
-    # J ~ N(0, 1), bounds around zero, a goal that is reachable at 1/σ of itself.
-    rng = np.random.default_rng(seed)
-    J = rng.normal(size=(int(rng.integers(1, joints, endpoint=True)), joints))
-    lower, upper = -0.1 - rng.uniform(size=joints), 0.1 + rng.uniform(size=joints)
-    ends = np.where(rng.uniform(size=joints) < 0.5, lower, upper)
-    inside = np.where(rng.uniform(size=joints) < 0.3, ends, rng.uniform(lower, upper))
-    sigma = 1.0 if rng.uniform() < 0.5 else rng.uniform(0.1, 0.9)
-    goal = J @ inside / sigma
-    largest = largest_scale(
-        program(np.eye(joints), np.zeros(joints), A=J, b=goal, lower=lower, upper=upper)
-    )
-
-    def fits(goal: np.ndarray) -> bool:
-        result = lsq_linear(J, goal, (lower, upper), method="bvls", tol=1e-14, max_iter=1000)
-        return float(np.abs(J @ result.x - goal).max()) < 1e-7
-
-    assert largest is not None
-    assert largest.scale >= sigma - 1e-6
-    assert J @ largest.x == pytest.approx(largest.scale * goal, abs=1e-8)
-    assert fits(largest.scale * goal)
-    # A little more does not fit, says an algorithm of another kind.
-    assert largest.scale == 1.0 or not fits((largest.scale + 1e-4) * goal)
 
 
 @given(SEEDS)

@@ -10,14 +10,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.files import write_atomically
 from qp_twist.paths import read_toolpath, shipped_folder
-from qp_twist.qp import QuadraticProgram
 from qp_twist.trajectories import read_trajectory
 
 PLANAR = (shipped_folder("tasks") / "planar_line.toml").read_text("utf-8")
@@ -38,7 +36,6 @@ READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "trajectory": (read_trajectory, "csv"),
     "trajectory in JSON": (read_trajectory, "json"),
     "trajectory of NumPy": (read_trajectory, "npz"),
-    "program": (QuadraticProgram.load, "npz"),
 }
 
 
@@ -224,10 +221,6 @@ def test_new_files_have_the_permissions_that_the_umask_leaves(umask: int, tmp_pa
     try:
         file = write_atomically(tmp_path / "new" / "a.txt", "text")
         assert file.stat().st_mode & 0o777 == 0o666 & ~umask
-        program = QuadraticProgram(*map(np.array, ([[1.0]], [1.0], np.ones((0, 1)), [], np.ones(
-            (0, 1)), [], [-1.0], [1.0])))  # fmt: skip
-        program.save(tmp_path / "step.npz")
-        assert (tmp_path / "step.npz").stat().st_mode & 0o777 == 0o666 & ~umask
         for kept in (0o600, 0o640, 0o755):
             file.chmod(kept)
             write_atomically(file, "more text")

@@ -241,7 +241,8 @@ def test_the_scale_is_the_linear_programs_whatever_the_unit_of_the_rows(unit: fl
         assert solution.scale >= sigma - 1e-6, seed
         assert solution.scale == pytest.approx(-best.fun, abs=1e-6), seed
         assert (lower - 1e-9 <= solution.x).all() and (solution.x <= upper + 1e-9).all()
-        assert np.abs(J @ solution.x - solution.scale * goal).max() <= 1e-8, seed
+        tolerance = 1e-8 * (np.linalg.norm(J, axis=1).max() + np.abs(goal).max())
+        assert np.linalg.norm(J @ solution.x - solution.scale * goal) <= tolerance, seed
         if solution.scale < 1.0 - 1e-6:
             assert solution.binding
             for limit in solution.binding:  # a bound that binds is touched

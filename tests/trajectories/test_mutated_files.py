@@ -16,7 +16,6 @@ from oracles.mutations import mutated
 
 import qp_twist as qt
 from qp_twist.paths import read_toolpath, shipped_folder
-from qp_twist.qp import QuadraticProgram
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import joints_of, read_trajectory, write_trajectory
 
@@ -145,7 +144,6 @@ READERS: dict[str, Callable[[Path], Any]] = {
     "m.mtl": _robot,
     "m.stl": _robot,
     "task.toml": qt.load_task,
-    "step.npz": QuadraticProgram.load,
 }
 """Who reads a file of each name."""
 
@@ -169,10 +167,6 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_trajectory(rows, folder / f"t.{ending}", OF_FANUC if ending == "ls" else JOINTS)
     with contextlib.suppress(qt.InvalidInput):  # the extra is not installed
         write_trajectory(rows, folder / "t.mcap")
-    one = np.eye(3)
-    QuadraticProgram(
-        one, np.ones(3), one[:1], np.ones(1), one[1:], np.ones(2), -np.ones(3), np.ones(3)
-    ).save(folder / "step.npz")
     return folder
 
 
