@@ -24,20 +24,17 @@ CORNERS = 1000
 
 @dataclass(frozen=True, eq=False)
 class Saturation:
-    """Result of :func:`saturation_in_null_space`.
-
-    Attributes:
-        displacement: Δθ, exactly inside the bounds, shape (n,).
-        scale: s in [0, 1], the scale of the task.
-        saturated: Joints that are held at a bound, shape (n,).
-        proven: Whether s is known to be the largest feasible scale: at s = 1, in the basic form if
-            releasing a joint would not help, in the optimal form unless the iterations ran out.
-    """
+    """Result of :func:`saturation_in_null_space`."""
 
     displacement: Array
+    """Δθ, exactly inside the bounds, shape (n,)."""
     scale: float
+    """s in [0, 1], the scale of the task."""
     saturated: Mask
+    """Joints that are held at a bound, shape (n,)."""
     proven: bool
+    """Whether s is known to be the largest feasible scale: at s = 1, in the basic form if releasing
+    a joint would not help, in the optimal form unless the iterations ran out."""
 
 
 def saturation_in_null_space(
@@ -59,25 +56,18 @@ def saturation_in_null_space(
             (s\,\mathbf b - \mathbf A\,\Delta\theta_N),
 
     where Δθ_N has the held joints at their bounds and zeros elsewhere. Basic form (Flacco, De Luca
-    and Khatib, "Control of redundant robots under hard joint constraints: saturation in the null
-    space", IEEE Trans. Robotics 31(3), 2015): start with all joints free; while a bound is exceeded
-    at s = 1, hold the joint that allows the least s at its bound. It ends when the free joints can
-    no longer do the task. Joints are never released, so neither the largest s nor the shortest Δθ
-    is guaranteed.
-
-    Optimal form (after Flacco and De Luca, "Optimal redundancy resolution with task scaling under
-    hard bounds in the robot joint space", IEEE ICRA 2013): held joints whose multiplier has the
-    wrong sign are released, so that Δθ is the shortest at the largest s.
-
-    Both are computed by increasing s from 0
-    (:func:`~qp_twist.closed_form.saturation.saturation_path`): when the joint that allows the least
-    s is held, Δθ at this s does not change.
+    and Khatib, IEEE Trans. Robotics 31(3), 2015): start with all joints free; while a bound is
+    exceeded at s = 1, hold the joint that allows the least s at its bound, until the free joints
+    can no longer do the task. Joints are never released, so neither the largest s nor the shortest
+    Δθ is guaranteed. Optimal form (after Flacco and De Luca, IEEE ICRA 2013): held joints whose
+    multiplier has the wrong sign are released, so that Δθ is the shortest at the largest s. Both
+    are computed by increasing s from 0.
 
     For dependent rows of A only the part of b in their range counts, as with the pseudo-inverse. A
     task whose residual due to bounds is at most 1e-8 (longest row of A + max |b|) counts as met.
     Without a projector (``None``) A and b are any rows J (m, n) and Δt (m,). The bounds (n,) are
-    displacements around 0, ±∞ where there is none; what has another shape, is not a number or
-    excludes 0 raises :class:`~qp_twist.InvalidInput`.
+    displacements around 0, ±∞ where there is none; other bounds raise
+    :class:`~qp_twist.InvalidInput`.
 
     Example:
         >>> result = saturation_in_null_space([[2.0, 1.0]], None, [3.0], [-1, -1], [1, 1])
@@ -132,11 +122,8 @@ def saturation_path(
     which is released in exchange. If there is none, ηᵀQ x is at its largest inside the bounds,
     which proves that no larger s fits.
 
-    This is the active-set homotopy of parametric quadratic programs (Ferreau, Bock and Diehl, Int.
-    J. Robust and Nonlinear Control 18(8), 2008). With several corners at one s it might cycle in
-    theory; it stops after ``CORNERS`` corners.
-
-    Q (r, n) has orthonormal rows, and lower ≤ 0 ≤ upper, (n,) each. Returned are x (n,), s, the
+    This is the active-set homotopy of Ferreau, Bock and Diehl (Int. J. Robust and Nonlinear Control
+    18(8), 2008). Q (r, n) has orthonormal rows, and lower ≤ 0 ≤ upper. Returned are x (n,), s, the
     joints held at a bound, and whether s is proven to be the largest.
     """
     n = Q.shape[1]

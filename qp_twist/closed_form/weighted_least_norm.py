@@ -29,17 +29,11 @@ def weighted_least_norm(
         \Delta\theta = \mathbf W^{-1/2} (\mathbf A \mathbf W^{-1/2})^\dagger\, \mathbf b
         = \mathbf W^{-1}\mathbf A^T(\mathbf A\mathbf W^{-1}\mathbf A^T)^{-1}\mathbf b
 
-    with A = T J, b = TΔt and W diagonal. Chan and Dubey, "A weighted least-norm solution based
-    scheme for avoiding joint limits for redundant joint manipulators", IEEE Trans. Robotics and
-    Automation 11(2), 1995. With :func:`joint_limit_weights` a joint that approaches a limit is
-    slowed down; it still crosses the limit if the task requires it.
-
-    The inverse is Moore–Penrose: rows that contradict each other are met in least squares. Without
-    a projector (``None``) A and b are any rows J (m, n) and Δt (m,). The weights, the diagonal of
-    W (n,), are positive.
-
-    Raises:
-        InvalidInput: If a shape is wrong, an entry is not finite, or a weight is not positive.
+    with A = T J, b = TΔt and W diagonal and positive (Chan and Dubey, IEEE Trans. Robotics and
+    Automation 11(2), 1995). With :func:`joint_limit_weights` a joint that approaches a limit is
+    slowed down; it still crosses the limit if the task requires it. Rows that contradict each other
+    are met in least squares. Without a projector (``None``) A and b are any rows J (m, n) and Δt
+    (m,). Other arguments raise :class:`~qp_twist.InvalidInput`.
 
     Example:
         >>> weighted_least_norm([[1.0, 1.0]], None, [1.0], weight=[1.0, 3.0])
@@ -68,8 +62,7 @@ def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.Arra
     range beyond: large, finite, and decreasing on the way back.
 
     Arguments are θ, θ_min and θ_max, rad or m, (n,) each, ±∞ where there is none; the result is
-    ∂H/∂θ, 1/rad or 1/m, (n,), 0 for a joint without two finite limits or without range. A wrong
-    shape, NaN or limits in the wrong order raise :class:`~qp_twist.InvalidInput`.
+    ∂H/∂θ, 1/rad or 1/m, (n,), 0 for a joint without two finite limits or without range.
     """
     theta = finite_array("q", q, (None,))
     low, high = (float_array(n, v) for n, v in (("lower", lower), ("upper", upper)))
@@ -104,13 +97,10 @@ def joint_limit_weights(
         \end{cases}, \qquad
         \mathbf g = \partial H/\partial\theta
 
-    A joint that moves away from a limit has weight 1; when it reverses, its weight jumps.
-    Unlimited joints have weight 1. That of a joint at a limit or beyond it is finite, above 10⁷
-    over its range in rad or m (:func:`joint_limit_gradient`).
-
-    Arguments and errors are those of :func:`joint_limit_gradient`; the result is the diagonal of W,
-    at least 1, (n,). ``previous_gradient`` is ∂H/∂θ at the last step, (n,); ``None`` at the first
-    step, where every joint counts as approaching the nearer limit.
+    A joint that moves away from a limit, or has none, has weight 1. Arguments and errors are those
+    of :func:`joint_limit_gradient`; the result is the diagonal of W, (n,). ``previous_gradient`` is
+    ∂H/∂θ at the last step, (n,); ``None`` at the first step, where every joint counts as
+    approaching the nearer limit.
     """
     slope = np.abs(joint_limit_gradient(q, lower, upper))
     if previous_gradient is None:

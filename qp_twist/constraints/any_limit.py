@@ -17,14 +17,12 @@ from qp_twist.constraints.band_limit import BandLimit
 from qp_twist.constraints.box import Box, no_box
 from qp_twist.constraints.clearance import Clearance
 from qp_twist.constraints.constraint import Constraint, margins_of
-from qp_twist.constraints.position_limit import NOTICEABLE
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel.constants import NOTICEABLE, UNLIMITED
 from qp_twist.kinematics import JointRanges
 
 RowName = tuple[str, str]
 """Name and kind of an inequality row, as in :class:`~qp_twist.constraints.BindingLimit`."""
-UNLIMITED = 1e12
-"""A velocity bound beyond this counts as infinite, rad/s or m/s."""
 _MINK_KINDS = {"ConfigurationLimit": "position", "VelocityLimit": "velocity"}
 _KNOWN: dict[type, str] = {
     mink.ConfigurationLimit: "model gain lower upper indices projection_matrix",
@@ -225,7 +223,6 @@ class LimitRows:
         box: Its rows with a single entry, as bounds.
         rows: The other rows, without those that always hold, (k, nv).
         bounds: Their right-hand side, (k,), rad/s or m/s.
-        rooms: The part of it that is what is left of a clearance, over dt; else 0, (k,).
         recovering: A sentence for each violated margin, if the limit is a constraint.
     """
 
@@ -234,7 +231,6 @@ class LimitRows:
     box: Box
     rows: Array
     bounds: Array
-    rooms: Array
     recovering: tuple[str, ...]
 
     @property
@@ -259,12 +255,12 @@ class LimitRows:
         """
         if isinstance(limit, Clearance):
             # Its rows stay rows, so that they have the names of their pairs; they are numbers.
-            rows, bounds, rooms, pairs = limit.step_rows(configuration, dt, begin=stated is None)
+            rows, bounds, pairs = limit.step_rows(configuration, dt, begin=stated is None)
             if not len(bounds):
                 return None
             too_near = _recovering(limit, configuration) if limit.in_step.least < 0.0 else ()
             box = no_box(limit.kind, configuration.model.nv)
-            return cls(limit, pairs, box, rows, bounds, rooms, too_near)
+            return cls(limit, pairs, box, rows, bounds, too_near)
         G, h = stated_rows(limit, configuration, dt) if stated is None else stated
         name = type(limit).__name__
         if not len(h):
@@ -281,7 +277,7 @@ class LimitRows:
         recovering: tuple[str, ...] = ()
         if isinstance(limit, Constraint) and np.count_nonzero(h < 0.0):
             recovering = _recovering(limit, configuration)
-        return cls(limit, rest, box, G[rest], g[rest], np.zeros(len(rest)), recovering)
+        return cls(limit, rest, box, G[rest], g[rest], recovering)
 
 
 def _recovering(limit: Constraint, configuration: mink.Configuration) -> tuple[str, ...]:

@@ -202,7 +202,7 @@ class Clearance(Constraint):
 
     def step_rows(
         self, configuration: mink.Configuration, dt: float, *, begin: bool = True
-    ) -> tuple[Array, Array, Array, Indices]:
+    ) -> tuple[Array, Array, Indices]:
         """The rows of one step, G q̇ ≤ g, for pairs that the step can bring too near.
 
         Without ``begin`` those of the step that was begun last, in which obstacles move once.

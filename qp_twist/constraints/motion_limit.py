@@ -13,9 +13,10 @@ import numpy.typing as npt
 from qp_twist.checks import Array, are_floats, checked, finite_array, float_array, number
 from qp_twist.constraints.box import Box, Intersection
 from qp_twist.constraints.couplings import JointCouplings, share_limits
-from qp_twist.constraints.position_limit import NOTICEABLE, PositionLimit, array_attribute
+from qp_twist.constraints.position_limit import PositionLimit, array_attribute
 from qp_twist.constraints.stopping_speed import stopping_speed
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel.constants import NOTICEABLE
 from qp_twist.kinematics import JointRanges
 
 FULL_SPEED_WITHIN = 0.05

@@ -13,14 +13,12 @@ from qp_twist.checks import Array, checked, finite_array, float_array, number, r
 from qp_twist.constraints.box import BoxLimit
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel.constants import NOTICEABLE
 from qp_twist.kinematics import JointRanges
 
 STOPPING_CLEARANCE = 1e-12
 """Distance from its limit at which a joint stops, as a share of the limit (of 1 rad or m, if
 larger), so that the rounded q + q̇ dt is inside."""
-NOTICEABLE = 1e-9
-"""A smaller violation of a limit (rad, m, rad/s or m/s) is rounding: neither corrected nor
-reported."""
 
 
 def array_attribute() -> Any:

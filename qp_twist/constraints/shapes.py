@@ -274,14 +274,13 @@ class ClearanceStep:
 
     def rows(
         self, q: Array, dt: float, distance: float, recovery_speed: float
-    ) -> tuple[Array, Array, Array, Indices]:
+    ) -> tuple[Array, Array, Indices]:
         """The rows G q̇ ≤ g at a configuration q (nq,), and corrections that have been added.
 
         They keep a distance, m, and let a pair that is too near return at a speed, m/s.
 
         Returns:
-            G (k, nv) and g (k,), views that the next step overwrites; the part of g that is what
-            is left of the margin, over dt, else 0, (k,); and the pair of each row, (k,).
+            G (k, nv) and g (k,), views that the next step overwrites; and the pair of each row.
         """
         s = self._state
         if self._count < 0:
@@ -290,7 +289,7 @@ class ClearanceStep:
                 *self._known, dt, distance, HORIZON, recovery_speed, self._shapes.has_moved
             )
         k = self._count
-        return s.G[:k], s.g[:k], s.room[:k], self.pairs
+        return s.G[:k], s.g[:k], self.pairs
 
     @property
     def pairs(self) -> Indices:
@@ -325,7 +324,7 @@ class ClearanceStep:
         self._count = count = 2 * nv
         s.G[:count] = np.vstack([np.eye(nv), -np.eye(nv)])
         s.g[:count] = np.concatenate([velocity, -velocity]) + _EXACT / dt
-        s.room[:count], s.pair[:count] = 0.0, np.argmin(self._shapes.cell.pairs["worst"])
+        s.pair[:count] = np.argmin(self._shapes.cell.pairs["worst"])
 
 
 def _vertices(model: mujoco.MjModel, geom: int) -> Array:

@@ -74,18 +74,9 @@ def _clear_velocity(
     """A velocity near another one that keeps all clearances.
 
     It is looked for between the other velocity and the hardest braking. Where an obstacle comes,
-    braking does not help; then between it and a corner of the other limits. The corrections of a
-    step are rows beside its own result: by these alone it may end where no direction leads further,
-    although another way round the obstacle is free.
-
-    Args:
-        clearances: The clearances, in a step.
-        limits: All other limits.
-        velocity: The other velocity, rad/s or m/s, (nv,).
-        dt: Length of the step, s.
-
-    Returns:
-        The velocity, (nv,); ``None`` if none is found.
+    braking does not help; then between it and a corner of the other limits. By its corrections
+    alone, rows beside its own result, a step may end where no direction leads further, although
+    another way round the obstacle is free. ``None`` if none is found.
     """
 
     def is_clear(velocity: Array) -> bool:

@@ -13,15 +13,15 @@ import mujoco
 
 from qp_twist.constraints import LimitRows, Named
 from qp_twist.control.kernel_result import StepLabels, attribute_of
+from qp_twist.control.limit_tables import numbers_of_kinds
 from qp_twist.control.mink_costs import mink_costs
 from qp_twist.control.posing import Displacement, in_words
 from qp_twist.control.step import Status, Step
 from qp_twist.control.step_arrays import StepArrays, is_soft
-from qp_twist.control.step_tables import numbers_of_kinds
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.compiling import bound
 from qp_twist.kernel.live_step import live_edge_step, live_step
-from qp_twist.kernel.verified_program import (
+from qp_twist.kernel.step_record import (
     AT_THE_EDGE,
     BRAKED,
     BRAKED_BELOW,
@@ -72,7 +72,7 @@ class CompiledStep:
         numbers, arrays = numbers_of_kinds(self._limits), StepArrays(composed)
         self._labels = StepLabels(
             tuple(task.projector.rank for task in composed.twist_tasks),
-            int(arrays.views.inputs.ends[0]),
+            int(arrays.views.arrays.ends[0]),
             joint_names(composed.model),
             {number: name for name, number in numbers.items()},
         )
@@ -128,7 +128,6 @@ class CompiledStep:
             return None
         views, as_posed = arrays.views, status in _AS_POSED
         lost = tuple if status == DONE else self._losses(composed, configuration)
-        # A ``KernelResult``, made when somebody asks.
         result = views.result.tobytes(), arrays.size, self._labels, rows, as_posed, lost
         step = Step.with_later(attribute_of, result)
         known = step.__dict__
@@ -218,21 +217,21 @@ class CompiledStep:
 
     def _describe(self, status: int, known: dict[str, object]) -> None:
         """Write what a step does not meet."""
-        program = self._arrays.views.program
-        known["status"], known["scale"] = _STATUSES[status], program.sensitivity.item(0)
-        if len(program.levels.gaps) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
-            known["gaps"] = tuple(program.levels.gaps.tolist())
+        s = self._arrays.views.arrays
+        known["status"], known["scale"] = _STATUSES[status], s.sensitivity.item(0)
+        if len(s.gaps) > 1 and status in (RELAXED, PRIORITIZED, SCALED):
+            known["gaps"] = tuple(s.gaps.tolist())
 
     def _losses(
         self, composed: Controller, configuration: mink.Configuration
     ) -> Callable[[], tuple[LostDirection, ...]]:
         """What computes the directions in which the step delivers less than is asked."""
-        program, tasks = self._arrays.views.program, composed.twist_tasks
-        if program.lacks[0] <= 0.0:
+        s, tasks = self._arrays.views.arrays, composed.twist_tasks
+        if s.lacks[0] <= 0.0:
             return tuple
         first, nv = self._labels.first, composed.model.nv
-        A, b = program.A[:first, :nv].copy(), program.b[:first].copy()
-        threshold, velocity = composed.singularity, program.x[:nv].copy()
+        A, b = s.A[:first, :nv].copy(), s.b[:first].copy()
+        threshold, velocity = composed.singularity, s.x[:nv].copy()
         bases = [task.basis(configuration) for task in self._arrays.tasks]
 
         def lost() -> tuple[LostDirection, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import math
 from collections.abc import Sequence
 from functools import partial
@@ -14,41 +13,25 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import (
-    Array,
-    Revised,
-    checked,
-    finite_array,
-    instance,
-    largest,
-    number,
-    refusing_unknown_names,
-)
-from qp_twist.constraints import MotionLimit, PositionLimit, couplings_of
+from qp_twist.checks import Array, finite_array, instance, largest, number, refusing_unknown_names
+from qp_twist.constraints import PositionLimit, couplings_of
 from qp_twist.control.clear_velocity import step_clear
 from qp_twist.control.composition import composition_known
-from qp_twist.control.part_of import part_of
-from qp_twist.control.posing import (
-    EVERYTHING,
-    FASTEST,
-    Displacement,
-    LevelItem,
-    NamedProblem,
-    pose,
-)
+from qp_twist.control.posing import EVERYTHING, Displacement, LevelItem, NamedProblem, pose
 from qp_twist.control.solving import solved_step
 from qp_twist.control.sorted_limits import SortedLimits
-from qp_twist.control.stated_tasks import StatedTasks, all_of, check_constraints
 from qp_twist.control.step import Step
-from qp_twist.control.step_settings import TIE_BREAK, UNSEEN_WEIGHT, StepSettings
+from qp_twist.control.step_settings import (
+    TIE_BREAK,
+    UNSEEN_WEIGHT,
+    StepSettings,
+    checked_levels,
+    checked_limits,
+)
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
-from qp_twist.kinematics import (
-    SecondaryObjective,
-    TwistTask,
-    check_configuration,
-    same_structure,
-)
+from qp_twist.kernel.constants import FASTEST
+from qp_twist.kinematics import SecondaryObjective, TwistTask, check_configuration, same_structure
 from qp_twist.qp import NoSolutionFound
 
 if TYPE_CHECKING:
@@ -58,17 +41,7 @@ _NOT_CHECKED: tuple[Any, Any, Any] = (object(), None, None)
 """Placeholder for the last checked (configuration, model, data) that no argument equals."""
 
 
-def _secondaries(controller: Any, name: str, value: Any) -> tuple[SecondaryObjective, ...]:
-    return tuple(all_of(controller.model, name, SecondaryObjective, value))
-
-
-def _limits(controller: Any, name: str, value: Any) -> list[mink.Limit]:
-    limits = list(all_of(controller.model, name, mink.Limit, value))
-    check_constraints(controller.model, limits)
-    return limits
-
-
-class Controller(Revised):
+class Controller(StepSettings):
     r"""A quadratic program at every step (the design of the package, in one formula).
 
     .. math::
@@ -121,22 +94,6 @@ class Controller(Revised):
         ('SOLVED', (6,))
     """
 
-    levels: tuple[tuple[LevelItem, ...], ...] = part_of("_stated.levels")
-    tasks: tuple[mink.tasks.BaseTask, ...] = part_of("_stated.tasks")
-    twist_tasks: tuple[TwistTask, ...] = part_of("_stated.twist_tasks")
-    soft_tasks: tuple[mink.tasks.BaseTask, ...] = part_of("_stated.soft_tasks")
-    secondary: Sequence[SecondaryObjective] = checked(_secondaries)
-    limits: list[mink.Limit] = checked(_limits)
-    metric: Array = part_of("_settings.metric")
-    joint_weight: float = part_of("_settings.joint_weight")
-    secondary_space: str = part_of("_settings.secondary_space")
-    free_twist_costs: tuple[float, float] = part_of("_settings.free_twist_costs")
-    solver: str = part_of("_settings.solver")
-    on_infeasible: str = part_of("_settings.on_infeasible")
-    smooth: bool = part_of("_settings.smooth")
-    braking: bool = part_of("_settings.braking")
-    singularity: float = part_of("_settings.singularity")
-
     @refusing_unknown_names
     def __init__(
         self,
@@ -177,14 +134,17 @@ class Controller(Revised):
             mink.InvalidFrame: If the model lacks a task's frame.
         """
         instance("model", model, mujoco.MjModel)
-        self.model = model
-        self._stated = StatedTasks.of(model, tasks, levels)
+        self._levels = checked_levels(model, tasks, levels)
+        self._soft_tasks = tuple(task for task in tasks if not isinstance(task, TwistTask))
+        items = [item for level in self._levels for item in level]
+        self._tasks = tuple(item for item in items if not isinstance(item, mink.Limit))
+        self._twist_tasks = tuple(task for task in self._tasks if isinstance(task, TwistTask))
+        super().__init__(model)
         self.secondary = secondary
         own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
         self.limits = own  # type: ignore[assignment]
-        if solver is None:
-            solver = COMPILED if composition_known(self.levels, self.limits) else "daqp"
-        self._settings = StepSettings(model.nv, solver)
+        known = composition_known(self.levels, self.limits)
+        self.solver = solver if solver is not None else COMPILED if known else "daqp"
         self.secondary_space, self.on_infeasible = secondary_space, on_infeasible
         if metric is not None:
             self.metric = metric  # type: ignore[assignment]
@@ -195,6 +155,26 @@ class Controller(Revised):
         self._seen, self._checked = SortedLimits([]), _NOT_CHECKED
         self._prepared = _compiled_step(self)
         self.reference_steps = 0
+
+    @property
+    def levels(self) -> tuple[tuple[LevelItem, ...], ...]:
+        """The priority levels."""
+        return self._levels
+
+    @property
+    def tasks(self) -> tuple[mink.tasks.BaseTask, ...]:
+        """The tasks of all levels."""
+        return self._tasks
+
+    @property
+    def twist_tasks(self) -> tuple[TwistTask, ...]:
+        """The TwistTasks among them."""
+        return self._twist_tasks
+
+    @property
+    def soft_tasks(self) -> tuple[mink.tasks.BaseTask, ...]:
+        """The tasks that add a cost."""
+        return self._soft_tasks
 
     def step(
         self,
@@ -292,7 +272,7 @@ class Controller(Revised):
 
         One step is computed for that; the velocity that acceleration limits count from stays.
         """
-        motions = [limit for limit in self.limits if isinstance(limit, MotionLimit)]
+        motions = self._sorted_limits().motions
         before = [limit.velocity for limit in motions]
         with contextlib.suppress(NoSolutionFound):
             self.step(configuration, dt)
@@ -311,21 +291,29 @@ class Controller(Revised):
     @property
     def hardest(self) -> Array | None:
         """The least acceleration limit of each joint, rad/s² or m/s², (nv,); ``None`` without."""
-        return self._sorted_limits().least()[0]
+        return self._sorted_limits().hardest
 
     @property
     def fastest(self) -> Array | None:
         """The least velocity limit of each joint, rad/s or m/s, (nv,); ``None`` without."""
-        return self._sorted_limits().least()[1]
+        return self._sorted_limits().fastest
 
     def _sorted_limits(self) -> SortedLimits:
         """The limits, which may have changed since the last step, by kind."""
         if self.limits != self._seen.limits:
-            self._seen = SortedLimits(_limits(self, "limits", self.limits))
+            self._seen = SortedLimits(checked_limits(self, "limits", self.limits))
         return self._seen
 
     def _check_configuration(self, configuration: mink.Configuration) -> None:
-        _check_same_robot(configuration, self.model)
+        check_configuration(configuration)
+        other, model = configuration.model, self.model
+        if not same_structure(other, model):
+            raise InvalidInput(
+                f"step: the configuration's model has nq = {other.nq}, nv = {other.nv} and "
+                f"{other.nbody} bodies, the controller's nq = {model.nq}, nv = {model.nv} and "
+                f"{model.nbody}, or their names or joints differ; use a configuration of the same "
+                "model."
+            )
         for clearance in self._sorted_limits().clearances:
             clearance.check_model("step", configuration.model)
         finite_array("configuration.q", configuration.q, (self.model.nq,))
@@ -333,8 +321,7 @@ class Controller(Revised):
 
     def __getstate__(self) -> dict[str, Any]:
         """State without the compiled step: copies of its array views would not share memory."""
-        settings = copy.copy(self._settings)
-        return self.__dict__ | {"_prepared": None, "_checked": None, "_settings": settings}
+        return self.__dict__ | {"_prepared": None, "_checked": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state and make a new compiled step."""
@@ -358,16 +345,3 @@ def _compiled_step(controller: Controller) -> CompiledStep | None:
     from qp_twist.control.compiled_step import CompiledStep  # numba takes half a second
 
     return CompiledStep(controller)
-
-
-def _check_same_robot(configuration: mink.Configuration, model: mujoco.MjModel) -> None:
-    """Refuse a configuration of another robot than the controller's."""
-    check_configuration(configuration)
-    other = configuration.model
-    if not same_structure(other, model):
-        raise InvalidInput(
-            f"step: the configuration's model has nq = {other.nq}, nv = {other.nv} and "
-            f"{other.nbody} bodies, the controller's nq = {model.nq}, nv = {model.nv} and "
-            f"{model.nbody}, or their names or joints differ; use a configuration of the same "
-            "model."
-        )

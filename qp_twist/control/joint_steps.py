@@ -48,11 +48,7 @@ class JointSteps:
     def tick(self, asked: Array, stamp: float, now: float, before: Array) -> Tick:
         """Move the joints at a velocity (nv,) that was asked for at a time, s, until it is stale.
 
-        Args:
-            asked: The velocity.
-            stamp: When it was right.
-            now: Time, s.
-            before: Joint velocity of the last tick, (nv,).
+        ``before`` is the joint velocity of the last tick, (nv,).
         """
         if now - stamp > self._settings.stale_after:
             wanted = self._braked(now, before)

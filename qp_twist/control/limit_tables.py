@@ -1,8 +1,9 @@
-"""The limits of a compiled step, in its arrays."""
+"""The limits of a step as tables for the kernels, and what keeps these up to date."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import mink
 import numpy as np
@@ -15,9 +16,98 @@ from qp_twist.constraints import (
     MotionLimit,
     PositionLimit,
     is_mink_box,
+    kind_of,
+    qpos_of,
 )
 from qp_twist.control.composition import BOXES
-from qp_twist.control.step_tables import state_of_mink, table_of
+from qp_twist.kernel.bounds import (
+    ACCELERATION_BOUND,
+    BOX_BOUNDS,
+    MINK_RANGE,
+    MOTION,
+    POSITION,
+    POSITION_BOUND,
+    VELOCITY_BOUND,
+    WINDOW,
+)
+
+Types = np.ndarray[tuple[int], np.dtype[np.int64]]
+_TYPES: dict[type, int] = dict(zip(BOXES, (POSITION, MOTION, WINDOW), strict=True))
+
+
+def numbers_of_kinds(limits: Sequence[mink.Limit]) -> dict[str, float]:
+    """Numbers of the kinds of bounds, in the order of ``Intersection``.
+
+    Other kinds are numbered around velocities, in the order of the limits.
+    """
+    kinds = [
+        "velocity" if type(limit) in BOXES else kind_of(limit)
+        for limit in limits
+        if type(limit) is not PositionLimit
+    ]
+    names = [name for name in dict.fromkeys(kinds) if name not in ("acceleration", "position")]
+    at = names.index("velocity") if "velocity" in names else len(names)
+    step = 1.0 / (1 + len(names))
+    others = {name: VELOCITY_BOUND + step * (i - at) for i, name in enumerate(names)}
+    return others | {
+        "acceleration": ACCELERATION_BOUND,
+        "velocity": VELOCITY_BOUND,
+        "position": POSITION_BOUND,
+    }
+
+
+def table_of(limits: Sequence[mink.Limit], nv: int, slacks: int = 0) -> tuple[Array, Types]:
+    """Tables of limits for ``kernel.bounds``, (L, nv, 7), and their kinds, (L,).
+
+    With slacks ε ≥ 0, more unknowns that no limit is about, there is one more limit.
+    """
+    table = np.zeros((len(limits), nv + slacks, 7))
+    table[:, nv:] = -np.inf, np.inf, 1.0, 0.0, np.inf, np.inf, 0.0
+    types, numbers = np.full(len(limits), BOX_BOUNDS), numbers_of_kinds(limits)
+    for i, limit in enumerate(limits):
+        types[i] = _TYPES.get(type(limit), BOX_BOUNDS)
+        if types[i] == BOX_BOUNDS:
+            table[i, :nv, :3] = -np.inf, np.inf, numbers[kind_of(limit)]
+        if type(limit) is mink.ConfigurationLimit and is_mink_box(limit):
+            types[i] = MINK_RANGE
+        if isinstance(limit, DisplacementWindow):
+            table[i, nv:, 0] = 0.0
+        _write(table[i, :nv], limit)
+    if slacks:
+        positive = np.full((1, nv + slacks, 7), [-np.inf, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0])
+        positive[0, nv:, 0] = 0.0
+        table, types = np.vstack([table, positive]), np.append(types, BOX_BOUNDS)
+    return table, types
+
+
+def _write(row: Array, limit: Any) -> None:
+    """Write the numbers of a limit to its table (nv, 7)."""
+    if isinstance(limit, DisplacementWindow):
+        row[:, 0], row[:, 1] = limit.reference, limit.half_width
+    elif isinstance(limit, PositionLimit):
+        row[:, 0], row[:, 1], row[:, 2:4] = limit.lower, limit.upper, limit.rounding.T
+        if isinstance(limit, MotionLimit):
+            row[:, 4], row[:, 5] = limit.max_velocity, limit.max_acceleration
+    elif is_mink_box(limit):
+        row[:, 0], row[:, 1] = -np.inf, np.inf
+        if limit.projection_matrix is None:
+            return
+        if isinstance(limit, mink.VelocityLimit):
+            row[limit.indices, 0], row[limit.indices, 1] = -limit.limit, limit.limit
+            return
+        qpos = qpos_of(limit)
+        row[limit.indices, 0], row[limit.indices, 1] = limit.lower[qpos], limit.upper[qpos]
+        row[:, 2] = limit.gain
+
+
+def _state(limit: Any) -> tuple[object, ...]:
+    """What of a limit may change between steps, in comparable form."""
+    if isinstance(limit, PositionLimit):
+        return (limit.revision,)
+    about = limit.indices.tobytes(), limit.projection_matrix is None
+    if isinstance(limit, mink.VelocityLimit):
+        return (limit.limit.tobytes(), *about)
+    return (limit.lower.tobytes(), limit.upper.tobytes(), limit.gain, *about)
 
 
 class LimitTables:
@@ -30,33 +120,24 @@ class LimitTables:
     def __init__(self, limits: Sequence[mink.Limit], tables: Array) -> None:
         """Take the tables of ``kernel.bounds``, a view (L, nv, 7), in which the limits stand."""
         both = list(zip(tables, limits, strict=False))
-        self._ranged = [
-            [limit, limit.revision, t] for t, limit in both if isinstance(limit, PositionLimit)
+        self._windows = [(t, v) for t, v in both if isinstance(v, DisplacementWindow)]
+        self._known = [
+            [v, _state(v), t] for t, v in both if isinstance(v, PositionLimit) or is_mink_box(v)
         ]
-        self._windows = [(t, limit) for t, limit in both if isinstance(limit, DisplacementWindow)]
-        self._motions = [(t[:, 6], limit) for t, limit in both if isinstance(limit, MotionLimit)]
-        self._of_mink = [
-            [limit, state_of_mink(limit), t] for t, limit in both if is_mink_box(limit)
-        ]
-        self.evaluated = [
-            (t, limit) for t, limit in both if type(limit) not in BOXES and not is_mink_box(limit)
-        ]
+        self._motions = [(t[:, 6], v) for t, v in both if isinstance(v, MotionLimit)]
+        self.evaluated = [(t, v) for t, v in both if type(v) not in BOXES and not is_mink_box(v)]
 
     def update(self) -> bool:
         """Write changed ranges, windows and last velocities; return whether ranges have changed."""
         changed = False
-        for known in self._ranged:
-            limit, revision, table = known
-            if limit.revision != revision:
-                known[1], changed = limit.revision, True
-                table[:] = table_of([limit], len(table))[0][0]
-        for known in self._of_mink:
+        for known in self._known:
             limit, before, table = known
-            state = state_of_mink(limit)
+            state = _state(limit)
             if state != before:
-                known[1], table[:] = state, table_of([limit], len(table))[0][0]
+                known[1], changed = state, True
+                _write(table, limit)
         for table, window in self._windows:
-            table[:, 0], table[:, 1] = window.reference, window.half_width
+            _write(table, window)
         for velocity, motion in self._motions:
             velocity[:] = motion.velocity
         return changed

@@ -73,24 +73,21 @@ def mink_cost(
     if residual is None:
         return _objective(name_of(task), task.compute_qp_objective(configuration), nv)
     W, e, damping = residual
-    if are_rows(W, e, nv):
-        return WeightedRows(W, e, damping)
-    name = name_of(task)
-    return WeightedRows(
-        *as_rows(W, e, nv, f"{name}: its rows, cost × Jacobian", f"{name}: its error"), damping
-    )
+    return WeightedRows(*as_rows(task, W, e, nv), damping)
 
 
-def as_rows(rows: Any, ends: Any, nv: int, name: str, name_of_ends: str) -> tuple[Array, Array]:
-    """Rows of any class (k, nv) and sides (k,); one row may be given without its brackets.
+def as_rows(task: Any, rows: Any, sides: Any, nv: int) -> tuple[Array, Array]:
+    """Rows (k, nv) and sides (k,) of a task; one row may be given without its brackets.
 
     Raises:
         InvalidInput: If they are none, or not finite.
     """
-    matrix, sides = float_array(name, rows), float_array(name_of_ends, ends)
-    matrix = finite_array(name, matrix[None] if matrix.ndim == 1 else matrix, (None, nv))
-    sides = finite_array(name_of_ends, sides[None] if sides.ndim == 0 else sides, (len(matrix),))
-    return matrix, sides
+    if are_rows(rows, sides, nv):
+        return rows, sides
+    name = f"{name_of(task)}: its rows", f"{name_of(task)}: its error"
+    matrix = finite_array(name[0], np.atleast_2d(float_array(name[0], rows)), (None, nv))
+    given = np.atleast_1d(float_array(name[1], sides))
+    return matrix, finite_array(name[1], given, (len(matrix),))
 
 
 def _objective(name: str, objective: Any, nv: int) -> mink.Objective:

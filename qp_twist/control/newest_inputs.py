@@ -15,21 +15,18 @@ from qp_twist.kinematics import TwistTask
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """One element of a stream: a pose, a twist to jog with, or a joint velocity.
-
-    Attributes:
-        stamp: When it was right, s of the servo's own time.
-        pose: Unit quaternion and position, (7,).
-        twist: Velocity of the pose, or what to jog with, (6,).
-        in_tool: Whether a jogging twist is along the axes of the tool.
-        velocity: q̇, (nv,).
-    """
+    """One element of a stream: a pose, a twist to jog with, or a joint velocity."""
 
     stamp: float
+    """When it was right, s of the servo's own time."""
     pose: Array | None = None
+    """Unit quaternion and position, (7,)."""
     twist: Array | None = None
+    """Velocity of the pose, or what to jog with, (6,)."""
     in_tool: bool = False
+    """Whether a jogging twist is along the axes of the tool."""
     velocity: Array | None = None
+    """q̇, (nv,)."""
 
     @property
     def stops(self) -> bool:
@@ -42,9 +39,8 @@ class NewestInputs:
     r"""Keeps the newest input of each task until the next tick, and the time of a servo.
 
     The key of an input is its task; that of joint velocities is ``None``. Ages are measured in a
-    time τ that never goes back and goes on while ticks are computed, although a clock may be set
-    back, as that of a simulation that is reset, stand still, or return NaN: else an input could
-    count as fresh for ever. From tick to tick
+    time τ that never goes back, although a clock may be set back, stand still, or return NaN: else
+    an input could count as fresh for ever. From tick to tick
 
     .. math::
 
@@ -97,15 +93,9 @@ class NewestInputs:
         """Keep an input, unless it is out of date, of the future or older than the last one.
 
         A stop is always kept, and counts as new. An input that is stamped a little ahead of the
-        clock is as old as one of now. Any thread may call it.
-
-        Args:
-            task: Key of the input.
-            at: When the input was right, s of the servo's clock; now if ``None``.
-            content: The other attributes of :class:`Input`.
-
-        Returns:
-            Whether it was kept. A refused one is counted.
+        clock is as old as one of now. ``at``, s of the servo's clock, is when it was right, now if
+        ``None``; ``content`` are the other attributes of :class:`Input`. Any thread may call it.
+        Returns whether it was kept; a refused one is counted.
         """
         stops = Input(0.0, **content).stops
         if at is not None and not (stops and isinstance(at, float) and not math.isfinite(at)):

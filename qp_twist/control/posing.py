@@ -17,19 +17,13 @@ from qp_twist.constraints import GatheredLimits, Named, gather_limits, stopping_
 from qp_twist.control.composition import damps_by_error
 from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement
 from qp_twist.kinematics.twist_task import AT_REST
 from qp_twist.qp import Directions, LostDirection, QuadraticProgram, lost_directions
 
 if TYPE_CHECKING:
     from qp_twist.control.controller import Controller
-
-NEARLY_UNSEEN = 1e-4
-"""Singular values of J below this share of the largest count, by degrees, as unseen."""
-FASTEST = 1e9
-"""Largest speed that a task or a secondary may ask for, m/s or rad/s."""
-STEEPEST = 1e12
-"""Largest linear cost, relative to the largest quadratic one."""
 
 LevelItem = mink.tasks.BaseTask | mink.Limit
 
@@ -63,6 +57,8 @@ class TaskRows(NamedTuple):
 
     A: Array
     b: Array
+    ahead: Array | float = 0.0
+    """The part of b that follows a moving target, m/s and rad/s, (m,)."""
 
 
 class PosedLevel(NamedTuple):
@@ -81,35 +77,28 @@ class PosedLevel(NamedTuple):
 
 @dataclass(eq=False)
 class Posed:
-    """A step before it is solved.
-
-    Attributes:
-        problem: The program with all levels as equality constraints. Its inequality rows are those
-            of the limits, then those of soft bands, then the levels' own; unknowns beyond nv are
-            the slacks of soft bands.
-        levels: The priority levels, from the most important on.
-        limits: The gathered limits.
-        sources: What the inequality rows come from, in their order.
-        tasks: The tasks of all levels.
-        configuration: Where the robot is.
-        threshold: ε, singular value below which directions fade.
-        asked: The combinations of each task's rows that the first level consists of, in columns;
-            ``None`` for all rows as they are.
-        braked: Share of the first level's speed from which its motion can stop in time.
-        braking: The joint, and the side of its acceleration limit, that decide this, or decide it
-            of a lower level.
-    """
+    """A step before it is solved."""
 
     problem: QuadraticProgram
+    """The program with all levels as equality constraints. Its inequality rows are those of the
+    limits, then those of soft bands, then the levels' own; unknowns beyond nv are the slacks of
+    soft bands."""
     levels: list[PosedLevel]
     limits: GatheredLimits
     sources: list[Named]
+    """What the inequality rows come from, in their order."""
     tasks: Sequence[mink.tasks.BaseTask]
     configuration: mink.Configuration
     threshold: float
+    """ε, singular value below which directions fade."""
     asked: Sequence[Array] | None = None
+    """The combinations of each task's rows that the first level consists of, in columns; ``None``
+    for all rows as they are."""
     braked: float = 1.0
+    """Share of the first level's speed from which its motion can stop in time."""
     braking: tuple[int, str] | None = None
+    """The joint, and the side of its acceleration limit, that decide this at the first level that
+    is braked."""
 
     def hard(self, levels: int) -> QuadraticProgram:
         """The program without equality rows, and with the inequality rows of so many levels."""
@@ -119,7 +108,7 @@ class Posed:
 
     def sigma_min(self) -> float:
         """Smallest singular value of the first level's rows, as stated; infinity without rows."""
-        rows = [A for A, _ in self.levels[0].tasks if len(A)]
+        rows = [row.A for row in self.levels[0].tasks if len(row.A)]
         if not rows:
             return np.inf
         A = np.vstack(rows)
@@ -131,8 +120,10 @@ class Posed:
         found = lost_directions(first.A, scale * first.b, velocity, self.threshold)
         tasks = self.tasks[: len(first.tasks)]
         bases = [
-            task.state(self.configuration).basis if isinstance(task, TwistTask) else np.eye(len(b))
-            for task, (_, b) in zip(tasks, first.tasks, strict=True)
+            task.state(self.configuration).basis
+            if isinstance(task, TwistTask)
+            else np.eye(len(row.b))
+            for task, row in zip(tasks, first.tasks, strict=True)
         ]
         if self.asked is not None:
             bases = [basis @ turn for basis, turn in zip(bases, self.asked, strict=True)]
@@ -156,7 +147,7 @@ class NamedProblem(qpsolvers.Problem):
         self.unknowns = (*posed.limits.names, *(f"slack {i + 1}" for i in range(bands)))
         self.equalities = tuple(
             f"{name_of(task)} row {i + 1}"
-            for task, (A, _) in zip(posed.tasks, rows, strict=True)
+            for task, (A, *_) in zip(posed.tasks, rows, strict=True)
             for i in range(len(A))
         )
         self.inequalities = tuple(
@@ -230,11 +221,11 @@ def _with_levels(
     above, null = np.zeros(nv), None
     for items in controller.levels:
         rows, G, g = _evaluate(items, configuration, dt, posed.sources, soft_bands)
-        A, b = stacked(rows, nv)
+        A, b = stacked([(row.A, row.b) for row in rows], nv)
         check_speed("the tasks ask", b)
         level = Directions.of(A, b, dt, threshold, damp=damp, smooth=smooth, null=null, above=above)
         if acceleration is not None and len(b):
-            ahead = _feedforward(items, rows, configuration)
+            ahead = np.concatenate([row.ahead + np.zeros(len(row.b)) for row in rows])
             motion = level.motion(b - ahead - A @ above)
             slower = stopping_share(dt * motion, acceleration, dt)
             if slower < 1.0:
@@ -243,7 +234,9 @@ def _with_levels(
                 joint = int(np.argmax(np.abs(motion) / acceleration))
                 posed.braking = posed.braking or (joint, "lower" if motion[joint] > 0 else "upper")
                 if not posed.levels:
-                    posed.braked, rows = slower, _with_rates(rows, b)
+                    parts = np.split(b, np.cumsum([len(row.b) for row in rows])[:-1])
+                    rows = [TaskRows(row.A, part) for row, part in zip(rows, parts, strict=True)]
+                    posed.braked = slower
         posed.levels.append(PosedLevel(rows, A, b, level, G, g))
         if len(posed.levels) < len(controller.levels):
             above, null = above + level.motion(), level.nulls
@@ -264,7 +257,12 @@ def _evaluate(
     rows, inequalities = list[TaskRows](), list[tuple[Array, Array]]()
     for item in items:
         if isinstance(item, TwistTask):
-            rows.append(TaskRows(*item.velocity_rows(configuration, dt)))
+            A, b = item.velocity_rows(configuration, dt)
+            ahead: Array | float = 0.0
+            if item.feedforward is not AT_REST:
+                state = item.state(configuration)
+                ahead = state.basis.T @ state.feedforward
+            rows.append(TaskRows(A, b, ahead))
             for band in item.band_rows(configuration, dt) if item.bands else ():
                 if band.weight is not None:
                     soft_bands.append(band)
@@ -292,30 +290,6 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
     matrix, error, _ = stated
     seen = np.abs(matrix).max(axis=1, initial=0.0) > 0.0  # a cost of zero asks for nothing
     return TaskRows(matrix[seen], error[seen] / dt)
-
-
-def _feedforward(
-    items: Sequence[LevelItem], rows: Sequence[TaskRows], configuration: mink.Configuration
-) -> Array:
-    """The part of a level's right-hand side that follows moving targets, m/s and rad/s, (m,)."""
-    parts = []
-    stating = [item for item in items if not isinstance(item, mink.Limit)]
-    for item, row in zip(stating, rows, strict=True):
-        part = np.zeros(len(row.b))
-        if isinstance(item, TwistTask) and item.feedforward is not AT_REST:
-            state = item.state(configuration)
-            part = state.basis.T @ state.feedforward
-        parts.append(part)
-    return np.concatenate(parts)
-
-
-def _with_rates(rows: Sequence[TaskRows], b: Array) -> list[TaskRows]:
-    """The rows of a level's tasks with its right-hand side, (m,)."""
-    found, end = list[TaskRows](), 0
-    for A, _ in rows:
-        first, end = end, end + len(A)
-        found.append(TaskRows(A, b[first:end]))
-    return found
 
 
 def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:

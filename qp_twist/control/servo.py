@@ -15,7 +15,6 @@ from qp_twist.checks import finite_array, instance, largest, number, one_of
 from qp_twist.control.controller import Controller
 from qp_twist.control.joint_steps import JointSteps
 from qp_twist.control.newest_inputs import NewestInputs
-from qp_twist.control.part_of import part_of
 from qp_twist.control.singular_exit import SingularExit
 from qp_twist.control.step import Status
 from qp_twist.control.target_stream import Fade, StreamSettings, TargetStream, beyond, error_of
@@ -72,10 +71,6 @@ class Servo:
         'tracking the targets'
     """
 
-    period: float = part_of("_settings.period")
-    stale_after: float = part_of("_settings.stale_after")
-    stop_within: float = part_of("_settings.stop_within")
-
     def __init__(
         self,
         controller: Controller,
@@ -110,14 +105,13 @@ class Servo:
         instance("controller", controller, Controller)
         check_configuration(configuration)
         self.controller, self.configuration = controller, configuration
-        period = number("period", period, above=0.0)
-        self._settings = settings = StreamSettings(
-            period,
-            number("stale_after", stale_after, at_least=period),
-            number("stop_within", stop_within, above=0.0),
-            _pair("jump", jump),
-            _pair("approach_speed", approach_speed),
-        )
+        self.period = period = number("period", period, above=0.0)
+        self.stale_after = number("stale_after", stale_after, at_least=period)
+        self.stop_within = number("stop_within", stop_within, above=0.0)
+        settings = StreamSettings(
+            period, self.stale_after, self.stop_within,
+            _pair("jump", jump), _pair("approach_speed", approach_speed),
+        )  # fmt: skip
         if clock is not None and not callable(clock):
             raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
         self._inputs = NewestInputs(clock or time.monotonic, period, settings.stale_after)
@@ -189,19 +183,9 @@ class Servo:
     ) -> bool:
         """Move a task's frame at a twist until the input is stale.
 
-        Args:
-            twist: Linear and angular velocity, m/s and rad/s, (6,).
-            axes: ``"world"`` (or those of the frame that carries the target), or those of the
-                ``"tool"``.
-            task: Which task; may be left out where the controller has one.
-            at: When the input was made, s on the servo's clock; now if ``None``.
-
-        Returns:
-            Whether it was taken, as in :meth:`track`.
-
-        Raises:
-            InvalidTarget: If the twist is not finite.
-            InvalidInput: If the controller has no such task.
+        It is the linear and angular velocity, m/s and rad/s, (6,), along the axes of the
+        ``"world"``, or of the frame that carries the target, or of the ``"tool"``. Other arguments,
+        result and errors are those of :meth:`track`.
         """
         task = _chosen(self._streams, task)
         moving = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)
@@ -211,12 +195,7 @@ class Servo:
     def move(self, velocity: npt.ArrayLike, *, at: float | None = None) -> bool:
         """Move the joints at a velocity (nv,), rad/s or m/s, inside the limits, without the tasks.
 
-        Args:
-            velocity: q̇, (nv,).
-            at: When the input was made, s on the servo's clock; now if ``None``.
-
-        Returns:
-            Whether it was taken, as in :meth:`track`.
+        ``at`` and result are those of :meth:`track`.
 
         Raises:
             InvalidInput: If the velocity is not finite.
@@ -244,7 +223,6 @@ class Servo:
         the joints are brought to rest, and the tick says why.
         """
         began, worked, now = time.perf_counter(), time.thread_time(), self._inputs.tick()
-        self.times.begin(now)
         try:
             check_configuration(self.configuration)
             self._take_inputs()

@@ -12,8 +12,8 @@ from qp_twist.checks import Array
 from qp_twist.control.controller import Controller
 from qp_twist.control.step import Step
 from qp_twist.control.target_stream import Fade, StreamSettings
-from qp_twist.kinematics import JointRanges, TwistTask
-from qp_twist.qp.directions import REGULAR
+from qp_twist.kernel.constants import REGULAR
+from qp_twist.kinematics import JointRanges, TaskState, TwistTask
 
 _LOOK = 0.3
 """r: how far along a candidate the arm is looked at, rad or m."""
@@ -88,9 +88,7 @@ class SingularExit:
     def look(self, configuration: mink.Configuration, step: Step | None) -> None:
         """Decide on the motion of the next tick.
 
-        Args:
-            configuration: Where the robot is.
-            step: A step that lacks what the operator asks for; ``None`` if there is none.
+        ``step`` is one that lacks what the operator asks for; ``None`` if there is none.
         """
         found = step is not None and self._look(configuration, step)
         share = self.fade.towards(found)
@@ -103,8 +101,8 @@ class SingularExit:
         if not step.lost or not self._tasks:
             return False
         lost = np.array([direction.direction for direction in step.lost])
-        errors, A = self._rows(configuration)
-        asked = np.concatenate(errors)
+        states = [task.state(configuration) for task in self._tasks]
+        asked = np.concatenate([state.basis.T @ state.error for state in states])
         missing = lost.T @ (lost @ asked)
         if np.linalg.norm(missing) < _LACKING * np.linalg.norm(asked):
             return False
@@ -112,17 +110,19 @@ class SingularExit:
         if self._wait > 0:
             return self._direction is not None and bool(self.joints)
         self._wait = max(1, round(_EVERY / self._period))
-        self._direction = best = self._best(configuration, A, missing)
+        self._direction = best = self._best(configuration, states, missing)
         names = self._ranges.names
         self.joints = (
             () if best is None else tuple(names[j] for j in np.flatnonzero(np.abs(best) > _NAMED))
         )
         return best is not None
 
-    def _best(self, configuration: mink.Configuration, A: Array, missing: Array) -> Array | None:
+    def _best(
+        self, configuration: mink.Configuration, states: list[TaskState], missing: Array
+    ) -> Array | None:
         """The best candidate, (nv,)."""
         twists = np.split(missing, np.cumsum([task.projector.rank for task in self._tasks])[:-1])
-        states = [task.state(configuration) for task in self._tasks]
+        A = _rows(states)
         push = [state.basis @ part for state, part in zip(states, twists, strict=True)]
         now, size, length = _possible(A, missing), np.linalg.norm(A, 2), np.linalg.norm(missing)
         best, most = None, 0.0
@@ -138,11 +138,10 @@ class SingularExit:
             )
             if along < -_BACKWARDS * _LOOK**2 * float(size * length):
                 continue
-            rows = np.vstack([state.basis.T @ state.jacobian for state in there])
             wanted = np.concatenate(
                 [state.basis.T @ part for state, part in zip(there, push, strict=True)]
             )
-            gain = _possible(rows, wanted) - now
+            gain = _possible(_rows(there), wanted) - now
             if gain < _GAIN:
                 continue
             # Of two that are alike the one that stays further from the ends of the ranges.
@@ -153,12 +152,6 @@ class SingularExit:
                 best, most = candidate, gain
         return best
 
-    def _rows(self, configuration: mink.Configuration) -> tuple[list[Array], Array]:
-        """Errors of the tasks in their rows, and the rows (m, nv)."""
-        states = [task.state(configuration) for task in self._tasks]
-        errors = [state.basis.T @ state.error for state in states]
-        return errors, np.vstack([state.basis.T @ state.jacobian for state in states])
-
     def _go(self, configuration: mink.Configuration, displacement: Array) -> None:
         """Put the scratch configuration where a displacement leads."""
         data = self._ahead.data
@@ -166,6 +159,11 @@ class SingularExit:
             configuration.data.mocap_pos, configuration.data.mocap_quat,
         )  # fmt: skip
         self._ahead.update(configuration.integrate(displacement, 1.0))
+
+
+def _rows(states: list[TaskState]) -> Array:
+    """A, (m, nv)."""
+    return np.vstack([state.basis.T @ state.jacobian for state in states])
 
 
 def _candidates(A: Array) -> Iterator[Array]:

@@ -15,7 +15,6 @@ import numpy as np
 
 from qp_twist.checks import (
     Array,
-    are_rows,
     did_you_mean,
     finite_array,
     largest,
@@ -31,7 +30,6 @@ from qp_twist.constraints import (
     gather_limits,
     stated_rows,
 )
-from qp_twist.constraints.any_limit import UNLIMITED
 from qp_twist.control.mink_costs import (
     WeightedRows,
     as_rows,
@@ -43,8 +41,6 @@ from qp_twist.control.mink_costs import (
     sum_of_costs,
 )
 from qp_twist.control.posing import (
-    FASTEST,
-    STEEPEST,
     Posed,
     PosedLevel,
     TaskRows,
@@ -56,6 +52,7 @@ from qp_twist.control.solving import solved_step, step_of
 from qp_twist.control.step import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.constants import FASTEST
 from qp_twist.kinematics import TwistTask, check_configuration
 from qp_twist.qp import Directions, Found, QuadraticProgram, check_solver
 
@@ -130,11 +127,13 @@ def solve_ik(
         >>> bool(abs(qt.solve_ik(configuration, [hand], 0.01, "daqp")).max() < 1e-9)
         True
     """
-    how = _How.checked(solver, on_infeasible, singularity, kwargs)
-    stated = _stated(configuration, tasks, dt, damping, safety_break, limits, constraints)
-    found = _by_kernel(stated, how)
-    velocity = _by_reference(stated, configuration, how).velocity if found is None else found.x
-    _note(stated.limits, velocity)
+    asked = _Asked.of(
+        configuration, tasks, dt, solver, damping, safety_break, limits, constraints, on_infeasible,
+        singularity, kwargs,
+    )  # fmt: skip
+    found = asked.by_kernel()
+    velocity = asked.by_reference(configuration).velocity if found is None else found.x
+    asked.note(velocity)
     return velocity
 
 
@@ -153,42 +152,25 @@ def ik_step(
     **kwargs: Any,
 ) -> Step:
     """:func:`solve_ik`, returning a :class:`~qp_twist.Step` with the constraints' residuals."""
-    how = _How.checked(solver, on_infeasible, singularity, kwargs)
-    stated = _stated(configuration, tasks, dt, damping, safety_break, limits, constraints)
-    found = _by_kernel(stated, how)
+    asked = _Asked.of(
+        configuration, tasks, dt, solver, damping, safety_break, limits, constraints, on_infeasible,
+        singularity, kwargs,
+    )  # fmt: skip
+    found = asked.by_kernel()
     if found is None:
-        step = _by_reference(stated, configuration, how)
+        step = asked.by_reference(configuration)
     else:
         whole = found.scale == 1.0
         step = step_of(
-            _posed(stated, configuration, how), found.x, Status.SOLVED if whole else Status.SCALED,
+            asked.posed(configuration), found.x, Status.SOLVED if whole else Status.SCALED,
             COMPILED, (found.box, found.rows, 1.0 if whole else 0.0), found.scale,
         )  # fmt: skip
-    _note(stated.limits, step.velocity)
+    asked.note(step.velocity)
     return step
 
 
-class _How(NamedTuple):
-    """How the program is solved."""
-
-    solver: str
-    on_infeasible: str
-    singularity: float
-    options: dict[str, Any]
-
-    @classmethod
-    def checked(
-        cls, solver: str, on_infeasible: str, singularity: float, options: dict[str, Any]
-    ) -> _How:
-        """Check the arguments of :func:`solve_ik`."""
-        check_solver(solver)
-        one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
-        singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
-        return cls(solver, on_infeasible, singularity, options)
-
-
-class _Stated(NamedTuple):
-    """Tasks, limits and constraints, each evaluated once, as mink does."""
+class _Asked(NamedTuple):
+    """The arguments, checked; tasks, limits and constraints each evaluated once, as mink does."""
 
     tasks: Sequence[mink.tasks.BaseTask]
     costs: list[WeightedRows | mink.Objective]
@@ -202,50 +184,152 @@ class _Stated(NamedTuple):
     damping: float | Array
     dt: float
     nv: int
+    solver: str
+    on_infeasible: str
+    singularity: float
+    options: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        configuration: mink.Configuration,
+        tasks: Any,
+        dt: Any,
+        solver: str,
+        damping: Any,
+        safety_break: bool,
+        limits: Any,
+        constraints: Any,
+        on_infeasible: str,
+        singularity: float,
+        options: dict[str, Any],
+    ) -> _Asked:
+        """Check the arguments and evaluate them; an item that cannot be evaluated is named."""
+        check_solver(solver)
+        one_of("on_infeasible", on_infeasible, ("scale", "relax", "raise"))
+        singularity = number("singularity", singularity, at_least=0.0, at_most=1.0)
+        check_configuration(configuration)
+        dt = number("dt", dt.item() if isinstance(dt, np.ndarray) and dt.size == 1 else dt, above=0)
+        model, q = configuration.model, configuration.data.qpos
+        if model.nv == 0:
+            raise InvalidInput("solve_ik: the model has no joints to move.")
+        if not math.isfinite(np.add.reduce(q)):
+            finite_array("configuration.q", configuration.q, (model.nq,))
+        if safety_break or _check_has_effect(configuration):
+            configuration.check_limits(safety_break=safety_break)
+        damping = _damping(damping, model.nv)
+        costed = _listed("tasks", tasks)
+        limiting = None if limits is None else _listed("limits", limits)
+        if not isinstance(constraints, Iterable):
+            constraints = constraints or ()  # as in mink
+        equalities = _listed("constraints", constraints)
+        try:
+            for task in (*costed, *equalities):
+                if TwistTask in type(task).__mro__:  # a third of the time of isinstance
+                    task.set_dt(dt)  # for its feed-forward
+            costs = [mink_cost(task, configuration) for task in costed]
+            if limiting is None:
+                bounds = [default_rows(configuration, dt)]
+            else:
+                bounds = [stated_rows(limit, configuration, dt) for limit in limiting]
+            rows = [_constraint_rows(task, configuration, dt) for task in equalities]
+        except Exception:
+            _check_items("tasks", costed, model)
+            _check_items("limits", limiting or (), model)
+            _check_items("constraints", equalities, model)
+            raise
+        return cls(
+            costed, costs, limiting, bounds, equalities, rows, damping, dt, model.nv, solver,
+            on_infeasible, singularity, options,
+        )  # fmt: skip
+
+    def note(self, velocity: Array) -> None:
+        """Store the new joint velocity in the limits that need the previous one."""
+        for limit in self.limits or ():
+            if isinstance(limit, BoxLimit):
+                limit.note(velocity)
+
+    def by_kernel(self) -> Found | None:
+        """The solution, at the largest scale where the constraints do not fit.
+
+        ``None`` where the backend has to solve the program: with options of its own, where a
+        direction is to be slowed down or the task relaxed, and where the kernel could not verify
+        its result or found something that is no number.
+        """
+        if self.options:
+            return None
+        nv, floats = self.nv, np.ascontiguousarray
+        H, c, own = sum_of_costs(self.costs, nv)
+        damping = np.zeros(nv) + (own + self.damping)
+        (A, b), (G, h) = (
+            stacked([(row.A, row.b) for row in self.rows], nv),
+            stacked(self.bounds, nv),
+        )
+        if not largest(b) <= FASTEST:
+            return None
+        slowed = self.singularity if self.singularity > DEFAULT_SINGULARITY else 0.0
+        solved, velocity, scale, box, multipliers = _machine_code()(
+            floats(H), c, damping, floats(A), floats(b), floats(G), floats(h), self.dt, slowed,
+            self.on_infeasible == "scale",
+        )  # fmt: skip
+        return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
+
+    def posed(self, configuration: mink.Configuration) -> Posed:
+        """The program, with names, and the constraints in their singular directions.
+
+        Raises:
+            InvalidInput: If a number is none, or too large to compute with; with the item's name.
+        """
+        dt, rows, own, epsilon = self.dt, self.rows, self.limits, self.singularity
+        for task, (A, b, _) in zip(self.constraints, rows, strict=True):
+            check_target(task)
+            finite_array(f"{name_of(task)}: its Jacobian", A, A.shape)
+            finite_array(f"{name_of(task)}: its error", b, b.shape)
+            check_speed(f"{name_of(task)} asks", b)
+        H, c = costs_of(self.tasks, self.costs, self.nv, dt)
+        H.reshape(-1)[:: self.nv + 1] += self.damping
+        if own is None:
+            own = [mink.ConfigurationLimit(configuration.model)]
+        limits = gather_limits(own, configuration, dt, self.bounds)
+        whole = [Directions.of(A, b, dt, epsilon, damp=False, smooth=False) for A, b, _ in rows]
+        # What a constraint contradicts in itself it does not ask for.
+        turns = [v.left[:, v.sigma > 0.0] for v in whole]
+        asked = [
+            (turn.T @ A, v.rate[v.sigma > 0.0])
+            for turn, v, (A, *_) in zip(turns, whole, rows, strict=True)
+        ]
+        A, b = stacked(asked, self.nv)
+        directions = Directions.of(A, b, dt, epsilon, damp=False, smooth=False)
+        if directions.contradicts:  # none of the constraints gives way: all are scaled together
+            directions = Directions.as_stated(A, b)
+        level = PosedLevel(rows, A, b, directions, A[:0], b[:0])
+        box = limits.lower, limits.upper
+        problem = QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, *box)
+        check_magnitudes(problem)
+        return Posed(
+            problem, [level], limits, list(limits.sources), self.constraints, configuration,
+            epsilon, turns,
+        )  # fmt: skip
+
+    def by_reference(self, configuration: mink.Configuration) -> Step:
+        """The step by a backend of qpsolvers."""
+        posed = self.posed(configuration)
+        try:
+            return solved_step(posed, self.solver, self.on_infeasible, self.options)
+        except InvalidInput as error:  # the backend does not know an option
+            parameters = inspect.signature(ik_step).parameters
+            meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in self.options)
+            raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
 
 
-def _stated(
-    configuration: mink.Configuration,
-    tasks: Iterable[mink.tasks.BaseTask],
-    dt: Any,
-    damping: Any,
-    safety_break: bool,
-    limits: Iterable[mink.Limit] | None,
-    constraints: Iterable[mink.Task] | None,
-) -> _Stated:
-    """Check the arguments and evaluate them; an item that cannot be evaluated is named."""
-    check_configuration(configuration)
-    dt = number("dt", dt.item() if isinstance(dt, np.ndarray) and dt.size == 1 else dt, above=0.0)
-    model, q = configuration.model, configuration.data.qpos
-    if model.nv == 0:
-        raise InvalidInput("solve_ik: the model has no joints to move.")
-    if not math.isfinite(np.add.reduce(q)):
-        finite_array("configuration.q", configuration.q, (model.nq,))
-    if safety_break or _check_has_effect(configuration):
-        configuration.check_limits(safety_break=safety_break)
-    damping = _damping(damping, model.nv)
-    costed = _listed("tasks", tasks)
-    limiting = None if limits is None else _listed("limits", limits)
-    if not isinstance(constraints, Iterable):
-        constraints = constraints or ()  # as in mink
-    equalities = _listed("constraints", constraints)
-    try:
-        task: Any
-        for task in (*costed, *equalities):
-            if _is_a(task, TwistTask):
-                task.set_dt(dt)  # for its feed-forward
-        costs = [mink_cost(task, configuration) for task in costed]
-        if limiting is None:
-            bounds = [default_rows(configuration, dt)]
-        else:
-            bounds = [stated_rows(limit, configuration, dt) for limit in limiting]
-        rows = [_constraint_rows(task, configuration, dt) for task in equalities]
-    except Exception:
-        _check_items("tasks", costed, model)
-        _check_items("limits", limiting or (), model)
-        _check_items("constraints", equalities, model)
-        raise
-    return _Stated(costed, costs, limiting, bounds, equalities, rows, damping, dt, model.nv)
+@cache
+def _machine_code() -> Callable[..., Any]:
+    """``kernel.row_program.solve_rows``."""
+    from qp_twist.kernel.compiling import bound  # with numba, which takes half a second
+    from qp_twist.kernel.row_program import solve_rows
+
+    one, row = np.zeros(1), np.zeros((1, 1))
+    return bound(solve_rows, row, one, one, row, one, row, one, 1.0, 0.0, True)
 
 
 def _check_has_effect(configuration: mink.Configuration) -> bool:
@@ -254,102 +338,11 @@ def _check_has_effect(configuration: mink.Configuration) -> bool:
     return check is not _CHECK_LIMITS or _MINK_LOG.isEnabledFor(logging.DEBUG)
 
 
-def _note(limits: Sequence[mink.Limit] | None, velocity: Array) -> None:
-    """Store the new joint velocity in the limits that need the previous one."""
-    for limit in limits or ():
-        if isinstance(limit, BoxLimit):
-            limit.note(velocity)
-
-
-@cache
-def _machine_code() -> tuple[Callable[..., Any], Any]:
-    """``kernel.row_program.solve_rows``, and the tolerances that it verifies by."""
-    from qp_twist.control.step_tables import TOLERANCES  # with numba, which takes half a second
-    from qp_twist.kernel.compiling import bound
-    from qp_twist.kernel.row_program import solve_rows
-
-    one, row = np.zeros(1), np.zeros((1, 1))
-    arguments = (
-        row, one, one, row, one, row, one, 1.0, 0.0, True, STEEPEST, UNLIMITED, TOLERANCES
-    )  # fmt: skip
-    return bound(solve_rows, *arguments), TOLERANCES
-
-
-def _by_kernel(stated: _Stated, how: _How) -> Found | None:
-    """The solution, at the largest scale where the constraints do not fit.
-
-    Costs, constraints and limits are rows, as mink has them; the kernel sorts those that are
-    bounds. ``None`` where the backend has to solve the program: with options of its own, where a
-    direction is to be slowed down or the task relaxed, and where the kernel could not verify its
-    result or found something that is no number.
-    """
-    if how.options:
-        return None
-    nv, floats = stated.nv, np.ascontiguousarray
-    H, c, own = sum_of_costs(stated.costs, nv)
-    damping = np.zeros(nv) + (own + stated.damping)
-    (A, b), (G, h) = stacked(stated.rows, nv), stacked(stated.bounds, nv)
-    if not largest(b) <= FASTEST:
-        return None
-    slowed = how.singularity if how.singularity > DEFAULT_SINGULARITY else 0.0
-    scales, (solve_rows, tolerances) = how.on_infeasible == "scale", _machine_code()
-    solved, velocity, scale, box, multipliers = solve_rows(
-        floats(H), c, damping, floats(A), floats(b), floats(G), floats(h), stated.dt, slowed,
-        scales, STEEPEST, UNLIMITED, tolerances,
-    )  # fmt: skip
-    return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
-
-
-def _posed(stated: _Stated, configuration: mink.Configuration, how: _How) -> Posed:
-    """The program, with names, and the constraints in their singular directions.
-
-    Raises:
-        InvalidInput: If a number is none, or too large to compute with; with the item's name.
-    """
-    dt, rows, own = stated.dt, stated.rows, stated.limits
-    for constraint, of_constraint in zip(stated.constraints, rows, strict=True):
-        _check_rows(constraint, of_constraint)
-    H, c = costs_of(stated.tasks, stated.costs, stated.nv, dt)
-    H.reshape(-1)[:: stated.nv + 1] += stated.damping
-    if own is None:
-        own = [mink.ConfigurationLimit(configuration.model)]
-    limits = gather_limits(own, configuration, dt, stated.bounds)
-    whole = [Directions.of(A, b, dt, how.singularity, damp=False, smooth=False) for A, b in rows]
-    # What a constraint contradicts in itself it does not ask for.
-    turns = [v.left[:, v.sigma > 0.0] for v in whole]
-    asked = [
-        (turn.T @ r.A, v.rate[v.sigma > 0.0]) for turn, v, r in zip(turns, whole, rows, strict=True)
-    ]
-    A, b = stacked(asked, stated.nv)
-    directions = Directions.of(A, b, dt, how.singularity, damp=False, smooth=False)
-    if directions.contradicts:  # none of the constraints gives way: all are scaled together
-        directions = Directions.as_stated(A, b)
-    level = PosedLevel(rows, A, b, directions, A[:0], b[:0])
-    problem = QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
-    check_magnitudes(problem)
-    return Posed(
-        problem, [level], limits, list(limits.sources), stated.constraints, configuration,
-        how.singularity, turns,
-    )  # fmt: skip
-
-
-def _by_reference(stated: _Stated, configuration: mink.Configuration, how: _How) -> Step:
-    """The step by a backend of qpsolvers."""
-    posed = _posed(stated, configuration, how)
-    try:
-        return solved_step(posed, how.solver, how.on_infeasible, how.options)
-    except InvalidInput as error:  # the backend does not know an option
-        parameters = inspect.signature(ik_step).parameters
-        meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in how.options)
-        raise InvalidInput(f"{error} As arguments of solve_ik:{meant}") from error
-
-
 def _damping(damping: Any, nv: int) -> float | Array:
     """Check mink's damping: a number, or one for each degree of freedom."""
-    if type(damping) is float:  # nearly always
-        return number("damping", damping, at_least=0.0)
-    if np.size(damping) == 1:
-        return number("damping", np.asarray(damping).item(), at_least=0.0)
+    if type(damping) is float or np.size(damping) == 1:
+        given = damping if type(damping) is float else np.asarray(damping).item()
+        return number("damping", given, at_least=0.0)
     values = finite_array("damping", damping, (nv,))
     if (values < 0.0).any():
         raise InvalidInput(f"damping: expected numbers of at least 0, got {values.min():g}.")
@@ -359,40 +352,15 @@ def _damping(damping: Any, nv: int) -> float | Array:
 def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) -> TaskRows:
     """Rows J q̇ = −k e/dt of a constraint."""
     refuse_elastic(task)
-    if _has_joint_evaluation(task):
-        return TaskRows(*task.velocity_rows(configuration, dt))
-    jacobian, error = task.compute_jacobian(configuration), task.compute_error(configuration)
-    nv = configuration.model.nv
-    if not are_rows(jacobian, error, nv):
-        what = f"{name_of(task)}: its"
-        jacobian, error = as_rows(jacobian, error, nv, f"{what} Jacobian", f"{what} error")
-    return TaskRows(jacobian, -task.gain * error / dt)
-
-
-def _is_a(item: object, ours: type) -> bool:
-    """``isinstance``, in a third of the time that it takes for mink's abstract classes."""
-    return ours in type(item).__mro__
-
-
-def _has_joint_evaluation(task: Any) -> bool:
-    """Whether a task has the error and Jacobian of :class:`~qp_twist.TwistTask`.
-
-    Then ``velocity_rows`` evaluates both at once.
-    """
     kind = type(task)
-    return _is_a(task, TwistTask) and all(
+    if TwistTask in kind.__mro__ and all(
         getattr(kind, name) is getattr(TwistTask, name) and name not in task.__dict__
         for name in ("compute_error", "compute_jacobian", "velocity_rows")
-    )
-
-
-def _check_rows(task: mink.Task, rows: TaskRows) -> None:
-    """Refuse rows of a constraint that are not finite or require an impossible speed; name it."""
-    check_target(task)
-    name = name_of(task)
-    finite_array(f"{name}: its Jacobian", rows.A, rows.A.shape)
-    finite_array(f"{name}: its error", rows.b, rows.b.shape)
-    check_speed(f"{name} asks", rows.b)
+    ):
+        return TaskRows(*task.velocity_rows(configuration, dt))  # evaluates both at once
+    jacobian, error = task.compute_jacobian(configuration), task.compute_error(configuration)
+    jacobian, error = as_rows(task, jacobian, error, configuration.model.nv)
+    return TaskRows(jacobian, -task.gain * error / dt)
 
 
 _METHODS_CALLED = {
@@ -415,18 +383,11 @@ def _listed(name: str, items: Any) -> Sequence[Any]:
 def _check_items(name: str, items: Sequence[Any], model: mujoco.MjModel) -> None:
     """Refuse an item that lacks the methods mink calls, or belongs to another model."""
     for index, item in enumerate(items):
-        if not all(hasattr(item, method) for method in _METHODS_CALLED[name]):
-            others = [other for other, calls in _METHODS_CALLED.items() if hasattr(item, calls[0])]
-            hint = f" It belongs into {others[0]}=." if others else ""
-            raise InvalidInput(
-                f"solve_ik: {name}[{index}] is {type(item).__name__}, which is none of mink's "
-                f"{name}.{hint}"
-            )
         label = f"solve_ik: {name}[{index}]"
-        if isinstance(item, type):
-            raise InvalidInput(
-                f"{label} is the class {item.__name__}; make an object of it: {item.__name__}(…)."
-            )
+        calls = _METHODS_CALLED[name]
+        if isinstance(item, type) or not all(hasattr(item, method) for method in calls):
+            what = f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
+            raise InvalidInput(f"{label} is {what}, which is none of mink's {name}.")
         check_model(label, item, model.nv)
         if isinstance(item, Constraint):
             check_constraint(f"{label}, {type(item).__name__}", item, model)

@@ -28,26 +28,23 @@ LARGEST = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What :func:`solve_levels` returns.
-
-    Attributes:
-        x: The unknowns, inside the bounds, (n,).
-        scale: s of the first level; 1 where it is met, or was relaxed.
-        residuals: For each level A x − s b (s = 1 below the first level), (m,) each.
-        binding: The bounds that keep a level from being met; entry i of x is called ``"x[i]"``.
-        gaps: For each level, by how much its residual may be longer than at its optimum, in the
-            unit of its rows.
-        proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, a
-            level above one with a gap has rows that nearly depend on each other, and what it leaves
-            to the levels below is decided by rounding: state such rows once, or in one level.
-    """
+    """What :func:`solve_levels` returns."""
 
     x: Array
+    """The unknowns, inside the bounds, (n,)."""
     scale: float
+    """s of the first level; 1 where it is met, or was relaxed."""
     residuals: tuple[Array, ...]
+    """For each level A x − s b (s = 1 below the first level), (m,) each."""
     binding: tuple[BindingLimit, ...]
+    """The bounds that keep a level from being met; entry i of x is called ``"x[i]"``."""
     gaps: tuple[float, ...]
+    """For each level, by how much its residual may be longer than at its optimum, in the unit of
+    its rows."""
     proven: bool
+    """Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, a level has
+    rows that nearly depend on each other, and what it leaves to the levels below is decided by
+    rounding: state such rows once, or in one level."""
 
 
 def solve_levels(
@@ -79,16 +76,13 @@ def solve_levels(
         lower: Lower bounds, −∞ where there is none, (n,); so is one below −1e12.
         upper: Upper bounds, (n,).
         on_infeasible: Where the first level does not fit: ``"scale"`` finds the largest s in
-            [0, 1], ``"relax"`` the closest point, ``"raise"`` raises. Lower levels are always
-            relaxed.
+            [0, 1], ``"relax"`` the closest point, ``"raise"`` raises :class:`InfeasibleStep`.
+            Lower levels are always relaxed.
         solver: Backend of the program that is left after the levels, min ‖x − x_ref‖².
         reference: x_ref, (n,); zero if ``None``.
 
     Raises:
-        InvalidInput: If shapes do not fit, a number is not finite or above 1e12, or a lower bound
-            is above its upper one.
-        UnknownSolver: If the backend is not installed.
-        InfeasibleStep: If the first level does not fit and ``on_infeasible`` is ``"raise"``.
+        InvalidInput: If an argument has the wrong shape, number or order.
         SolverInaccurate: If the backend's result could not be verified.
 
     Example:

@@ -12,6 +12,7 @@ from qp_twist.checks import Array
 from qp_twist.constraints import BindingLimit, binding_limits
 from qp_twist.control.posing import Posed
 from qp_twist.control.step import NOT_THE_LIMITS, Status, Step
+from qp_twist.kernel.constants import WHOLE
 from qp_twist.qp import (
     Cascade,
     Found,
@@ -28,20 +29,11 @@ from qp_twist.qp import (
     widened,
 )
 
-WHOLE = 1.0 - 1e-8
-"""Scale from which the first level counts as met at full speed: the tolerance of a verified row."""
-
 
 def solved_step(
     posed: Posed, solver: str, on_infeasible: str, options: Mapping[str, Any] | None = None
 ) -> Step:
-    """Solve the program of a step.
-
-    Args:
-        posed: The step's program.
-        solver: A backend.
-        on_infeasible: ``"scale"``, ``"relax"`` or ``"raise"``.
-        options: Of the backend, in place of ours.
+    """Solve the program of a step by a backend, whose ``options`` take the place of ours.
 
     Raises:
         InfeasibleStep: If the first level does not fit, or the robot is singular in a direction

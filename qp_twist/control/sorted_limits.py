@@ -17,53 +17,45 @@ class SortedLimits:
     Attributes:
         limits: All of them.
         clearances: The clearances.
-        following: Those that have to know the joints' velocity.
+        motions: The limits of velocity and acceleration.
     """
 
     def __init__(self, limits: Sequence[mink.Limit]) -> None:
         """Sort the limits."""
         self.limits = list(limits)
         self.clearances = [limit for limit in limits if isinstance(limit, Clearance)]
-        self.following = [
+        self.motions = [limit for limit in limits if isinstance(limit, MotionLimit)]
+        self._following = [
             v for v in limits if isinstance(v, BoxLimit) and type(v).note is not BoxLimit.note
         ]
-        self._motions = [limit for limit in limits if isinstance(limit, MotionLimit)]
-        self._revisions: list[int] = []
-        self._least: tuple[Array | None, Array | None] = None, None
 
     def note(self, velocity: Array) -> None:
         """Store the joint velocity (nv,) in the limits that have to know it."""
-        for limit in self.following:
+        for limit in self._following:
             if type(limit) is MotionLimit:
                 limit.velocity = velocity.copy()  # its own method checks it once more
             else:
                 limit.note(velocity)
 
-    def least(self) -> tuple[Array | None, Array | None]:
-        """The least acceleration and velocity limit of each joint, (nv,); ``None`` without any.
+    @property
+    def hardest(self) -> Array | None:
+        """The least acceleration limit of each joint, (nv,); ``None`` without any."""
+        return _least([limit.max_acceleration for limit in self.motions])
 
-        The arrays stay the same objects until a limit changes.
-        """
-        revisions = [limit.revision for limit in self._motions]
-        if revisions != self._revisions:
-            self._revisions = revisions
-            self._least = (
-                _least([limit.max_acceleration for limit in self._motions]),
-                _least([limit.max_velocity for limit in self._motions]),
-            )
-        return self._least
+    @property
+    def fastest(self) -> Array | None:
+        """The least velocity limit of each joint, (nv,); ``None`` without any."""
+        return _least([limit.max_velocity for limit in self.motions])
 
     def motion(self) -> tuple[Array | None, Array | None, Array | None]:
         """Velocity, accelerations and speeds of the joints, (nv,), for what has to stop in time."""
-        hardest, fastest = self.least()
+        hardest, fastest = self.hardest, self.fastest
         if hardest is None:
             return None, None, fastest
-        return max((v.velocity for v in self._motions), key=largest), hardest, fastest
+        return max((v.velocity for v in self.motions), key=largest), hardest, fastest
 
 
 def _least(limits: Sequence[Array]) -> Array | None:
     """The least of the limits of each joint, (nv,); ``None`` where there is none."""
-    if not any(np.isfinite(limit).any() for limit in limits):
-        return None
-    least: Array = np.min(limits, axis=0)
-    return least
+    least: Array = np.min(limits, axis=0, initial=np.inf) if limits else np.full(1, np.inf)
+    return least if np.isfinite(least).any() else None

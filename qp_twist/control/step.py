@@ -40,41 +40,36 @@ class Status(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """A verified joint velocity with its residuals, active limits and status.
-
-    Attributes:
-        velocity: q̇ in the model's tangent space, rad/s or m/s, shape (nv,).
-        scale: s in A q̇ = s b of the first level: 1 if it is met at full speed, except in the
-            directions that are ``lost``. A relaxed step has no s, and scale is 1: see its
-            residuals.
-        residuals: A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows
-            of its basis; in the order of ``Controller.tasks``. Of a first level that is braked b is
-            s_b (b − b_ff) + b_ff, since the twist of a moving target keeps its speed.
-        binding: The active limits.
-        status: The outcome.
-        solver: The backend that computed the result.
-        problem: The quadratic program; ``step.problem.save("step.npz")`` stores it.
-        sigma_min: Smallest singular value of the first level's task rows; ∞ without rows.
-        lost: Directions of the first level in which the robot is singular and is slowed down.
-        recovering: Sentences about joints that are outside their limits and returning.
-        gaps: If the step was solved level by level: for each level, a bound of its residual's
-            length above the optimum, m/s and rad/s. Empty if one program contains all rows.
-        proven: Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows
-            are nearly dependent, and lower levels depend on rounding.
-    """
+    """A verified joint velocity with its residuals, active limits and status."""
 
     velocity: Array
+    """q̇ in the model's tangent space, rad/s or m/s, shape (nv,)."""
     scale: float
+    """s in A q̇ = s b of the first level: 1 if it is met at full speed, except in the directions
+    that are ``lost``. A relaxed step has no s, and scale is 1: see its residuals."""
     residuals: tuple[Array, ...]
+    """A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows of its
+    basis; in the order of ``Controller.tasks``. Of a first level that is braked b is
+    s_b (b − b_ff) + b_ff, since the twist of a moving target keeps its speed."""
     binding: tuple[BindingLimit, ...]
+    """The active limits."""
     status: Status
     solver: str
+    """The backend that computed the result."""
     problem: QuadraticProgram
+    """The quadratic program; ``step.problem.save("step.npz")`` stores it."""
     sigma_min: float
+    """Smallest singular value of the first level's task rows; ∞ without rows."""
     lost: tuple[LostDirection, ...] = field(default_factory=tuple)
+    """Directions of the first level in which the robot is singular and is slowed down."""
     recovering: tuple[str, ...] = ()
+    """Sentences about joints that are outside their limits and returning."""
     gaps: tuple[float, ...] = ()
+    """If the step was solved level by level: for each level, a bound of its residual's length above
+    the optimum, m/s and rad/s. Empty if one program contains all rows."""
     proven: bool = True
+    """Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows are
+    nearly dependent, and lower levels depend on rounding."""
 
     @staticmethod
     def with_later(later: Callable[[Any, str], Any], about: Any) -> Step:

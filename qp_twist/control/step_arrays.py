@@ -11,13 +11,11 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.constraints import LimitRows
 from qp_twist.control.composition import damps_by_error
-from qp_twist.control.limit_tables import LimitTables
+from qp_twist.control.limit_tables import LimitTables, table_of
 from qp_twist.control.secondary_arrays import SecondaryArrays
-from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of, with_slacks
 from qp_twist.control.task_arrays import TaskArrays, address
 from qp_twist.kernel.record import Floats, Integers
-from qp_twist.kernel.step_kernel import RAISE, RELAX, SCALE, STEP, STEP_INPUTS, StepInputs
-from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
+from qp_twist.kernel.step_record import RAISE, RELAX, RESULT, SCALE, STEP, Settings, Sizes, Step
 from qp_twist.kinematics import BandRows, JointRanges
 
 if TYPE_CHECKING:
@@ -31,8 +29,7 @@ class Views(NamedTuple):
 
     table: Integers
     """Offsets and shapes of all fields, at the head of the integers."""
-    inputs: StepInputs
-    program: Program
+    arrays: Step
     velocity: Array
     """q̇, (nv,)."""
     result: Floats
@@ -58,7 +55,7 @@ class StepArrays:
         """Allocate the arrays, and write the controller to them."""
         model, limits = composed.model, composed.limits
         nv, n, ranges = model.nv, model.nv + slacks, JointRanges.of(model)
-        table, types = with_slacks(*table_of(limits, nv), slacks)
+        table, types = table_of(limits, nv, slacks)
         ranks = [task.projector.rank for task in composed.twist_tasks]
         self.size = Sizes(
             nv=n, m=sum(ranks), tasks=len(ranks), levels=len(composed.levels), limits=len(types),
@@ -69,24 +66,23 @@ class StepArrays:
         self.capacity, self.slacks = capacity, slacks
         self._views_by_rows: dict[int, Views] = {}
         self.resize(0)
-        g = self.views.inputs
+        s = self.views.arrays
         starts = np.cumsum([0, *ranks])
-        g.ends[:] = starts[np.cumsum([len(level) for level in composed.levels])]
-        g.types[:], g.limits[:] = types, table
-        g.addresses[:nv], g.addresses[nv:] = ranges.qpos, -1
-        g.tolerances[:] = TOLERANCES  # type: ignore[index]
-        g.middle[:nv] = ranges.middle
-        g.metric[:nv], g.metric[nv:] = composed.metric, composed.metric.max()
-        g.sources[-2:] = model.nq, model.njnt
+        s.ends[:] = starts[np.cumsum([len(level) for level in composed.levels])]
+        s.types[:], s.limits[:] = types, table
+        s.addresses[:nv], s.addresses[nv:] = ranges.qpos, -1
+        s.middle[:nv] = ranges.middle
+        s.metric[:nv], s.metric[nv:] = composed.metric, composed.metric.max()
+        s.sources[-2:] = model.nq, model.njnt
         self.tasks = [
-            TaskArrays(task, i, int(starts[i]), model, g)
+            TaskArrays(task, i, int(starts[i]), model, s)
             for i, task in enumerate(composed.twist_tasks)
         ]
         self.without_links = [known for known in self.tasks if known.jacobian_in_python]
         self.secondary = SecondaryArrays(
-            composed.secondary, ranges, g.stiffness[:nv], g.displacement[:nv]
+            composed.secondary, ranges, s.stiffness[:nv], s.displacement[:nv]
         )
-        self.limits = LimitTables(limits, g.limits[:, :nv])
+        self.limits = LimitTables(limits, s.limits[:, :nv])
         self.take_settings(composed)
 
     @property
@@ -103,15 +99,13 @@ class StepArrays:
     def take_settings(self, composed: Controller) -> None:
         """Write the controller's settings, which may have changed."""
         smooth = composed.smooth and composed.singularity > 0.0
-        settings = kernel_settings(
+        s = self.views.arrays
+        s.settings[:] = Settings(  # type: ignore[index]
             composed.singularity, composed.joint_weight, _INFEASIBLE[composed.on_infeasible],
-            smooth=smooth,
-            trusts=smooth and damps_by_error(composed.limits, composed.on_infeasible),
-            braking=smooth and composed.braking and composed.hardest is not None,
+            smooth, smooth and damps_by_error(composed.limits, composed.on_infeasible),
+            smooth and composed.braking and composed.hardest is not None,
         )  # fmt: skip
-        g = self.views.inputs
-        g.settings[:] = settings  # type: ignore[index]
-        g.free_costs[:] = composed.free_twist_costs
+        s.free_costs[:] = composed.free_twist_costs
 
     def resize(self, k: int) -> None:
         """Take the views for k inequality rows; they are made the first time."""
@@ -119,13 +113,10 @@ class StepArrays:
         floats, integers = self.memory
         known = self._views_by_rows.get(k)
         if known is None:
-            STEP.resize(integers, size)
-            table = integers[: STEP.head].copy()
-            stages = STEP.arrays(floats, integers, integers)
-            first = STEP_INPUTS.layout(size).floats
-            result = floats[first : first + PROGRAM.end(size, "sensitivity")]
-            velocity = stages.program.x[: size.nv - self.slacks]
-            known = Views(table, stages.inputs, stages.program, velocity, result)
+            table = integers[: STEP.head] = STEP.layout(size).table
+            arrays: Step = STEP.arrays(floats, integers)
+            result = floats[STEP.span(size, *RESULT)]
+            known = Views(table, arrays, arrays.x[: size.nv - self.slacks], result)
             self._views_by_rows[k] = known
         self.views = known
         integers[: STEP.head] = known.table
@@ -133,7 +124,7 @@ class StepArrays:
     def bind(self, data: mujoco.MjData) -> None:
         """Write where q, joint axes and frames are in MuJoCo's data, which have to stay alive."""
         for at, array in enumerate((data.qpos, data.xaxis, data.xanchor)):
-            self.views.inputs.sources[at] = address(array)
+            self.views.arrays.sources[at] = address(array)
         for task in self.tasks:
             task.bind(data)
 
@@ -144,10 +135,10 @@ class StepArrays:
         joint_weight: float,
     ) -> None:
         """Write inequality rows, one slack for each soft band, and the costs of other tasks."""
-        g, program, nv = self.views.inputs, self.views.program, self.size.nv - self.slacks
-        metric, G, hardest = g.metric, program.G, 0.0
+        s, nv = self.views.arrays, self.size.nv - self.slacks
+        metric, G, hardest = s.metric, s.G, 0.0
         if costs is not None:
-            g.quadratic[:nv, :nv], g.linear[:nv] = costs
+            s.quadratic[:nv, :nv], s.linear[:nv] = costs
             hardest = float(np.abs(costs[0]).max())
         cost = 0.0
         if self.slacks:  # they are scaled so that their cost is about that of the joints
@@ -157,8 +148,7 @@ class StepArrays:
         first, slack = 0, nv
         for source in rows:
             end = first + len(source.bounds)
-            G[first:end, :nv], program.g[first:end] = source.rows, source.bounds
-            g.rooms[first:end] = source.rooms if isinstance(source, LimitRows) else 0.0
+            G[first:end, :nv], s.g[first:end] = source.rows, source.bounds
             if isinstance(source, BandRows) and source.weight is not None:
                 G[first:end, slack] = -np.sqrt(cost / source.weight)
                 slack += 1
@@ -166,7 +156,7 @@ class StepArrays:
 
     def aims(self) -> Array:
         """R_d, p_d and the twist of each task's target, (T, 18), in the arrays themselves."""
-        targets = self.views.inputs.targets
+        targets = self.views.arrays.targets
         for row, known in zip(targets, self.tasks, strict=True):
             pose = known.task.target_wxyz_xyz
             if pose is not None:

@@ -60,19 +60,10 @@ class Fade:
 
 
 class TargetMotion:
-    r"""A moving reference pose.
+    """A reference pose that follows the rare poses of a stream smoothly.
 
-    Poses of a stream come less often than the ticks of a controller. If each were the target at
-    once, the arm would jump to it and stand until the next. The reference follows them smoothly
-    instead, as a critically damped filter whose horizon h is the time between two poses:
-
-    .. math::
-
-        \mathbf t^\star = \mathbf t_{goal} + \frac{1}{h}\,\Delta\mathbf t, \qquad
-        \mathbf t \leftarrow \mathbf t + (1 - e^{-4\,dt/h})\,(\mathbf t^\star - \mathbf t)
-
-    with Δt the twist from the reference to the goal. If poses come at every tick, the reference is
-    the goal.
+    It is a critically damped filter whose horizon h is the time between two poses: the docs' page
+    *A stream of targets*. If poses come at every tick, the reference is the goal.
 
     Attributes:
         pose: Unit quaternion and position, (7,).
@@ -178,16 +169,10 @@ class TargetStream:
     def advance(
         self, now: float, configuration: mink.Configuration, velocity: Array, *, behind: bool
     ) -> bool:
-        """Move the reference by a tick, and set it as the task's target.
+        """Move the reference by a tick, and set it as the task's target; whether input is fresh.
 
-        Args:
-            now: Time, s.
-            configuration: Where the robot is.
-            velocity: The joint velocity commanded last, (nv,).
-            behind: Whether the robot may be behind the reference by more than its last step.
-
-        Returns:
-            Whether the input is fresh.
+        ``velocity`` (nv,) was commanded last; ``behind``: whether the robot may be behind the
+        reference by more than its last step.
         """
         before = self._motion.pose
         given, fresh = self._input, True
@@ -309,20 +294,7 @@ def time_at(twist: Array, speeds: tuple[float, float]) -> float:
 
 
 def twist_between(start: Array, end: Array) -> Array:
-    r"""The twist that takes one pose to another in unit time, (6,).
-
-    .. math::
-
-        \mathbf v = \mathbf p_1 - \mathbf p_0, \qquad
-        \boldsymbol\omega = \log(\mathbf R_1\mathbf R_0^T)
-
-    Args:
-        start: Unit quaternion and position, (7,).
-        end: The same.
-
-    Returns:
-        Linear and angular part, along the axes in which the poses are given.
-    """
+    """The twist (p₁ − p₀, log R₁R₀ᵀ) that takes one pose (7,) to another in unit time, (6,)."""
     twist, body = np.empty(6), np.empty(3)
     twist[:3] = end[4:] - start[4:]
     mujoco.mju_subQuat(body, end[:4], start[:4])  # along the axes of the start

@@ -13,7 +13,7 @@ from qp_twist.checks import Array
 from qp_twist.control.composition import rows_known
 from qp_twist.control.posing import free_rows
 from qp_twist.kernel.live_step import NO_EFFECT, PYTHON_JACOBIAN
-from qp_twist.kernel.step_kernel import FROM_PYTHON, StepInputs
+from qp_twist.kernel.step_record import FROM_PYTHON, Step
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.projector_shape import kinds_of, shape_of
@@ -35,28 +35,28 @@ class TaskArrays:
     """
 
     def __init__(
-        self, task: TwistTask, number: int, first: int, model: mujoco.MjModel, g: StepInputs
+        self, task: TwistTask, number: int, first: int, model: mujoco.MjModel, s: Step
     ) -> None:
         """Write the task with this number, whose rows begin at ``first``."""
-        self.task, self._number, self._inputs = task, number, g
+        self.task, self._number, self._arrays = task, number, s
         self._projector, self._frame = task.projector, (task.frame_name, task.frame_type)
         self._index = frame_id(model, *self._frame)
         self.rows = slice(first, first + task.projector.rank)
         self.in_python = not rows_known(task)
         self.revision, self.pose, self._moves = -1, None, True
-        g.shapes[number] = shape_of(task.projector, *_step_sizes(task))
-        g.links[number] = NO_EFFECT  # which joints move the frame: see ``live_step``
+        s.shapes[number] = shape_of(task.projector, *_step_sizes(task))
+        s.links[number] = NO_EFFECT  # which joints move the frame: see ``live_step``
         self.jacobian_in_python = False
         if self.in_python:
-            g.kinds[number] = task.projector.rank, 0, FROM_PYTHON
+            s.kinds[number] = task.projector.rank, 0, FROM_PYTHON
             return
-        g.kinds[number] = kinds_of(task.projector)
+        s.kinds[number] = kinds_of(task.projector)
         ranges, dofs = JointRanges.of(model), dofs_above(model, *self._frame)
         if (ranges.qpos[dofs] < 0).any():
-            self.jacobian_in_python, g.links[number] = True, PYTHON_JACOBIAN
+            self.jacobian_in_python, s.links[number] = True, PYTHON_JACOBIAN
             return
         slides = ~ranges.hinge[dofs]
-        g.links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
+        s.links[number, dofs] = 2 * model.dof_jntid[dofs] + slides
 
     def update(self) -> bool:
         """Write the task's settings; return whether its rows are still computed in the same way."""
@@ -67,7 +67,7 @@ class TaskArrays:
             or (task.frame_name, task.frame_type) != self._frame
         ):
             return False
-        self._inputs.shapes[self._number, 24:] = _step_sizes(task)
+        self._arrays.shapes[self._number, 24:] = _step_sizes(task)
         # Of a derived class ``bands`` may be computed.
         self.revision = -1 if self.in_python else task.revision
         return True
@@ -78,23 +78,23 @@ class TaskArrays:
         Raises:
             mink.TargetNotSet: If it has none.
         """
-        task, g = self.task, self._inputs
+        task, s = self.task, self._arrays
         self.pose = pose = task.target_wxyz_xyz
         if pose is None:
             raise mink.TargetNotSet(task.name)
         if self.in_python:
             return
-        g.target_poses[self._number] = pose
+        s.target_poses[self._number] = pose
         moves = task.feedforward is not AT_REST
         if moves or self._moves:
-            g.targets[self._number, 12:] = task.feedforward
+            s.targets[self._number, 12:] = task.feedforward
             self._moves = moves
 
     def bind(self, data: mujoco.MjData) -> None:
         """Write where the frame's pose is in MuJoCo's data, which have to stay alive."""
         kind, at = self._frame[1], 3 + 2 * self._number
         for attribute in (mink.FRAME_TO_XMAT_ATTR[kind], mink.FRAME_TO_POS_ATTR[kind]):
-            self._inputs.sources[at] = address(getattr(data, attribute)[self._index])
+            self._arrays.sources[at] = address(getattr(data, attribute)[self._index])
             at += 1
 
     def write_jacobian(self, configuration: mink.Configuration) -> None:
@@ -102,23 +102,23 @@ class TaskArrays:
         model, data = configuration.model, configuration.data
         J = np.empty((6, model.nv))
         mink.FRAME_TO_JAC_FUNC[self._frame[1]](model, data, J[:3], J[3:], self._index)
-        self._inputs.jacobians[self._number, :, : model.nv] = J
+        self._arrays.jacobians[self._number, :, : model.nv] = J
 
     def evaluate(
         self, configuration: mink.Configuration, dt: float, free_costs: tuple[float, float]
     ) -> bool:
         """Write the rows that the task states; return whether there are as many as before."""
-        task, g, rows, nv = self.task, self._inputs, self.rows, configuration.model.nv
+        task, s, rows, nv = self.task, self._arrays, self.rows, configuration.model.nv
         A, b = task.velocity_rows(configuration, dt)
         if len(b) != rows.stop - rows.start:
             return False
-        g.python_rows[rows, :nv], g.python_rhs[rows], g.python_forward[rows] = A, b, 0.0
+        s.python_rows[rows, :nv], s.python_rhs[rows], s.python_forward[rows] = A, b, 0.0
         if task.feedforward is not AT_REST:
             state = task.state(configuration)
-            g.python_forward[rows] = state.basis.T @ state.feedforward
-        if len(g.python_free):
+            s.python_forward[rows] = state.basis.T @ state.feedforward
+        if len(s.python_free):
             free = free_rows(task.state(configuration), free_costs)
-            block = g.python_free[6 * self._number : 6 * self._number + 6]
+            block = s.python_free[6 * self._number : 6 * self._number + 6]
             block[:], block[: len(free), :nv] = 0.0, free
         return True
 
@@ -127,9 +127,9 @@ class TaskArrays:
         if self.in_python:
             basis = self.task.state(configuration).basis
             return lambda: basis
-        g, projector = self._inputs, self._projector
+        s, projector = self._arrays, self._projector
         body, target = (
-            poses[self._number, :9].reshape(3, 3).copy() for poses in (g.poses, g.targets)
+            poses[self._number, :9].reshape(3, 3).copy() for poses in (s.poses, s.targets)
         )
         return lambda: projector.in_world(body, target).basis
 

@@ -32,21 +32,17 @@ class ServoState(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """What a servo commands for one period.
-
-    Attributes:
-        velocity: q̇, rad/s or m/s, (nv,).
-        state: What the servo is doing.
-        step: The controller's step; ``None`` if it found none.
-        failure: Why it found none.
-        exit_joints: Names of the joints whose motion leads out of a singularity, if it is in one.
-    """
+    """What a servo commands for one period."""
 
     velocity: Array
+    """q̇, rad/s or m/s, (nv,)."""
     state: ServoState
     step: Step | None
+    """The controller's step; ``None`` if it found none."""
     failure: str = ""
+    """Why it found none."""
     exit_joints: tuple[str, ...] = ()
+    """Names of the joints whose motion leads out of a singularity, if it is in one."""
 
     @property
     def message(self) -> str:
@@ -83,22 +79,15 @@ class TickTimes:
         late: Ticks that took longer than the period.
         late_by_itself: Those of them in which this thread computed for longer than the period;
             in the others the machine did something else.
-        called_late: Ticks that began more than half a period after they were due.
         longest: The longest, s.
     """
 
     def __init__(self, period: float) -> None:
         """Count nothing yet."""
         self.period = period
-        self.count = self.late = self.late_by_itself = self.called_late = 0
+        self.count = self.late = self.late_by_itself = 0
         self.longest = 0.0
         self._histogram = np.zeros(_BINS, dtype=np.int64)
-        self._began = math.nan
-
-    def begin(self, now: float) -> None:
-        """Count whether a tick that begins now, s on the servo's clock, is called late."""
-        self.called_late += now - self._began > 1.5 * self.period
-        self._began = now
 
     def add(self, seconds: float, processor_seconds: float) -> None:
         """Count a tick by its duration on the clock and on the processor."""
@@ -133,5 +122,5 @@ class TickTimes:
         return (
             f"TickTimes({self.count} ticks: {shown}, longest {1e6 * self.longest:.0f} µs; "
             f"{self.late} longer than {1e3 * self.period:g} ms, {self.late_by_itself} of them "
-            f"by their own work; {self.called_late} called late)"
+            "by their own work)"
         )

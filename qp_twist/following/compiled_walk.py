@@ -7,14 +7,13 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array
 from qp_twist.constraints import PositionLimit
+from qp_twist.control.limit_tables import table_of
 from qp_twist.control.step_settings import SINGULARITY, UNSEEN_WEIGHT
-from qp_twist.control.step_tables import TOLERANCES, kernel_settings, table_of
 from qp_twist.following.resolver import LARGEST_JOINT
 from qp_twist.following.waypoint_limits import WaypointLimits
 from qp_twist.geometry import TwistProjector, distinct_projectors
 from qp_twist.kernel import follow_kernel
-from qp_twist.kernel.step_kernel import STEP, Settings, StepInputs
-from qp_twist.kernel.step_record import Sizes
+from qp_twist.kernel.step_record import STEP, Settings, Sizes, Step
 from qp_twist.kinematics import JointCentering, JointRanges, SerialChain
 from qp_twist.kinematics.compiled_rows import arm_of, rows_of
 from qp_twist.paths import METHODS, MethodSettings, PathTask, Waypoints
@@ -75,7 +74,7 @@ class CompiledWalk:
             types,
             np.ones(model.nv),
             np.zeros(model.nv),
-            kernel_settings(SINGULARITY, 1),
+            Settings(SINGULARITY, 1.0),
             None,
         )
         self._correction = self._way._replace(
@@ -162,9 +161,7 @@ class CompiledWalk:
             np.array([path_task.iteration.position_tolerance, path_task.iteration.angle_tolerance]),
             table,
             LARGEST_JOINT,
-            *_steps(
-                table, types, metric, stiffness, kernel_settings(SINGULARITY, weight), twist_space
-            ),
+            *_steps(table, types, metric, stiffness, Settings(SINGULARITY, weight), twist_space),
         )
 
 
@@ -176,19 +173,19 @@ def _steps(
     settings: Settings,
     twist_space: bool | None,
 ) -> tuple[Array, Counts]:
-    """Steps of one task of 0 to 6 rows, as ``step_kernel.StepArrays``: (7, F) and (7, I)."""
+    """Steps of one task of 0 to 6 rows, as ``step_record.Step``: (7, F) and (7, I)."""
     nv = len(metric)
     free = 6 if twist_space else 0
     sizes = [Sizes(nv, m, 1, 1, len(types), free=free, others=0, k=0) for m in range(7)]
-    ends = [STEP.layout(size, 0, STEP.head) for size in sizes]
-    floats = np.zeros((7, max(end.floats for end in ends)))
-    integers = np.zeros((7, max(end.integers for end in ends)), dtype=np.int64)
-    for m, size in enumerate(sizes):
-        STEP.resize(integers[m], size)
-        g: StepInputs = STEP.arrays(floats[m], integers[m], integers[m]).inputs
-        g.settings[:], g.tolerances[:] = settings, TOLERANCES  # type: ignore[index]
-        g.free_costs[:], g.metric[:], g.stiffness[:], g.limits[:] = 1.0, metric, stiffness, table
-        g.ends[:], g.addresses[:], g.types[:] = m, range(nv), types
+    layouts = [STEP.layout(size) for size in sizes]
+    floats = np.zeros((7, max(layout.floats for layout in layouts)))
+    integers = np.zeros((7, max(layout.integers for layout in layouts)), dtype=np.int64)
+    for m, layout in enumerate(layouts):
+        integers[m, : STEP.head] = layout.table
+        s: Step = STEP.arrays(floats[m], integers[m])
+        s.settings[:] = settings  # type: ignore[index]
+        s.free_costs[:], s.metric[:], s.stiffness[:], s.limits[:] = 1.0, metric, stiffness, table
+        s.ends[:], s.addresses[:], s.types[:] = m, range(nv), types
     return floats, integers
 
 

@@ -54,18 +54,10 @@ def twist_error(
         \Delta\mathbf t = \begin{bmatrix} \mathbf M_v (\mathbf p_d - \mathbf p) \\
         \Delta\boldsymbol\omega \end{bmatrix}
 
-    with Δω from :func:`angular_error`. Source: the twist error of the paper's section 2 with the
-    swing–twist decomposition of the rotation that is left.
-
-    Args:
-        rotation: R of the controlled frame to the world, (3, 3).
-        position: Its origin in the world, m, (3,).
-        target_rotation: R_d of the target, likewise.
-        target_position: Its origin, likewise.
-        projector: T, fixed to any frame.
-
-    Raises:
-        InvalidInput: If an array has the wrong shape, is not finite or not a rotation.
+    with Δω from :func:`angular_error` (the paper's section 2, with the swing–twist decomposition of
+    the rotation that is left). R (3, 3) and p (3,), m, are those of the controlled frame in the
+    world, R_d and p_d those of the target; the projector may be fixed to any frame. Other arrays
+    raise :class:`~qp_twist.InvalidInput`.
     """
     instance("projector", projector, TwistProjector)
     return resolved_twist_error(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.kernel.compiling import part, plain
+from qp_twist.kernel.constants import NOTICEABLE, UNLIMITED
 
 POSITION, MOTION, WINDOW, BOX_BOUNDS, MINK_RANGE = 0, 1, 2, 3, 4
 """Kinds of limits. ``BOX_BOUNDS`` are velocity bounds that Python has evaluated. ``MINK_RANGE`` is
@@ -43,7 +44,7 @@ def _below(bound, kind, most, most_kind):
 
 
 @part
-def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from_above):
+def joint_bounds(kind, q, dt, numbers, least, from_below, most, from_above):
     """Narrow a joint's velocity bounds by one limit.
 
     Columns of ``numbers`` (7,), by kind of limit:
@@ -61,20 +62,8 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
                                         distance
     ============  =========  =========  ================  ==========  =====  =====  ========
 
-    Args:
-        kind: Kind of the limit.
-        q: Position of the joint.
-        dt: Length of the step, s.
-        noticeable: Smallest violation that counts as outside, rad or m.
-        numbers: The joint's row of the limit's table; positions in rad or m, rates per second.
-        least: Lower bound by the previous limits, rad/s or m/s.
-        from_below: Kind of that bound.
-        most: Upper bound by the previous limits.
-        from_above: Kind of that bound.
-
-    Returns:
-        Whether the joint is inside its range and can stop in time; then ``least``, ``from_below``,
-        ``most`` and ``from_above`` as narrowed.
+    Returned are whether the joint is inside its range and can stop in time; then the bounds, as
+    narrowed, each with its kind.
     """
     first, second = numbers[0], numbers[1]
     if kind == BOX_BOUNDS:
@@ -93,7 +82,7 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         most, from_above = _below(high, VELOCITY_BOUND, most, from_above)
         return True, least, from_below, most, from_above
     below, above = q - first, second - q
-    inside = below >= -noticeable and above >= -noticeable
+    inside = below >= -NOTICEABLE and above >= -NOTICEABLE
     low, high = max(below - numbers[2], 0.0), max(above - numbers[3], 0.0)
     if kind == MOTION:
         fastest, hardest, before = numbers[4], numbers[5], numbers[6]
@@ -101,9 +90,9 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
         # A joint that is too fast to stop in time is left to the reference, which reports it.
         inside = (
             inside
-            and abs(before) <= fastest + noticeable
-            and -before - change <= stopping_speed(max(below, 0.0) + noticeable, hardest, dt)
-            and before - change <= stopping_speed(max(above, 0.0) + noticeable, hardest, dt)
+            and abs(before) <= fastest + NOTICEABLE
+            and -before - change <= stopping_speed(max(below, 0.0) + NOTICEABLE, hardest, dt)
+            and before - change <= stopping_speed(max(above, 0.0) + NOTICEABLE, hardest, dt)
         )
         least, from_below = _above(before - change, ACCELERATION_BOUND, least, from_below)
         most, from_above = _below(before + change, ACCELERATION_BOUND, most, from_above)
@@ -118,30 +107,19 @@ def joint_bounds(kind, q, dt, noticeable, numbers, least, from_below, most, from
 
 
 @plain
-def bounds(
-    limits, types, q, dt, noticeable, unlimited, lower, upper, lower_kind, upper_kind
-):  # fmt: skip
+def bounds(s, q, dt):
     """Intersect the bounds of all limits, (nv,); return whether all joints are inside them.
 
-    Also returns false if two limits contradict each other.
-
-    Args:
-        limits: A table for each limit, (L, nv, 7): see :func:`joint_bounds`.
-        types: Kinds of the limits, (L,).
-        q: Joint positions, (nv,).
-        dt: Length of the step, s.
-        noticeable: Smallest violation that counts as outside, rad or m.
-        unlimited: A bound beyond it counts as infinite, rad/s or m/s.
-        lower: Result.
-        upper: Result.
-        lower_kind: Result.
-        upper_kind: Result.
+    Also returns false if two limits contradict each other. ``q`` are joint positions, (nv,); the
+    limits and the result are those of the arrays of a step.
     """
+    limits, types, lower, upper = s.limits, s.types, s.lower, s.upper
+    lower_kind, upper_kind = s.lower_kind, s.upper_kind
     for dof in range(len(q)):
         least, most, from_below, from_above = -math.inf, math.inf, NO_BOUND, NO_BOUND
         for index in range(len(types)):
             inside, least, from_below, most, from_above = joint_bounds(
-                types[index], q[dof], dt, noticeable, limits[index][dof], least, from_below, most,
+                types[index], q[dof], dt, limits[index][dof], least, from_below, most,
                 from_above,
             )  # fmt: skip
             if not inside:
@@ -151,9 +129,9 @@ def bounds(
             most, from_above = least, from_below
         if least > most and from_above == ACCELERATION_BOUND and from_below == POSITION_BOUND:
             least, from_below = most, from_above
-        if not least <= most or least > unlimited or most < -unlimited:
+        if not least <= most or least > UNLIMITED or most < -UNLIMITED:
             return False
-        lower[dof] = least if least >= -unlimited else -math.inf
-        upper[dof] = most if most <= unlimited else math.inf
+        lower[dof] = least if least >= -UNLIMITED else -math.inf
+        upper[dof] = most if most <= UNLIMITED else math.inf
         lower_kind[dof], upper_kind[dof] = from_below, from_above
     return True

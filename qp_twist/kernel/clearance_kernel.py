@@ -184,14 +184,9 @@ def move_obstacles(cell, positions, quaternions, has_moved):
     What is unforeseen is by how much they are not where they were expected now: an obstacle that
     goes on changing its speed as it does is again off by as much.
 
-    Args:
-        cell: The cell.
-        positions: Of the mocap bodies, (mocap, 3), m.
-        quaternions: Their rotations, (mocap, 4).
-        has_moved: Whether their last poses are known.
-
-    Returns:
-        −1; or the first of the mocap bodies whose pose is none, then nothing is changed.
+    ``positions`` (mocap, 3) and ``quaternions`` (mocap, 4) are those of the mocap bodies,
+    ``has_moved`` whether their last poses are known. Returned is −1, or the first of these bodies
+    whose pose is none; then nothing is changed.
     """
     for number in range(len(positions)):
         square = 0.0
@@ -387,15 +382,9 @@ def least_distances(cell, before, after, travel, curve, distance, out):
     .. math:: K = 2 c^2 + (d_0 + d_1 + c) A, \qquad
         d^2(s) \ge (1 - s)\,d_0^2 + s\,d_1^2 - \tfrac12 K s (1 - s).
 
-    Args:
-        cell: The cell.
-        before: Configurations at the beginning, (N, nq).
-        after: Those at the end, (N, nq).
-        travel: Bounds of the joints' path lengths, rad or m, (N, nv); where their second
-            derivatives are bounded, of their first derivatives with respect to s.
-        curve: Bounds of their second derivatives, rad or m, (N, nv); s goes from 0 to 1.
-        distance: Bounds above this distance may be less sharp, m.
-        out: The bounds.
+    ``travel`` (N, nv) bounds the joints' path lengths, or, where their second derivatives are
+    bounded by ``curve`` (N, nv), their first derivatives with respect to s, from 0 to 1. Bounds
+    above ``distance`` may be less sharp.
     """
     show_obstacles(cell, False)
     for row in range(len(before)):
@@ -436,14 +425,7 @@ def gradient_of(cell, pair, row):
 
 @entry
 def gradients(cell, q, which, out):
-    """Write the derivatives of the distances of some pairs.
-
-    Args:
-        cell: The cell.
-        q: Configurations, (N, nq).
-        which: Index of a pair at each of them, (N, k); −1 for none.
-        out: Derivatives, (N, k, nv), m/rad or 1.
-    """
+    """Write the derivatives (N, k, nv) of the distances of pairs ``which`` (N, k), −1 for none."""
     show_obstacles(cell, False)
     for row in range(len(q)):
         place(cell, q[row])

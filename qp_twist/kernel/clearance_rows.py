@@ -82,7 +82,6 @@ class Braking(NamedTuple):
     slope: _Floats  # scratch, (nv,)
     G: _Floats  # G q̇ ≤ g, (R, nv)
     g: _Floats  # (R,)
-    room: _Floats  # the part of g that is what is left of the margin, or 0, (R,)
     pair: npt.NDArray[np.int64]  # the pair of each row, (R,)
 
     @classmethod
@@ -90,10 +89,9 @@ class Braking(NamedTuple):
         """Zeros, for so many coordinates, degrees of freedom and rows."""
         q, at = np.zeros((2, coordinates))
         before, hardest, fastest, lower, upper, braked, travel, slope = np.zeros((8, dofs))
-        g, room = np.zeros((2, rows))
         return cls(
             q, at, before, hardest, fastest, lower, upper, braked, travel, slope,
-            np.zeros((rows, dofs)), g, room, np.zeros(rows, np.int64),
+            np.zeros((rows, dofs)), np.zeros(rows), np.zeros(rows, np.int64),
         )  # fmt: skip
 
 
@@ -238,16 +236,10 @@ def _take_reaches(cell, s, dt, horizon, moves):
 def _row(s, k, until, closing, room, dt, recovery, row):
     """Turn the gradient of pair k in G into its row; return by how much its margin may decrease, m.
 
-    Args:
-        s: The joints and the rows.
-        k: The pair.
-        until: Number n of the place of its least margin; at the end of the way ``_LATEST``, because
-            a faster velocity goes on until it is at rest.
-        closing: Speed of an obstacle, m/s.
-        room: The margin if the obstacle stood still, less what it takes on the way, m.
-        dt: Length of the step, s.
-        recovery: Speed at which a pair that is too near is moved apart, m/s.
-        row: Number of the row.
+    ``until`` is the number n of the place of its least margin; at the end of the way ``_LATEST``,
+    because a faster velocity goes on until it is at rest. ``closing`` is the speed of an obstacle,
+    ``room`` the margin if it stood still, less what it takes on the way, and ``recovery`` the speed
+    at which a pair that is too near is moved apart.
     """
     G, along, able, harder = s.G[row], 0.0, 0.0, 0.0
     for j in range(len(G)):
@@ -269,7 +261,7 @@ def _row(s, k, until, closing, room, dt, recovery, row):
         # So far ahead that the joints become as fast as the obstacle without haste.
         room *= dt / (dt + closing / (_UNHURRIED * harder))
     room = max(room - closing * dt, -_ABLE * able)
-    s.g[row], s.room[row], s.pair[row] = room / dt + along, max(room, 0.0) / dt, k
+    s.g[row], s.pair[row] = room / dt + along, k
     return room
 
 
@@ -295,8 +287,7 @@ def _rows_before_ends(cell, s, k, dt, count):
             for j in range(len(s.before)):
                 s.G[count, j] = 0.0
             s.G[count, dof] = side
-            s.g[count], s.room[count] = max(fastest, before - braking), 0.0
-            s.pair[count] = k
+            s.g[count], s.pair[count] = max(fastest, before - braking), k
             count += 1
     return count
 
@@ -305,17 +296,10 @@ def _rows_before_ends(cell, s, k, dt, count):
 def write_rows(cell, s, dt, asked, horizon, recovery, moves):
     """Write the rows of a step, from ``q``, ``before``, ``hardest`` and ``fastest``.
 
-    Args:
-        cell: The :class:`~qp_twist.kernel.clearance_kernel.Cell`.
-        s: :class:`Braking`.
-        dt: Length of the step, s.
-        asked: The distance to keep, m.
-        horizon: Margin from which on a pair has no row, m.
-        recovery: Speed at which a pair that is too near is moved apart, m/s.
-        moves: Whether an obstacle moves.
-
-    Returns:
-        The number of rows, and the least margin left if the joints brake and no obstacle moves, m.
+    They keep the distance ``asked``, of pairs with a margin below ``horizon``; ``recovery`` is the
+    speed at which a pair that is too near is moved apart; ``moves``: whether an obstacle does.
+    Returned are the number of rows, and the least margin left if the joints brake and no obstacle
+    moves, m.
     """
     _ask(cell, asked, True)
     _take_reaches(cell, s, dt, horizon, moves)
@@ -392,7 +376,7 @@ def _correction(cell, s, k, velocity, left, dt, row):
     for j in range(len(G)):
         G[j] *= -s.slope[j] / dt
         end += G[j] * velocity[j]
-    s.g[row], s.room[row], s.pair[row] = end, 0.0, k
+    s.g[row], s.pair[row] = end, k
     return True
 
 

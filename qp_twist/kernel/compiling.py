@@ -1,19 +1,8 @@
-"""How the kernels are compiled, and kept on disk.
+"""How the kernels are compiled, and kept on disk for exactly the sources that they were made from.
 
-**Folder.** numba discards machine code on disk only if the function's own file changes; but a
-kernel contains the code of kernels in other files. Here all code of one state of this folder lies
-in a folder below numba's (``NUMBA_CACHE_DIR``, else ``__pycache__`` beside the sources, else the
-user's), named by the hash of all sources and of the versions of numba, NumPy and llvmlite. Saving
-deletes the folders of other sources. A file that is damaged is compiled again; where nothing can be
-written, every process compiles.
-
-**Separate linking.** numba copies the code of a kernel into every kernel that calls it and
-optimises each copy, ten times over at the top of a chain of ten calls. A kernel that is compiled
-``apart`` is referred to by its symbol instead, which halves the compilation time of a step. A file
-lists the kernels that it calls so; they are loaded first.
-
-**Turns.** Of several processes that start together, as workers of a study do, one compiles and the
-others wait and load.
+numba copies the code of a kernel into every kernel that calls it and optimises each copy. A kernel
+that is compiled ``apart`` is referred to by its symbol instead, which halves the compilation time
+of a step. A file lists the kernels that it calls so; they are loaded first.
 """
 
 from __future__ import annotations
@@ -129,7 +118,13 @@ class _Turn:
 
 
 class _Kept:
-    """The machine code of one kernel, a file for each signature; in the place of numba's cache."""
+    """The machine code of one kernel, a file for each signature; in the place of numba's cache.
+
+    numba looks only at a function's own file, but a kernel contains the code of others. Here all
+    code lies in a folder below numba's that is named by the hash of all sources; saving deletes
+    those of other sources. A damaged file is compiled again; where nothing can be written, every
+    process compiles.
+    """
 
     def __init__(self, function: Any, *, apart: bool) -> None:
         self._apart, self.cache_path = apart, ""

@@ -367,17 +367,9 @@ def _penetration(a, b, vertices, s):
 def pair_distance(a, b, vertices, enough, s, deep):
     """Signed distance of two shapes, m.
 
-    Args:
-        a: A, a ``SHAPE``.
-        b: B, likewise.
-        vertices: Those of all meshes, in their frames, (V, 3), m.
-        enough: A distance above it need not be exact: a lower bound above it is returned.
-        s: A ``SIMPLEX``. It receives the nearest points of A and B and the direction in which A
-            moves away from B, where the distance is exact.
-        deep: Whether depths are needed; otherwise −∞ is returned where cores intersect.
-
-    Returns:
-        The distance; negative by the depth of penetration.
+    It is negative by the depth of penetration; −∞ where cores intersect, unless ``deep``. Above
+    ``enough`` it is a lower bound, else s, a ``SIMPLEX``, receives the nearest points of A and B
+    and the direction in which A moves away from B. ``vertices`` (V, 3) are those of all meshes.
     """
     if a.kind == PLANE:
         return _of_plane(a, b, vertices, s)

@@ -13,19 +13,13 @@ import numpy as np
 
 from qp_twist.kernel.bounds import MOTION, stopping_speed
 from qp_twist.kernel.compiling import inner, part, plain
+from qp_twist.kernel.constants import BEND, DEPENDENT, MOST_REGULAR, REGULAR, SMOOTHED
+from qp_twist.kernel.dual_active_set import cholesky
 
-REGULAR, MOST_REGULAR = 0.05, 50.0
-"""σ₁, m/rad or 1, from which on a direction is met as stated; in units of ε if that is less."""
-BEND = 0.6
-"""ℓ as a share of the largest singular value."""
-SMOOTHED = 0.005
-"""T, s."""
 _SWEEPS = 60
 """Limit of the sweeps; ten are enough in practice."""
 _ROUNDING = 1e-15
 """Cosine of the angle below which rows count as orthogonal; share below which a row is zero."""
-HELD = 1e-10
-"""As in ``qp.directions``."""
 BRAKING = 0.8
 """η of ``constraints.stopping_share``."""
 
@@ -48,7 +42,7 @@ class Directions(NamedTuple):
     slack: Any
     """λ = d − σ², (m,)."""
     stated: Any
-    """Uᵀ(A b) of the rows as they are stated, (m, n + 1), if they are needed."""
+    """Uᵀ(A b) of the rows as they are stated, (m, n + 1); (m, 0) where nobody needs them."""
 
 
 @part
@@ -110,15 +104,9 @@ def rotate(A, along, square):
 def directions(A, b, ahead, stated, size, dt, singularity, damp):
     """The directions of rows A q̇ = b, (m, n), on what the levels above leave.
 
-    Args:
-        A: The rows.
-        b: Their right-hand side, (m,).
-        ahead: The part of it that follows moving targets, (m,).
-        stated: Other rows to rotate, (m, p): those as stated, with what the levels above move.
-        size: Largest singular value of the rows as stated; that of A if it is 0.
-        dt: Length of the step, s.
-        singularity: ε.
-        damp: Whether t counts.
+    ``ahead`` (m,) is the part of b that follows moving targets, ``stated`` (m, p) other rows to
+    rotate, those as stated; ``size`` is the largest singular value of these, that of A if it is 0;
+    ``damp``: whether t counts.
     """
     m = len(b)
     rows, along, square = A.copy(), np.empty((m, 2 + stated.shape[1])), np.empty(m)
@@ -132,7 +120,7 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
     for i in range(m):
         largest = max(largest, d.square[i])
     for i in range(m):
-        if d.square[i] <= HELD * HELD * largest:  # rounding
+        if d.square[i] <= DEPENDENT * DEPENDENT * largest:  # rounding
             d.square[i] = 0.0
             d.rows[i, :] = 0.0
         square = d.square[i]
@@ -143,7 +131,7 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
     if damp:
         bend = BEND * math.sqrt(largest)
         t = max(first * first * min(1.0, SMOOTHED / dt), bend * dt * math.sqrt(far))
-    least = max(singularity * singularity, HELD * HELD * largest)
+    least = max(singularity * singularity, DEPENDENT * DEPENDENT * largest)
     regular = smallest >= (first * first if damp else singularity * singularity)
     for i in range(m):
         d.floor[i] = max(d.square[i], least)
@@ -186,14 +174,8 @@ def free_of(d, c):
 def stopping_share(motion, limits, types, dt):
     """Share of a displacement from whose speed the joints can stop: ``constraints.stopping_share``.
 
-    Args:
-        motion: The displacement, rad or m, (n,).
-        limits: Tables of the limits, (L, n, 7).
-        types: Their kinds, (L,).
-        dt: Length of this step and of those to come, s.
-
-    Returns:
-        The share; and 1 + the joint whose limit decides, negative where it moves down.
+    ``limits`` are their tables, (L, n, 7). Returned are the share, and 1 + the joint whose limit
+    decides, negative where it moves down.
     """
     least, which = math.inf, 0
     for index in range(len(types)):
@@ -208,3 +190,37 @@ def stopping_share(motion, limits, types, dt):
         return 1.0, 0
     share = dt * stopping_speed(1.0, BRAKING * least, dt)
     return (share, which) if share < 1.0 else (1.0, 0)
+
+
+@plain
+def well_conditioned(A, ends, threshold, work, scratch):
+    """Return whether no singular value of a level's rows is below a threshold.
+
+    Each level's rows are first projected to the null space of the levels above. With AAᵀ = LLᵀ, the
+    Gram matrix of a level's projected rows is that of its own diagonal block of L.
+    """
+    m, n = A.shape
+    if m > n:
+        return False
+    square = threshold * threshold
+    for i in range(m):
+        for j in range(i + 1):
+            total = -square if i == j and len(ends) == 1 else 0.0
+            for k in range(n):
+                total += A[i, k] * A[j, k]
+            work[i, j] = total
+    if not cholesky(work):
+        return False
+    first = 0
+    for level in range(len(ends) if len(ends) > 1 else 0):
+        end = ends[level]
+        for i in range(first, end):
+            for j in range(first, i + 1):
+                total = -square if i == j else 0.0
+                for k in range(first, j + 1):
+                    total += work[i, k] * work[j, k]
+                scratch[i - first, j - first] = total
+        if not cholesky(scratch[: end - first, : end - first]):
+            return False
+        first = end
+    return True

@@ -370,37 +370,20 @@ def row_lengths(G, lengths):
 def active_set(c, A, b, G, g, lengths, lower, upper, active, before, x, u, J, R, held, work):
     r"""Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, for a known J, JJᵀ = H⁻¹.
 
-    Goldfarb and Idnani, *A numerically stable dual method for solving strictly convex quadratic
-    programs*, Mathematical Programming 27 (1983): equality rows enter first, then one at a time the
-    most violated constraint, each with the longest step that keeps all multipliers non-negative.
-    The dual cost grows with every constraint that enters, so no active set occurs twice and the
-    method terminates; of several blocking constraints the one with the lowest number leaves. After
-    each change, x and the multipliers are recomputed from the factors, so that rounding errors do
-    not accumulate.
+    Goldfarb and Idnani, Mathematical Programming 27 (1983): equality rows enter first, then one at
+    a time the most violated constraint, each with the longest step that keeps all multipliers
+    non-negative. The dual cost grows with every constraint that enters, so no active set occurs
+    twice; of several blocking constraints the one with the lowest number leaves. After each change,
+    x and the multipliers are recomputed from the factors, so that rounding does not accumulate.
 
     Constraints are numbered: rows of A, rows of G, lower bounds, upper bounds. ``active[:before]``
-    is the initial active set (warm start); its members are used if they still fit.
+    is the initial active set (warm start); its members are used if they still fit. Dependent rows
+    of A are left out, and checked at the end.
 
-    Args:
-        c: (n,).
-        A: (m, n); dependent rows are left out, and checked at the end.
-        b: (m,).
-        G: (k, n).
-        g: (k,).
-        lengths: Those of the rows of G, in which violations are measured, (k,).
-        lower: (n,), −∞ without a bound; (0,) for no bounds.
-        upper: (n,), ∞ without a bound; or (0,).
-        active: Numbers of the active constraints, input and result, those of A first, (n,).
-        before: Size of the initial active set.
-        x: Result, (n,).
-        u: Their multipliers, result, (n + 1,).
-        J: Changed, (n, n); JJᵀ = H⁻¹ on return, too.
-        R: Workspace, (n, n).
-        held: Workspace, (m + k + 2n,).
-        work: Workspace, (3, n + 1).
-
-    Returns:
-        The status, and the number of active constraints.
+    Results are x (n,), ``active`` (n,), those of A first, their multipliers u (n + 1,), and J with
+    JJᵀ = H⁻¹; ``lengths`` are those of the rows of G, in which violations are measured; workspaces
+    R (n, n), ``held`` (m + k + 2n,) and ``work`` (3, n + 1). Returned are the status and the number
+    of active constraints.
     """
     n, m, k, d = c.shape[0], b.shape[0], g.shape[0], work[0]
     for i in range(len(held)):

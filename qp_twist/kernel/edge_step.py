@@ -10,11 +10,13 @@ import math
 import numpy as np
 
 from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.constants import EQUALITY_TOLERANCE, WHOLE
 from qp_twist.kernel.directions import (
     Directions,
     directions,
     free_of,
     motion_of,
+    rotate,
     stopping_share,
     weakness,
 )
@@ -22,26 +24,23 @@ from qp_twist.kernel.levels import in_order, missed, size_of_rows
 from qp_twist.kernel.null_space import row_space, times_q, times_q_transposed
 from qp_twist.kernel.one_program import OPTIMAL, Result, cost_along, first_level
 from qp_twist.kernel.step_kernel import (
-    RELAX,
     costs,
     desired_velocities,
     forward_rows,
     stated_rows,
     take,
 )
-from qp_twist.kernel.verified_program import (
+from qp_twist.kernel.step_record import (
     BRAKED,
     BRAKED_BELOW,
     DONE,
     FADED,
     PRIORITIZED,
     REFUSED,
+    RELAX,
     RELAXED,
     SCALED,
 )
-
-WHOLE = 1.0 - 1e-8
-"""As in ``control.solving``."""
 
 
 @plain
@@ -57,168 +56,152 @@ def _left_by(V, rank, A, b, above):
 
 
 @inner
-def _level(g, w, index, first, end, ahead, V, rank, above, dt):
-    """The directions of a level, braked: and the share of its speed and the joint that decides."""
-    n, epsilon, size = len(above), g.settings.singularity, 0.0
-    A, b, front = w.A[first:end].copy(), w.b[first:end].copy(), ahead[first:end].copy()
-    stated = np.zeros((len(b), n + 1 if index > 0 else 0))
+def _level(s, index, first, end, V, rank, above, dt):
+    """The directions of a level, braked; the share of its speed, and the joint that decides."""
+    n, size = len(above), 0.0
+    A, b, ahead = s.A[first:end].copy(), s.b[first:end].copy(), s.ahead[first:end].copy()
+    stated, square = np.zeros((len(b), n + 1)), np.zeros(len(b))
+    stated[:, :n], stated[:, n] = A, b
     if index > 0:
-        whole = directions(A, b, front, stated, 0.0, dt, epsilon, False)
+        rotate(A, np.zeros((len(b), 0)), square)
         for i in range(len(b)):
-            size = max(size, math.sqrt(whole.square[i]))
+            size = max(size, math.sqrt(square[i]))
+        A[:] = s.A[first:end]
         _left_by(V, rank, A, b, above)
-    d = directions(A, b, front, stated, size, dt, epsilon, g.settings.trusts > 0.0)
+    damp = s.settings.damps_by_error > 0.0
+    d = directions(A, b, ahead, stated, size, dt, s.settings.singularity, damp)
     share, which = 1.0, 0
-    if g.settings.braking > 0.0:
+    if s.settings.braking > 0.0:
         motion = np.zeros(n)
         motion_of(d, 1.0, motion)
         for k in range(n):
             motion[k] *= dt
-        share, which = stopping_share(motion, g.limits, g.types, dt)
+        share, which = stopping_share(motion, s.limits, s.types, dt)
     for i in range(len(b)):
-        asked = w.b[first + i]
-        w.b[first + i] = share * (asked - ahead[first + i]) + ahead[first + i]
-        w.eased[first + i] = asked - w.b[first + i] if index > 0 else 0.0
-        b[i] += w.b[first + i] - asked
-        if index > 0:
-            stated[i, :n], stated[i, n] = w.A[first + i], w.b[first + i]
-    if index > 0 or share < 1.0:  # the rotation is that of A, and so the same
-        braked = directions(A, b, front, stated, size, dt, epsilon, False)
-        d.rate[:] = braked.rate
-        d = Directions(d.rows, d.rate, d.ahead, d.square, d.floor, d.damped, d.slack, braked.stated)
+        taken = (1.0 - share) * (s.b[first + i] - s.ahead[first + i])
+        s.b[first + i] -= taken
+        s.eased[first + i] = taken if index > 0 else 0.0
+        taken = (1.0 - share) * (d.stated[i, n] - d.ahead[i])
+        d.rate[i] -= taken
+        d.stated[i, n] -= taken
     return d, share, which
 
 
 @inner
-def _all_levels(g, w, dt):
-    """The directions of all levels, braked, one level after the other; with w.b and w.braking."""
-    n, m = len(w.x), len(w.b)
+def _all_levels(s, dt):
+    """The directions of all levels, braked, one level after the other; with s.b and s.braking."""
+    n, m = len(s.x), len(s.b)
     d = Directions(
         np.zeros((m, n)), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m),
         np.zeros(m), np.zeros((m, n + 1)),
     )  # fmt: skip
-    ahead, above, motion = np.zeros(m), np.zeros(n), np.zeros(n)
-    V, rank = np.zeros((n, n)), 0
-    forward_rows(g, ahead)
-    w.braking[0], w.braking[1] = 1.0, 0.0
-    for index in range(len(g.ends)):
-        first, end = g.ends[index - 1] if index > 0 else 0, g.ends[index]
-        level, share, which = _level(g, w, index, first, end, ahead, V, rank, above, dt)
+    above, motion, V, rank = np.zeros(n), np.zeros(n), np.zeros((n, n)), 0
+    forward_rows(s)
+    s.braking[0], s.braking[1] = 1.0, 0.0
+    for index in range(len(s.ends)):
+        first, end = s.ends[index - 1] if index > 0 else 0, s.ends[index]
+        level, share, which = _level(s, index, first, end, V, rank, above, dt)
         if index == 0:
-            w.braking[0] = share
-        if w.braking[1] == 0.0:
-            w.braking[1] = which
+            s.braking[0] = share
+        if s.braking[1] == 0.0:
+            s.braking[1] = which
         motion_of(level, 0.0, motion)
         above += motion
-        for i in range(end - first):
-            d.rows[first + i] = level.rows[i]
-            d.rate[first + i], d.square[first + i] = level.rate[i], level.square[i]
-            d.floor[first + i], d.damped[first + i] = level.floor[i], level.damped[i]
-            d.slack[first + i] = level.slack[i]
-            d.stated[first + i, :n] = level.rows[i] if index == 0 else level.stated[i, :n]
-            d.stated[first + i, n] = level.rate[i] if index == 0 else level.stated[i, n]
-        if len(g.ends) > 1:
+        d.rows[first:end], d.stated[first:end] = level.rows, level.stated
+        d.rate[first:end], d.square[first:end] = level.rate, level.square
+        d.floor[first:end], d.damped[first:end] = level.floor, level.damped
+        d.slack[first:end] = level.slack
+        if len(s.ends) > 1:
             rank = row_space(d.rows[:end], V)
     return d
 
 
 @inner
-def edge_step(g, w, qpos, dt, use_secondary, twist_space, is_infeasible):
+def edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible):
     """Compute the step that ``step_kernel.step`` found at the edge or infeasible.
 
-    Args:
-        g: Inputs of the step.
-        w: Its program, whose bounds and inequality rows are set; it receives the result.
-        qpos: q, (nq,).
-        dt: Length of the step, s.
-        use_secondary: Whether the secondary acts.
-        twist_space: ``None`` for the joint-space cost.
-        is_infeasible: Whether it was found infeasible with regular rows.
-
-    Returns:
-        ``DONE``, ``FADED``, ``BRAKED``, ``BRAKED_BELOW``, ``PRIORITIZED``, ``SCALED`` or
-        ``RELAXED``, verified; ``REFUSED`` if the reference has to compute the step.
+    Its bounds and inequality rows are set; ``is_infeasible``: whether it was found so with regular
+    rows. Any outcome but ``REFUSED`` is verified.
     """
-    levels, end = len(g.ends), g.ends[0]
-    stated_rows(g, dt, w.A, w.b, w.free)
-    desired_velocities(
-        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
-    )
-    if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
+    levels, end = len(s.ends), s.ends[0]
+    stated_rows(s, dt)
+    desired_velocities(s, qpos, dt, use_secondary)
+    if not costs(s, twist_space):
         return REFUSED
-    d, c = _all_levels(g, w, dt), w.c.copy()
+    d, c = _all_levels(s, dt), s.c.copy()
     top = Directions(
         d.rows[:end], d.rate[:end], d.ahead[:end], d.square[:end], d.floor[:end], d.damped[:end],
         d.slack[:end], d.stated[:end],
     )  # fmt: skip
     free_of(top, c)
     found, scale, relaxed = first_level(
-        w.H, c, top, w.G, w.g, w.lower, w.upper, not is_infeasible or levels > 1,
-        g.settings.infeasible != RELAX, g.settings.smooth > 0.0, g.tolerances,
+        s.H, c, top, s.G, s.g, s.lower, s.upper, not is_infeasible or levels > 1,
+        s.settings.infeasible != RELAX, s.settings.smooth > 0.0,
     )  # fmt: skip
     closest = found.status != OPTIMAL
-    if closest and g.settings.smooth > 0.0:
+    if closest and s.settings.smooth > 0.0:
         return REFUSED
     if closest:
-        found = Result(OPTIMAL, np.zeros(len(w.x)), w.b.copy(), w.g * 0.0, np.zeros(len(w.x)))
-        for i in range(len(w.x)):
-            found.x[i] = min(max(0.0, w.lower[i]), w.upper[i])
-    take(w, found)
+        found = Result(OPTIMAL, np.zeros(len(s.x)), s.b.copy(), s.g * 0.0, np.zeros(len(s.x)))
+        for i in range(len(s.x)):
+            found.x[i] = min(max(0.0, s.lower[i]), s.upper[i])
+    take(s, found)
     outcome = RELAXED if relaxed > 0.0 else SCALED
     if relaxed == 0.0 and scale >= WHOLE:
         outcome, scale = DONE, 1.0
     if levels > 1 or closest:
-        ordered, _ = _in_order(g, w, d, found, outcome, scale, closest)
+        ordered = _in_order(s, d, found, outcome, scale, closest)
         if ordered.status != OPTIMAL:
             return REFUSED
-        for i in range(len(w.x)):
-            w.x[i] = ordered.x[i]
-            w.box[i] = w.box[i] if outcome == SCALED else ordered.box[i]
+        for i in range(len(s.x)):
+            s.x[i] = ordered.x[i]
+            s.box[i] = s.box[i] if outcome == SCALED else ordered.box[i]
         if outcome != SCALED:  # then the limits in the way are those of the scale
-            w.lam[:] = ordered.lam
-        if outcome == DONE and not _lower_met(w, g.ends, g.tolerances):
+            s.lam[:] = ordered.lam
+        if outcome == DONE and not _lower_met(s):
             outcome = PRIORITIZED
-    return _described(g, w, top, outcome, scale)
+    return _described(s, top, outcome, scale)
 
 
 @plain
-def _lower_met(w, ends, tolerances):
+def _lower_met(s):
     """Whether the levels below the first are met as they are stated."""
+    ends = s.ends
     for level in range(1, len(ends)):
-        A, b = w.A[ends[level - 1] : ends[level]], w.b[ends[level - 1] : ends[level]]
+        A, b = s.A[ends[level - 1] : ends[level]], s.b[ends[level - 1] : ends[level]]
         longest, largest = size_of_rows(A, b)
         longest = longest if longest > 0.0 else 1.0
-        if missed(A, b, w.x) > tolerances.equality * (longest + largest):
+        if missed(A, b, s.x) > EQUALITY_TOLERANCE * (longest + largest):
             return False
     return True
 
 
 @plain
-def _described(g, w, top, outcome, scale):
+def _described(s, top, outcome, scale):
     """Write the scale and the multipliers; return the outcome with braking and what is lost."""
-    n, end = len(w.x), len(top.rate)
+    n, end = len(s.x), len(top.rate)
     for i in range(n):
-        w.sensitivity[1 + i] = w.box[i]
-    for row in range(len(w.g)):
-        w.sensitivity[1 + n + row] = w.lam[row]
+        s.sensitivity[1 + i] = s.box[i]
+    for row in range(len(s.g)):
+        s.sensitivity[1 + n + row] = s.lam[row]
     for i in range(end):
-        w.b[i] *= scale
-    w.sensitivity[0] = scale * w.braking[0]
-    w.lacks[0] = 1.0 if _delivers_less(top, w.A[:end], w.b[:end], w.x, scale, g.tolerances) else 0.0
-    if outcome == DONE and w.lacks[0] > 0.0:
+        s.b[i] *= scale
+    s.sensitivity[0] = scale * s.braking[0]
+    s.lacks[0] = 1.0 if _delivers_less(top, s.A[:end], s.b[:end], s.x, scale) else 0.0
+    if outcome == DONE and s.lacks[0] > 0.0:
         return FADED
-    if outcome in (DONE, PRIORITIZED) and w.braking[0] < 1.0:
+    if outcome in (DONE, PRIORITIZED) and s.braking[0] < 1.0:
         return BRAKED if outcome == DONE else SCALED
-    if outcome == DONE and w.braking[1] != 0.0:
+    if outcome == DONE and s.braking[1] != 0.0:
         return BRAKED_BELOW
     return outcome
 
 
 @plain
-def _delivers_less(d, A, b, x, scale, tolerances):
+def _delivers_less(d, A, b, x, scale):
     """Whether x lacks a part of what a weak direction is asked for (``qp.lost_directions``)."""
     longest, largest = size_of_rows(A, b)
-    tolerance = tolerances.equality * ((longest if longest > 0.0 else 1.0) + largest)
+    tolerance = EQUALITY_TOLERANCE * ((longest if longest > 0.0 else 1.0) + largest)
     for i in range(len(b)):
         missing = scale * d.rate[i]
         for k in range(len(x)):
@@ -236,23 +219,23 @@ def _is_weak(d, i, singularity):
 
 
 @inner
-def _in_order(g, w, d, found, outcome, scale, closest):
+def _in_order(s, d, found, outcome, scale, closest):
     """The levels one after the other: weak directions have slacks, as in ``control.solving``."""
-    n, m, weak, c = len(w.x), len(d.rate), 0, w.c.copy()
+    n, m, weak, c = len(s.x), len(d.rate), 0, s.c.copy()
     free_of(d, c)
     for i in range(m):
-        weak += _is_weak(d, i, g.settings.singularity)
+        weak += _is_weak(d, i, s.settings.singularity)
     wide, cost, start = np.zeros((n + weak, n + weak)), np.zeros(n + weak), np.zeros(n + weak)
     low, high = np.full(n + weak, -math.inf), np.full(n + weak, math.inf)
-    rows, rates, G, at = np.zeros((m, n + weak)), np.zeros(m), np.zeros((len(w.g), n + weak)), n
-    wide[:n, :n], cost[:n], start[:n] = w.H, c, found.x[:n]
-    low[:n], high[:n], G[:, :n], rows[:, :n] = w.lower, w.upper, w.G, d.stated[:, :n]
+    rows, rates, G, at = np.zeros((m, n + weak)), np.zeros(m), np.zeros((len(s.g), n + weak)), n
+    wide[:n, :n], cost[:n], start[:n] = s.H, c, found.x[:n]
+    low[:n], high[:n], G[:, :n], rows[:, :n] = s.lower, s.upper, s.G, d.stated[:, :n]
     rates[:] = d.stated[:, n]
     for i in range(m):
-        if _is_weak(d, i, g.settings.singularity):
-            rows[i, at], wide[at, at] = -math.sqrt(d.slack[i]), cost_along(w.H, d, i)
+        if _is_weak(d, i, s.settings.singularity):
+            rows[i, at], wide[at, at] = -math.sqrt(d.slack[i]), cost_along(s.H, d, i)
             at += 1
-    for i in range(g.ends[0]):
+    for i in range(s.ends[0]):
         phi = weakness(d, i)
         if outcome == SCALED:
             rates[i] *= phi + scale * (1.0 - phi)
@@ -260,6 +243,4 @@ def _in_order(g, w, d, found, outcome, scale, closest):
             rates[i] = 0.0
             for k in range(n):
                 rates[i] += d.rows[i, k] * found.x[k]
-    return in_order(
-        wide, cost, rows, rates, g.ends, G, w.g, low, high, start, w.levels.gaps, g.tolerances
-    )
+    return in_order(wide, cost, rows, rates, s.ends, G, s.g, low, high, start, s.gaps)

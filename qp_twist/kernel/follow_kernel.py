@@ -11,9 +11,9 @@ from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import WINDOW, bounds
 from qp_twist.kernel.compiling import inner, kernel, plain
 from qp_twist.kernel.path_kernel import Rows
-from qp_twist.kernel.step_kernel import read_step, step_on_rows
+from qp_twist.kernel.step_kernel import step_on_rows
+from qp_twist.kernel.step_record import DONE, read_step
 from qp_twist.kernel.twist_rows import twist_rows
-from qp_twist.kernel.verified_program import DONE
 
 _STANDS_STILL = 1e-13
 """A displacement below it counts as zero, rad or m."""
@@ -35,7 +35,7 @@ class FollowSettings(NamedTuple):
     sane: float
     """A joint position beyond it counts as diverged, rad or m."""
     floats: npt.NDArray[np.float64]
-    """``step_kernel.StepArrays`` of a step with one task, for each number of rows, (7, F)."""
+    """``step_record.Step`` of a step with one task, for each number of rows, (7, F)."""
     integers: npt.NDArray[np.int64]
     """The same, (7, I)."""
 
@@ -54,26 +54,23 @@ class Path(NamedTuple):
 
 
 @plain
-def _begin(method, path, at, q, g, w):
+def _begin(method, path, at, q, s):
     """Centre the windows on q, move q towards a plan; return false if the reference has to."""
     dt = path.durations[at]
     for dof in range(len(q)):
-        g.middle[dof] = path.references[at, dof]
-    for index in range(len(g.types)):
-        if g.types[index] == WINDOW:
+        s.middle[dof] = path.references[at, dof]
+    for index in range(len(s.types)):
+        if s.types[index] == WINDOW:
             for dof in range(len(q)):
-                g.limits[index, dof, 0] = q[dof]
-                g.limits[index, dof, 1] = method.limits[index, dof, 1] * dt
+                s.limits[index, dof, 0] = q[dof]
+                s.limits[index, dof, 1] = method.limits[index, dof, 1] * dt
     if not method.every_iteration:
         return True
-    if not bounds(
-        g.limits, g.types, q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
-        w.lower_kind, w.upper_kind,
-    ):  # fmt: skip
+    if not bounds(s, q, dt):
         return False
     for dof in range(len(q)):
-        desired = g.stiffness[dof] * (g.middle[dof] - q[dof])
-        q[dof] += min(max(desired, min(w.lower[dof] * dt, 0.0)), max(w.upper[dof] * dt, 0.0))
+        desired = s.stiffness[dof] * (s.middle[dof] - q[dof])
+        q[dof] += min(max(desired, min(s.lower[dof] * dt, 0.0)), max(s.upper[dof] * dt, 0.0))
     return True
 
 
@@ -85,24 +82,23 @@ def _approach(arm, method, path, target, at, q, floats, integers):
         return -1
     kinds, dt = path.rows.kinds[which], path.durations[at]
     m = kinds[0] + kinds[1]
-    s = read_step(floats[m], integers[m], integers[m])
-    g, w = s.inputs, s.program
-    if not _begin(method, path, at, q, g, w):
+    s = read_step(floats[m], integers[m])
+    if not _begin(method, path, at, q, s):
         return -1
     for iteration in range(method.iterations):
-        pose_and_jacobian(arm, q, g.poses[0], g.jacobians[0])
+        pose_and_jacobian(arm, q, s.poses[0], s.jacobians[0])
         apart, turned = twist_rows(
-            kinds, path.rows.shapes[which], g.poses[0], target, g.jacobians[0], dt, w.A, w.b,
-            w.free, g.free_costs,
+            kinds, path.rows.shapes[which], s.poses[0], target, s.jacobians[0], dt, s.A, s.b,
+            s.free, s.free_costs,
         )  # fmt: skip
         if iteration > 0 and apart <= method.tolerances[0] and turned <= method.tolerances[1]:
             return iteration
         use_secondary = iteration == 0 or method.every_iteration
-        if step_on_rows(g, w, q, dt, use_secondary, method.twist_space) != DONE:
+        if step_on_rows(s, q, dt, use_secondary, method.twist_space) != DONE:
             return -1
         largest = 0.0
         for dof in range(len(q)):
-            step = w.x[dof] * dt
+            step = s.x[dof] * dt
             q[dof] += step
             largest = max(largest, abs(step))
             if not abs(q[dof]) < method.sane:
@@ -126,17 +122,11 @@ def _move(move, target, moved):
 def follow(arm, method, path, moves, first, q, iterations, errors, found, ends):
     """Follow the waypoints from ``first`` on, for K independent runs.
 
-    Args:
-        arm: The robot.
-        method: The method.
-        path: The path.
-        moves: Rigid motion of each run's path: rotation (9) and translation (3), (K, 12).
-        first: Index of the first waypoint to compute, at least 1.
-        q: Configurations, (K, N, nq); row ``first`` − 1 is input, the next ones are the result.
-        iterations: Result, (K, N).
-        errors: Result, from row ``first`` − 1 on: lengths of the task errors, m and rad, (K, N, 2).
-        found: Result, likewise: the rows UᵀJ, (K, N, 6, nv).
-        ends: Result: index of the first waypoint that is left to the reference, N if none, (K,).
+    ``moves`` (K, 12) are rigid motions of each run's path, rotation (9) and translation (3). Of
+    q (K, N, nq) row ``first`` − 1 is input, the next ones are the result; further results are
+    iterations (K, N), lengths of the task errors, m and rad, (K, N, 2), and rows UᵀJ
+    (K, N, 6, nv), both from row ``first`` − 1 on, and ``ends`` (K,), the index of the first
+    waypoint that is left to the reference, N if none.
     """
     floats, integers = method.floats.copy(), method.integers.copy()
     seen, nv = path.measured, q.shape[2]

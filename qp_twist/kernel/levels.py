@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.constants import DUST, EQUALITY_TOLERANCE, HELD
 from qp_twist.kernel.dual_active_set import (
     SOLVED,
     active_set,
@@ -73,10 +74,8 @@ def _closest(A, b, E, e, G, g, lengths, lower, upper, x, active, u):
         + \tfrac12\varepsilon^2\lVert\mathbf x - \mathbf x_{before}\rVert^2
 
     until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976),
-    with a decreasing ε.
-
-    Returns:
-        The number of active constraints, −1 on failure; and the remaining gradient.
+    with a decreasing ε. Returned are the number of active constraints, −1 on failure, and the
+    remaining gradient.
     """
     n, held, left, weight, count = len(x), len(e), math.inf, math.inf, 0
     H, J, R, c, before = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n), x.copy()
@@ -134,7 +133,7 @@ def _gap(x, lower, upper, left, length):
 
 
 @inner
-def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps, tolerances):
+def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps):
     r"""Minimise the levels' residuals in order of priority, then the cost, inside the limits.
 
     .. math::
@@ -149,25 +148,12 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps, tolerances):
     levels below. Each level is verified by the gradient that its multipliers do not balance, the
     final program as any other.
 
-    Args:
-        H: Cost, (n, n).
-        c: Linear cost, (n,).
-        A: Rows of all levels, (m, n).
-        b: Their right-hand sides, (m,).
-        ends: Index after the last row of each level, (levels,).
-        G: Inequality rows, (k, n).
-        g: Their right-hand side, (k,).
-        lower: Bounds, (n,).
-        upper: Bounds, (n,).
-        start: A point inside the bounds, (n,).
-        gaps: Result: bound of how much longer each level's residual is than at its optimum.
-        tolerances: Of the verification.
-
-    Returns:
-        The result with the multipliers of the limits in the way of the first level that gives way;
-        and the number of levels that are met, in order.
+    ``ends`` are the indices after the last row of each level in A (m, n), ``start`` is a point
+    inside the bounds, ``gaps`` receive bounds of how much longer each level's residual is than at
+    its optimum. Returned is the result with the multipliers of the limits in the way of the first
+    level that gives way.
     """
-    n, k, held, met = len(c), len(g), 0, 0
+    n, k, held = len(c), len(g), 0
     E, e = np.zeros((len(b) + n + k, n)), np.zeros(len(b) + n + k)
     low, high, x, lengths = lower.copy(), upper.copy(), start.copy(), np.empty(k)
     named = Result(FAILED, x, np.zeros(0), np.zeros(k), np.zeros(n))
@@ -178,36 +164,34 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps, tolerances):
         rows, sides = A[first : ends[level]], b[first : ends[level]]
         gaps[level] = 0.0
         if len(sides) == 0:
-            met += met == level
             continue
-        tolerance, negligible = _sizes(rows, sides, x, tolerances)
+        tolerance, negligible = _sizes(rows, sides, x)
         count, left = _closest(
             rows, sides, E[:held], e[:held], G, g, lengths, lower, upper, x, active, u
         )
         length = missed(rows, sides, x)
         gaps[level] = _gap(x, lower, upper, left, length)
         if count < 0 or not gaps[level] <= 10.0 * tolerance:
-            return named, met
-        met += met == level and length <= tolerance
+            return named
         held = _hold(
             rows, G, g, lower, upper, x, active[:count], u, negligible, E, e, held, low, high,
             named, gave_way,
         )  # fmt: skip
         gave_way = gave_way or length > tolerance
-    status = _least_cost(H, c, E[:held], e[:held], G, g, lower, upper, low, high, x, tolerances)
-    return Result(status, x, named.y, named.lam, named.box), met
+    status = _least_cost(H, c, E[:held], e[:held], G, g, lower, upper, low, high, x)
+    return Result(status, x, named.y, named.lam, named.box)
 
 
 @plain
-def _sizes(A, b, x, tolerances):
+def _sizes(A, b, x):
     """The length of A x − b that counts as zero, and the multiplier that does."""
     longest, largest = size_of_rows(A, b)
     furthest = 1.0
     for i in range(len(x)):
         furthest = max(furthest, 1.0 + abs(x[i]))
     terms = longest * furthest + largest
-    negligible = longest * (tolerances.held * missed(A, b, x) + tolerances.dust * terms)
-    return tolerances.equality * (longest + largest), negligible
+    negligible = longest * (HELD * missed(A, b, x) + DUST * terms)
+    return EQUALITY_TOLERANCE * (longest + largest), negligible
 
 
 @inner
@@ -245,7 +229,7 @@ def _hold(
 
 
 @inner
-def _least_cost(H, c, E, e, G, g, lower, upper, low, high, x, tolerances):
+def _least_cost(H, c, E, e, G, g, lower, upper, low, high, x):
     """Move x to the point of least cost on the held rows, verified with the held bounds fixed."""
     status, found, J = minimum(H, c, E, e, G, g, lower, upper)
     if status != SOLVED:
@@ -253,5 +237,5 @@ def _least_cost(H, c, E, e, G, g, lower, upper, low, high, x, tolerances):
     for i in range(len(x)):
         x[i] = min(max(found.x[i], low[i]), high[i])
     y, lam, box = found.y, found.lam, found.box
-    excess = excess_of(H, c, E, e, G, g, low, high, x, y, lam, box, J, tolerances)
+    excess = excess_of(H, c, E, e, G, g, low, high, x, y, lam, box, J)
     return OPTIMAL if excess <= 1.0 else FAILED

@@ -6,7 +6,8 @@ from qp_twist.kernel.compiling import kernel, part, plain
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.rotations import rotation_of
-from qp_twist.kernel.step_kernel import read_step, step
+from qp_twist.kernel.step_kernel import step
+from qp_twist.kernel.step_record import read_step
 
 PYTHON_JACOBIAN, NO_EFFECT = -2, -1
 """Entries of ``links`` that are no joint: Python computes the task's Jacobian; the joint does not
@@ -36,14 +37,14 @@ def _jacobian(links, axes, anchors, origin, J):
 
 
 @plain
-def take_poses(g):
+def take_poses(s):
     """Write R and p of frames and targets, and Jacobians.
 
     Target rotations are computed from ``target_poses``; poses and Jacobians are read from MuJoCo.
     ``sources`` contains the addresses of q (nq), joint axes and joint anchors; for each task those
     of its frame's rotation (9) and position (3); then nq and the number of joints.
     """
-    sources, links = g.sources, g.links
+    sources, links = s.sources, s.links
     tasks = len(links)
     joints = sources[4 + 2 * tasks]
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
@@ -51,33 +52,32 @@ def take_poses(g):
         rotation = at_address(sources[3 + 2 * task], 9)
         position = at_address(sources[4 + 2 * task], 3)
         for i in range(9):
-            g.poses[task, i] = rotation[i]
+            s.poses[task, i] = rotation[i]
         for i in range(3):
-            g.poses[task, 9 + i] = position[i]
-        rotation_of(g.target_poses[task], g.targets[task])
+            s.poses[task, 9 + i] = position[i]
+        rotation_of(s.target_poses[task], s.targets[task])
         for i in range(3):
-            g.targets[task, 9 + i] = g.target_poses[task, 4 + i]
+            s.targets[task, 9 + i] = s.target_poses[task, 4 + i]
         if links[task, 0] != PYTHON_JACOBIAN:
-            _jacobian(links[task], axes, anchors, position, g.jacobians[task])
+            _jacobian(links[task], axes, anchors, position, s.jacobians[task])
 
 
 @kernel
 def live_step(floats, integers, dt, use_secondary, twist_space):
-    """Compute a step from the arrays that ``control.compiled_step`` has allocated.
+    """Compute a step from the arrays of ``control.step_arrays``.
 
     Returns:
         As ``step_kernel.step``.
     """
-    s = read_step(floats, integers, integers)
-    g, w = s.inputs, s.program
-    take_poses(g)
-    qpos = at_address(g.sources[0], g.sources[3 + 2 * len(g.links)])
-    return step(g, w, qpos, dt, use_secondary, twist_space)
+    s = read_step(floats, integers)
+    take_poses(s)
+    qpos = at_address(s.sources[0], s.sources[3 + 2 * len(s.links)])
+    return step(s, qpos, dt, use_secondary, twist_space)
 
 
 @kernel
 def live_edge_step(floats, integers, dt, use_secondary, twist_space, is_infeasible):
     """Compute what :func:`live_step` found infeasible or at the edge: ``edge_step.edge_step``."""
-    s = read_step(floats, integers, integers)
-    qpos = at_address(s.inputs.sources[0], s.inputs.sources[3 + 2 * len(s.inputs.links)])
-    return edge_step(s.inputs, s.program, qpos, dt, use_secondary, twist_space, is_infeasible)
+    s = read_step(floats, integers)
+    qpos = at_address(s.sources[0], s.sources[3 + 2 * len(s.links)])
+    return edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible)

@@ -70,13 +70,8 @@ def null_space(V, N):
 def row_space(A, V):
     """Reduce the rows of A (m, n), which may be dependent, to a triangle by reflections.
 
-    Args:
-        A: The rows.
-        V: Result, (n, n): for each independent row the vector v of a reflection 1 − vvᵀ; their
-            product is Q of Aᵀ = QR.
-
-    Returns:
-        The number of independent rows.
+    V (n, n) receives for each independent row the vector v of a reflection 1 − vvᵀ; their product
+    is Q of Aᵀ = QR. Returned is the number of independent rows.
     """
     m, n = A.shape
     rank = 0

@@ -8,6 +8,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from qp_twist.kernel.compiling import inner, kernel, plain
+from qp_twist.kernel.constants import (
+    BEYOND,
+    BOUND_TOLERANCE,
+    CURVED,
+    DEAD,
+    EQUALITY_TOLERANCE,
+    GAIN_TOLERANCE,
+    GAP_TOLERANCE,
+    LARGEST,
+    LEAST_MOTION,
+    OF_COSTS,
+    OPTIMALITY_TOLERANCE,
+    ROUNDING,
+    SCALE_BACKOFF,
+    SOFT,
+    STILL,
+    WORTH,
+)
 from qp_twist.kernel.directions import weakness
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
@@ -18,15 +36,6 @@ from qp_twist.kernel.dual_active_set import (
     row_lengths,
 )
 
-WORTH, BEYOND, LARGEST, CURVED, SOFT, DEAD = 50.0, 3.0, 1e8, 1e-2, 1e-4, 0.03
-LEAST_MOTION, BACKOFF, _STILL = 1e-12, 1e-8, 1e-9
-"""γ, δ and the other constants of ``qp.one_program``; ``LARGEST`` is a γ for which s is the largest
-and the rest optimal (a linear program with a small quadratic cost: Mangasarian, Appl. Math. Optim.
-5, 1979): of 65,879 random steps that had to be slowed down 5 were up to 1e-4 too slow with 1e6,
-and none by 1e-7 with 1e8."""
-OF_COSTS = 10.0
-"""Multipliers up to so many times the gradient of the costs are not those of the scale: these are
-larger by the order of ``LARGEST``."""
 OPTIMAL, EMPTY, FAILED = 0, 1, 2
 """Outcome of a program: verified; the constraints leave no room; not verified."""
 
@@ -80,7 +89,7 @@ def solve_program(H, c, A, b, G, g, lower, upper):
 
 
 @inner
-def solve(H, c, A, b, G, g, lower, upper, tolerances):
+def solve(H, c, A, b, G, g, lower, upper):
     """:func:`minimum`, inside the bounds and verified."""
     status, found, J = minimum(H, c, A, b, G, g, lower, upper)
     x, y, lam, box = found.x, found.y, found.lam, found.box
@@ -92,7 +101,7 @@ def solve(H, c, A, b, G, g, lower, upper, tolerances):
         finite = finite and math.isfinite(x[i])
     if not finite:
         return Result(FAILED, x, y, lam, box)
-    excess = excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances)
+    excess = excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J)
     return Result(OPTIMAL if excess <= 1.0 else FAILED, x, y, lam, box)
 
 
@@ -124,7 +133,7 @@ def _residual(A, b, x, i):
 
 
 @inner
-def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances):
+def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
     """Largest error of optimality or feasibility, in units of its tolerance (``qp.verification``).
 
     JJᵀ = H⁻¹ serves the duality gap.
@@ -153,7 +162,7 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances):
         if lam[row] > 0.0:
             gap -= lam[row] * total
             held += lam[row] * max(-total, 0.0)
-            lost += tolerances.rounding * lam[row] * terms
+            lost += ROUNDING * lam[row] * terms
             for i in range(n):
                 slope[i] += lam[row] * G[row, i]
     for column in range(n):
@@ -164,10 +173,10 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J, tolerances):
         gap += 0.5 * along * along
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
-    worst = max(off / (tolerances.equality * (1.0 + largest_b)), over / (tolerances.bound * reach))
-    worst = max(worst, left / (tolerances.optimality * hardest * reach))
-    worst = max(worst, held / (tolerances.gain * cost + lost))
-    return max(worst, gap / (tolerances.gap * cost + lost))
+    worst = max(off / (EQUALITY_TOLERANCE * (1.0 + largest_b)), over / (BOUND_TOLERANCE * reach))
+    worst = max(worst, left / (OPTIMALITY_TOLERANCE * hardest * reach))
+    worst = max(worst, held / (GAIN_TOLERANCE * cost + lost))
+    return max(worst, gap / (GAP_TOLERANCE * cost + lost))
 
 
 @plain
@@ -200,7 +209,7 @@ def cost_along(H, d, i):
 
 
 @inner
-def posed_program(H, c, d, scale, G, g, lower, upper, tolerances):
+def posed_program(H, c, d, scale, G, g, lower, upper):
     """The result of the program at a given scale."""
     n, m, hard, at = len(c), len(d.rate), 0, 0
     for i in range(m):
@@ -215,11 +224,11 @@ def posed_program(H, c, d, scale, G, g, lower, upper, tolerances):
         else:
             rows[at, :], rates[at] = d.rows[i], rate
             at += 1
-    return solve(softer, cost, rows, rates, G, g, lower, upper, tolerances)
+    return solve(softer, cost, rows, rates, G, g, lower, upper)
 
 
 @plain
-def allowed(d, lower, upper, tolerances):
+def allowed(d, lower, upper):
     """The largest s ≤ 1 at which the bounds allow each exact direction."""
     longest, largest, share = 0.0, 0.0, 1.0
     for i in range(len(d.rate)):
@@ -228,7 +237,7 @@ def allowed(d, lower, upper, tolerances):
     for i in range(len(d.rate)):
         if d.slack[i] > 0.0 or d.rate[i] == 0.0:
             continue
-        room = tolerances.equality * (longest + largest)
+        room = EQUALITY_TOLERANCE * (longest + largest)
         for k in range(d.rows.shape[1]):
             along = d.rows[i, k] if d.rate[i] > 0.0 else -d.rows[i, k]
             if along > 0.0:
@@ -240,7 +249,7 @@ def allowed(d, lower, upper, tolerances):
 
 
 @inner
-def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
+def scaled_program(H, c, d, G, g, lower, upper, smooth):
     """The program with the scale: its result, s, and what a unit of its multipliers is of s.
 
     ``c`` is already that in the null space of the directions d.
@@ -256,7 +265,7 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
     for i in range(n):
         for j in range(n):
             speed += motion[i] * H[i, j] * motion[j]
-    most = min(BEYOND * allowed(d, lower, upper, tolerances), 1.0)
+    most = min(BEYOND * allowed(d, lower, upper), 1.0)
     worth = (WORTH if smooth else LARGEST) * max(most * most * speed, LEAST_MOTION * size)
     whole = math.sqrt(CURVED * worth / size)
     unit, price = most / whole, worth * (1.0 + CURVED) / whole
@@ -281,12 +290,12 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances):
             at += 1
     wider = np.zeros((len(g), n + 1))
     wider[:, :n] = G
-    found = solve(wide, cost, rows, rates, wider, g, low, high, tolerances)
+    found = solve(wide, cost, rows, rates, wider, g, low, high)
     return found, min(found.x[n] * unit, 1.0), unit / price
 
 
 @inner
-def relaxed_program(H, c, d, G, g, lower, upper, tolerances):
+def relaxed_program(H, c, d, G, g, lower, upper):
     """The result of the program in which all directions yield."""
     largest = 0.0
     for i in range(len(d.rate)):
@@ -296,7 +305,7 @@ def relaxed_program(H, c, d, G, g, lower, upper, tolerances):
         slack = d.slack[i] + SOFT * max(largest, 1e-12)
         add_weak_row(d.rows[i], d.rate[i], cost_along(H, d, i) / slack, softer, cost)
     none = np.zeros((0, len(c)))
-    return solve(softer, cost, none, np.zeros(0), G, g, lower, upper, tolerances)
+    return solve(softer, cost, none, np.zeros(0), G, g, lower, upper)
 
 
 @plain
@@ -309,11 +318,11 @@ def _progress(d, scaled, relaxed):
         for k in range(d.rows.shape[1]):
             slow += along * d.rows[i, k] * scaled[k]
             free += along * d.rows[i, k] * relaxed[k]
-    return slow / max(slow, free, _STILL * whole, 1e-300)
+    return slow / max(slow, free, STILL * whole, 1e-300)
 
 
 @inner
-def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances):
+def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper):
     """The result at the largest scale less a share of 1e-8, clear of the very edge.
 
     Of the multipliers those of the scale remain: what the cost alone would make of them is no more
@@ -329,8 +338,8 @@ def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances):
         scaled.box[i] = scaled.box[i] if abs(scaled.box[i]) > OF_COSTS * slope else 0.0
     for row in range(len(g)):
         scaled.lam[row] = scaled.lam[row] if scaled.lam[row] > OF_COSTS * slope else 0.0
-    slower = scale * (1.0 - BACKOFF)
-    found = posed_program(H, c, d, slower, G, g, lower, upper, tolerances)
+    slower = scale * (1.0 - SCALE_BACKOFF)
+    found = posed_program(H, c, d, slower, G, g, lower, upper)
     if found.status == OPTIMAL:
         for i in range(len(c)):
             scaled.x[i] = found.x[i]
@@ -339,7 +348,7 @@ def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances):
 
 
 @inner
-def first_level(H, c, d, G, g, lower, upper, whole, scales, smooth, tolerances):
+def first_level(H, c, d, G, g, lower, upper, whole, scales, smooth):
     """Solve a first level: its result, s, and the share of the relaxed result in it.
 
     ``whole``: whether it has not been solved as posed before; ``smooth``: whether weak directions
@@ -349,24 +358,24 @@ def first_level(H, c, d, G, g, lower, upper, whole, scales, smooth, tolerances):
     are those of s.
     """
     if whole:
-        posed = posed_program(H, c, d, 1.0, G, g, lower, upper, tolerances)
+        posed = posed_program(H, c, d, 1.0, G, g, lower, upper)
         if posed.status == OPTIMAL:
             return posed, 1.0, 0.0
     scaled, scale = Result(EMPTY, c, c, g, c), 0.0
     if scales:
-        scaled, scale, per = scaled_program(H, c, d, G, g, lower, upper, smooth, tolerances)
+        scaled, scale, per = scaled_program(H, c, d, G, g, lower, upper, smooth)
         if scaled.status == OPTIMAL:
             for i in range(len(scaled.box)):
                 scaled.box[i] *= per
             for row in range(len(g)):
                 scaled.lam[row] *= per
             if not smooth:
-                return _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper, tolerances)
+                return _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper)
             if scale >= DEAD:
                 return scaled, scale, 0.0
     if not smooth:
         return scaled, 1.0, 1.0
-    relaxed = relaxed_program(H, c, d, G, g, lower, upper, tolerances)
+    relaxed = relaxed_program(H, c, d, G, g, lower, upper)
     if scaled.status != OPTIMAL:
         return relaxed, 1.0, 1.0
     share = 1.0 - max(scale, _progress(d, scaled.x, relaxed.x)) / DEAD

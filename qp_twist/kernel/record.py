@@ -1,22 +1,10 @@
 """Named arrays inside one array of floats and one of integers, each declared in one line.
 
-Calling a kernel with twenty array arguments costs 2 µs, reshaping a slice 50 ns. So everything that
-a step reads and writes lies in two arrays that the caller keeps. A record is a ``NamedTuple`` whose
-annotations declare the fields in these arrays, one after the other::
-
-    class Pair(NamedTuple):
-        x: Annotated[Floats, "n"]
-        A: Annotated[Floats, "m", "n"]
-        active: Annotated[Integers, "2 * n"]
-
-Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. A field may
-also be a ``NamedTuple`` of floats, or another record, with sizes of its own where it is annotated
-with them: ``Annotated[Pair, {"n": "n - 1"}]``.
-
-In Python a record is the ``NamedTuple`` of views. In a kernel it is three addresses: those of the
-floats, the integers, and a table with offset and shape of each field, at the head of the integers.
-``w.A`` reads the table. So a record is three arguments of a kernel. A ``NamedTuple`` of fifty
-arrays would be four hundred, and dominate the compilation time of a step.
+Calling a kernel with twenty array arguments costs 2 µs, and a ``NamedTuple`` of fifty arrays would
+be four hundred arguments and dominate the compilation time of a step. So everything that a step
+reads and writes lies in two arrays that the caller keeps. The integers begin with a table: offset
+and shape of each field. In Python a record is the ``NamedTuple`` of views, in a kernel two
+addresses; ``s.A`` reads the table.
 """
 
 from __future__ import annotations
@@ -43,17 +31,28 @@ _code_of_attributes: Any = lower_getattr_generic
 _intrinsic: Any = intrinsic
 
 
-class Offsets(NamedTuple):
+class Layout(NamedTuple):
     """Offsets of a record's fields for given sizes."""
 
     table: Integers
     floats: int
     """Number of its floats."""
     integers: int
+    """Number of its integers, the table among them."""
 
 
 class RecordType:
-    """The declaration of a record.
+    """The declaration of a record, a ``NamedTuple`` whose annotations are its fields.
+
+    For example::
+
+        class Pair(NamedTuple):
+            x: Annotated[Floats, "n"]
+            A: Annotated[Floats, "m", "n"]
+            active: Annotated[Integers, "2 * n"]
+
+    Shapes are expressions in the fields of another ``NamedTuple`` of integers, the sizes. A field
+    may also be a ``NamedTuple`` of floats.
 
     Attributes:
         kind: The ``NamedTuple``.
@@ -61,24 +60,12 @@ class RecordType:
         type: Its numba type.
     """
 
-    def __init__(self, kind: type, sizes: type, *inside: RecordType) -> None:
-        """Read the declaration of ``kind``, with shapes in the fields of ``sizes``.
-
-        ``inside``: the records that are its fields.
-        """
-        self.kind: Any = kind
-        self._inside: dict[str, RecordType] = {}
-        self._others: dict[str, dict[str, Any]] = {}
+    def __init__(self, kind: Any) -> None:
+        """Read the declaration."""
+        self.kind = kind
         self._shapes: dict[str, Any] = {}
         fields: dict[str, Any] = {}
-        records = {record.kind: record for record in inside}
         for name, hint in typing.get_type_hints(kind, include_extras=True).items():
-            of, *other = typing.get_args(hint) or (hint,)
-            if of in records:
-                self._inside[name], fields[name] = records[of], records[of].type
-                changed = dict[str, str](*other)
-                self._others[name] = {k: compile(v, k, "eval") for k, v in changed.items()}
-                continue
             shape: list[Any]
             if hasattr(hint, "_fields"):  # a NamedTuple of floats
                 shape = [len(hint._fields)]
@@ -87,69 +74,51 @@ class RecordType:
                 array, *shape = typing.get_args(hint)
                 dtype = types.float64 if array == Floats else types.int64
                 fields[name] = types.Array(dtype, len(shape), "C")
-            lengths = ", ".join(map(str, shape))
-            self._shapes[name] = compile(f"({lengths},)", name, "eval")
+            self._shapes[name] = compile(f"({', '.join(map(str, shape))},)", name, "eval")
         self.type: _NumbaRecord = _NumbaRecord(f"{kind.__module__}.{kind.__qualname__}", fields)
-        self.head: int = _ENTRY * len(fields) + sum(r.head for r in self._inside.values())
-        self.layout = lru_cache(maxsize=256)(self._offsets)
+        self.head: int = _ENTRY * len(fields)
+        self.layout = lru_cache(maxsize=256)(self._layout)
 
-    def _offsets(self, size: Any, floats: int = 0, integers: int = 0) -> Offsets:
-        """The layout of a record that begins at these entries of the two arrays."""
-        known, below, at = {"max": max} | size._asdict(), list[Integers](), 0
-        own = np.zeros((len(self.type.fields), _ENTRY), dtype=np.int64)
-        at = own.size
-        for entry, (name, kind) in zip(own, self.type.fields.items(), strict=True):
-            if name in self._inside:
-                other = {k: eval(code, known) for k, code in self._others[name].items()}
-                table, floats, integers = self._inside[name].layout(
-                    size._replace(**other), floats, integers
-                )
-                entry[0] = at
-                at += len(table)
-                below.append(table)
-                continue
-            shape = eval(self._shapes[name], known)
-            entry[1 : 1 + len(shape)] = shape
-            if kind.dtype == types.float64:
-                entry[0] = floats
-                floats += math.prod(shape)
-            else:
-                entry[0] = integers
-                integers += math.prod(shape)
-        return Offsets(np.concatenate([own.ravel(), *below]), floats, integers)
+    def _layout(self, size: Any) -> Layout:
+        table, ends = np.zeros((len(self._shapes), _ENTRY), dtype=np.int64), [0, self.head]
+        for entry, (name, kind) in zip(table, self.type.fields.items(), strict=True):
+            shape, which = eval(self._shapes[name], size._asdict()), kind.dtype != types.float64
+            entry[0], entry[1 : 1 + len(shape)] = ends[which], shape
+            ends[which] += math.prod(shape)
+        return Layout(table.ravel(), *ends)
 
     def allocate(self, size: Any) -> tuple[Floats, Integers]:
-        """Allocate the two arrays, zeros; the integers begin with the table."""
-        found = self.layout(size, 0, self.head)
-        floats, integers = np.zeros(found.floats), np.zeros(found.integers, dtype=np.int64)
-        self.resize(integers, size)
+        """Allocate the two arrays, zeros, with the table."""
+        layout = self.layout(size)
+        floats, integers = np.zeros(layout.floats), np.zeros(layout.integers, dtype=np.int64)
+        integers[: self.head] = layout.table
         return floats, integers
 
-    def resize(self, integers: Integers, size: Any) -> None:
-        """Write the table for other sizes, for which the two arrays must be long enough."""
-        integers[: self.head] = self.layout(size, 0, self.head).table
+    def arrays(
+        self, floats: Floats, integers: Integers, span: tuple[str, str] | None = None
+    ) -> Any:
+        """The ``NamedTuple`` of views; of a ``span`` of floats, from a field to another, if given.
 
-    def arrays(self, floats: Floats, integers: Integers, table: Integers, last: str = "") -> Any:
-        """The ``NamedTuple`` of views; up to field ``last`` if the arrays end there."""
-        fields = self.type.fields
-        views = dict[str, Any].fromkeys(fields)
-        entries = table[: _ENTRY * len(fields)].reshape(-1, _ENTRY)
-        for (name, kind), entry in zip(fields.items(), entries, strict=True):
-            if name in self._inside:
-                views[name] = self._inside[name].arrays(floats, integers, table[entry[0] :])
-            else:
-                base: Any = floats if kind.dtype == types.float64 else integers
-                first, *shape = entry[: 1 + getattr(kind, "ndim", 1)].tolist()
-                views[name] = base[first : first + math.prod(shape)].reshape(shape)
-            if name == last:
-                break
+        Then ``floats`` are those of the span alone, and the other fields are ``None``.
+        """
+        names = list(self.type.fields)
+        views = dict[str, Any].fromkeys(names)
+        table = integers[: self.head].reshape(-1, _ENTRY)
+        first, last = (names.index(name) for name in span or (names[0], names[-1]))
+        for name, entry in zip(names[first : last + 1], table[first : last + 1], strict=True):
+            kind = self.type.fields[name]
+            base: Any = floats if kind.dtype == types.float64 else integers
+            at, *shape = entry[: 1 + getattr(kind, "ndim", 1)].tolist()
+            at -= 0 if span is None else int(table[first, 0])
+            views[name] = base[at : at + math.prod(shape)].reshape(shape)
         return self.kind(**views)
 
-    def end(self, size: Any, last: str) -> int:
-        """Number of floats up to and including field ``last``."""
-        first, *shape = self.layout(size).table[_ENTRY * list(self.type.fields).index(last) :][:4]
+    def span(self, size: Any, first: str, last: str) -> slice:
+        """Where a span is among the floats."""
+        table, names = self.layout(size).table.reshape(-1, _ENTRY), list(self.type.fields)
+        start, end = table[names.index(first)], table[names.index(last)]
         ndim = getattr(self.type.fields[last], "ndim", 1)
-        return int(first) + math.prod(map(int, shape[:ndim]))
+        return slice(int(start[0]), int(end[0]) + math.prod(end[1 : 1 + ndim].tolist()))
 
 
 class _NumbaRecord(types.Type):
@@ -166,14 +135,14 @@ class _NumbaRecord(types.Type):
 
 @_extend(_NumbaRecord)
 class _RecordModel(models.StructModel):
-    """The three addresses."""
+    """The two addresses."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(
-            manager, kind,
-            [("floats", types.CPointer(types.float64)), ("integers", types.CPointer(types.int64)),
-             ("table", types.CPointer(types.int64))],
-        )  # fmt: skip
+        members = [
+            ("floats", types.CPointer(types.float64)),
+            ("integers", types.CPointer(types.int64)),
+        ]
+        super().__init__(manager, kind, members)
 
 
 @_attributes
@@ -193,16 +162,11 @@ def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
     entry, result = _ENTRY * list(kind.fields).index(name), kind.fields[name]
 
     def number(place: int) -> Any:
-        found = builder.load(cgutils.gep(builder, record.table, entry + place))
+        found = builder.load(cgutils.gep(builder, record.integers, entry + place))
         # The table does not change while a kernel runs: let loops load its entries once.
         found.set_metadata("invariant.load", builder.module.add_metadata([]))
         return found
 
-    if isinstance(result, _NumbaRecord):
-        inside = cgutils.create_struct_proxy(result)(context, builder)
-        inside.floats, inside.integers = record.floats, record.integers
-        inside.table = cgutils.gep(builder, record.table, number(0))
-        return inside._getvalue()
     is_float = result.dtype == types.float64
     data = cgutils.gep(builder, record.floats if is_float else record.integers, number(0))
     if isinstance(result, types.NamedUniTuple):
@@ -231,21 +195,18 @@ def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]
 
 
 def reader(record: RecordType) -> Any:
-    """Make ``read(floats, integers, table)`` for kernels: the record in the two arrays.
+    """Make ``read(floats, integers)`` for kernels, which cannot be called from Python."""
 
-    It cannot be called from Python; the table is usually the integers themselves.
-    """
-
-    def read(typing: Any, floats: Any, integers: Any, table: Any) -> tuple[Any, Any]:
+    def read(typing: Any, floats: Any, integers: Any) -> tuple[Any, Any]:
         def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             made = cgutils.create_struct_proxy(record.type)(context, builder)
-            for name, array, kind in zip(
-                ("floats", "integers", "table"), given, signature.args, strict=True
-            ):
-                setattr(made, name, make_array(kind)(context, builder, array).data)
+            made.floats, made.integers = (
+                make_array(kind)(context, builder, array).data
+                for array, kind in zip(given, signature.args, strict=True)
+            )
             return made._getvalue()
 
-        return record.type(floats, integers, table), code
+        return record.type(floats, integers), code
 
     return _intrinsic(read)
 

@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from qp_twist.kernel.compiling import kernel, plain
-from qp_twist.kernel.directions import directions, free_of
+from qp_twist.kernel.constants import EQUALITY_TOLERANCE, STEEPEST, UNLIMITED
+from qp_twist.kernel.directions import directions, free_of, well_conditioned
 from qp_twist.kernel.one_program import EMPTY, FAILED, OPTIMAL, Result, first_level, solve
-from qp_twist.kernel.verified_program import well_conditioned
 
 
 @plain
-def _sort_rows(G, h, dt, unlimited, rows, ends, lower, upper):
+def _sort_rows(G, h, dt, rows, ends, lower, upper):
     """Sort rows G Δq ≤ h into bounds, of one entry, and others, without those that always hold.
 
     Returns:
@@ -24,12 +24,12 @@ def _sort_rows(G, h, dt, unlimited, rows, ends, lower, upper):
         end, entries, last = h[i] / dt, 0, 0
         for j in range(G.shape[1]):
             if G[i, j] != 0.0:
-                if not abs(G[i, j]) <= unlimited:
+                if not abs(G[i, j]) <= UNLIMITED:
                     return -1
                 entries, last = entries + 1, j
         if not end > -math.inf:
             return -1
-        if end > unlimited:
+        if end > UNLIMITED:
             end = math.inf
         if entries == 1 and G[i, last] > 0.0:
             upper[last] = min(upper[last], end / G[i, last])
@@ -41,13 +41,13 @@ def _sort_rows(G, h, dt, unlimited, rows, ends, lower, upper):
             ends[count] = end
             count += 1
     for j in range(len(lower)):
-        if not lower[j] <= upper[j] or lower[j] > unlimited or upper[j] < -unlimited:
+        if not lower[j] <= upper[j] or lower[j] > UNLIMITED or upper[j] < -UNLIMITED:
             return -1
     return count
 
 
 @plain
-def _take_costs(H, c, damping, dt, steepest):
+def _take_costs(H, c, damping, dt):
     """Add the damping, (nv,), to H, and make of c that of a velocity; false if none can be used."""
     hardest, largest, finite = 0.0, 0.0, True
     for i in range(len(c)):
@@ -58,65 +58,49 @@ def _take_costs(H, c, damping, dt, steepest):
         for j in range(len(c)):
             hardest = max(hardest, abs(H[i, j]))
             finite = finite and abs(H[i, j]) < math.inf
-    return finite and largest <= steepest * hardest
+    return finite and largest <= STEEPEST * hardest
 
 
 @kernel
-def solve_rows(
-    H, c, damping, A, b, G, h, dt, threshold, scales, steepest, unlimited, tolerances
-):  # fmt: skip
+def solve_rows(H, c, damping, A, b, G, h, dt, threshold, scales):
     """Solve and verify a program; if A q̇ = b does not fit and ``scales``, A q̇ = s b.
 
-    Args:
-        H: Quadratic cost of a displacement, (nv, nv); changed.
-        c: Linear cost of a displacement, (nv,); changed.
-        damping: What is added to the diagonal of H, (nv,).
-        A: Equality rows, (m, nv). Dependent ones that are consistent count once.
-        b: Their right-hand side, m/s or rad/s, (m,).
-        G: Rows of the limits, G Δq ≤ h, (k, nv).
-        h: Their right-hand side, (k,).
-        dt: Length of the step, s.
-        threshold: Singular value of A below which a program is left to the reference; 0: never.
-        scales: Whether the equality rows may be scaled.
-        steepest: Largest linear cost, relative to the largest quadratic one.
-        unlimited: A bound beyond it counts as infinite; larger entries of G are refused.
-        tolerances: Of the verification.
+    H, c and ``damping``, for the diagonal of H, are the cost of a displacement, and changed; rows
+    G Δq ≤ h (k, nv) are those of the limits. Dependent rows of A that are consistent count once;
+    where one of its singular values is below ``threshold`` the program is left to the reference.
 
-    Returns:
-        Whether it is solved, q̇ (nv,), s, the multipliers of the bounds, and of the rows with more
-        than one entry; those of a scaled program are of s. What is not solved the reference has to
-        solve, or to name what is wrong with it.
+    Returned are whether it is solved, q̇ (nv,), s, the multipliers of the bounds, and of the rows
+    with more than one entry; those of a scaled program are of s. What is not solved the reference
+    has to solve, or to name what is wrong with it.
     """
     n, m = len(c), len(b)
     lower, upper = np.full(n, -math.inf), np.full(n, math.inf)
     rows, ends = np.empty(G.shape), np.empty(len(h))
-    count = _sort_rows(G, h, dt, unlimited, rows, ends, lower, upper)
-    fine = count >= 0 and _take_costs(H, c, damping, dt, steepest)
+    count = _sort_rows(G, h, dt, rows, ends, lower, upper)
+    fine = count >= 0 and _take_costs(H, c, damping, dt)
     if fine and threshold > 0.0:
         work, scratch = np.empty((m, m)), np.empty((m, m))
         fine = well_conditioned(A, np.array([m]), threshold, work, scratch)
     if not fine:
         return False, c, 1.0, c, h
     rows, ends, scale = rows[:count], ends[:count], 1.0
-    found = solve(H, c, A, b, rows, ends, lower, upper, tolerances)
+    found = solve(H, c, A, b, rows, ends, lower, upper)
     if found.status == EMPTY and m > 0 and scales:
-        found, scale = _scaled(H, c, A, b, rows, ends, lower, upper, tolerances)
+        found, scale = _scaled(H, c, A, b, rows, ends, lower, upper)
     return found.status == OPTIMAL, found.x, scale, found.box, found.lam
 
 
 @kernel
-def _scaled(H, c, A, b, G, g, lower, upper, tolerances):
+def _scaled(H, c, A, b, G, g, lower, upper):
     """The program at its largest scale; ``FAILED`` of rows that contradict each other."""
     n, m, cost = len(c), len(b), c.copy()
     d = directions(A, b, np.zeros(m), np.zeros((m, 0)), 0.0, 1.0, 0.0, False)
     for i in range(m):
         # The reference meets the consistent part.
-        if d.square[i] == 0.0 and abs(d.rate[i]) > tolerances.equality:
+        if d.square[i] == 0.0 and abs(d.rate[i]) > EQUALITY_TOLERANCE:
             return Result(FAILED, c, b, g, c), 1.0
     free_of(d, cost)
-    found, scale, relaxed = first_level(
-        H, cost, d, G, g, lower, upper, False, True, False, tolerances
-    )
+    found, scale, relaxed = first_level(H, cost, d, G, g, lower, upper, False, True, False)
     # Where the scale is an unknown of the program, it comes after the velocity.
     return Result(
         found.status if relaxed == 0.0 else FAILED, found.x[:n], b, found.lam, found.box[:n]

@@ -3,134 +3,34 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
 
 from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.compiling import inner, plain
-from qp_twist.kernel.directions import regular_from, rotate, stopping_share
+from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
+from qp_twist.kernel.directions import regular_from, rotate, stopping_share, well_conditioned
 from qp_twist.kernel.dual_active_set import cholesky
 from qp_twist.kernel.null_space import null_space, row_space
 from qp_twist.kernel.one_program import EMPTY, OPTIMAL, solve
-from qp_twist.kernel.record import Floats, Integers, RecordType, reader
-from qp_twist.kernel.step_record import PROGRAM, Program, Sizes
-from qp_twist.kernel.twist_rows import in_basis, twist_rows
-from qp_twist.kernel.verified_program import (
+from qp_twist.kernel.step_record import (
     AT_THE_EDGE,
     BRAKED,
     BRAKED_BELOW,
     DONE,
+    FROM_PYTHON,
     INFEASIBLE,
     REFUSED,
-    SolverTolerances,
-    well_conditioned,
 )
-
-RAISE, SCALE, RELAX = 0, 1, 2
-"""If the first level is infeasible: leave it to the reference, scale the task, or minimise its
-residual inside the limits."""
-FROM_PYTHON = 3
-"""Replaces the projector's axes in ``kinds`` if the task's rows are computed in Python."""
-
-
-class Settings(NamedTuple):
-    """Scalar settings of a controller."""
-
-    singularity: float
-    """Singular value of the rows below which the step is left to the reference."""
-    weight: float
-    """ρ."""
-    nearly_unseen: float
-    """Share of the largest singular value below which motion gradually counts as unseen."""
-    fastest: float
-    """Largest desired speed of a task or a secondary, m/s or rad/s."""
-    noticeable: float
-    """Smallest violation of a limit that counts, rad or m."""
-    unlimited: float
-    """A bound beyond it counts as infinite, rad/s or m/s."""
-    steepest: float
-    """Largest linear cost of other tasks, relative to the largest quadratic one."""
-    infeasible: float
-    """How an infeasible first level is handled: ``RAISE``, ``SCALE`` or ``RELAX``."""
-    smooth: float
-    """Whether a step has to change little with its data (``one_program``); 1 or 0."""
-    trusts: float
-    """Whether weak directions are damped by the length of the error; 1 or 0."""
-    braking: float
-    """Whether a task is slowed down so that the joints can stop in time; 1 or 0."""
-
-
-class StepInputs(NamedTuple):
-    """Inputs of a step; for the arrays see ``twist_rows`` and ``bounds``."""
-
-    settings: Settings
-    tolerances: SolverTolerances
-    free_costs: Annotated[Floats, 2]
-    """Square roots of the weights of the rows of 1 − T, linear and angular."""
-    middle: Annotated[Floats, "nv"]
-    """θ̄ of the secondary h = displacement + stiffness (θ̄ − θ), rad or m."""
-    stiffness: Annotated[Floats, "nv"]
-    displacement: Annotated[Floats, "nv"]
-    metric: Annotated[Floats, "nv"]
-    """Diagonal of M."""
-    shapes: Annotated[Floats, "tasks", 27]
-    poses: Annotated[Floats, "tasks", 12]
-    """R and p of the frames."""
-    targets: Annotated[Floats, "tasks", 18]
-    """R_d, p_d and the twist of the targets."""
-    target_poses: Annotated[Floats, "tasks", 7]
-    """Unit quaternions and positions, from which ``live_step`` computes R_d and p_d."""
-    jacobians: Annotated[Floats, "tasks", 6, "nv"]
-    limits: Annotated[Floats, "limits", "nv", 7]
-    python_rows: Annotated[Floats, "m", "nv"]
-    """Rows of the tasks whose kind is ``FROM_PYTHON``, computed in Python."""
-    python_rhs: Annotated[Floats, "m"]
-    """Their right-hand sides."""
-    python_forward: Annotated[Floats, "m"]
-    """The part of them that follows moving targets."""
-    python_free: Annotated[Floats, "free", "nv"]
-    """Their rows of 1 − T, times the square roots of the weights."""
-    quadratic: Annotated[Floats, "others", "nv"]
-    """H of other tasks."""
-    linear: Annotated[Floats, "others"]
-    """c of other tasks."""
-    rooms: Annotated[Floats, "k"]
-    """Part of each g that is what is left of a clearance, over dt; a longer step takes less."""
-    kinds: Annotated[Integers, "tasks", 3]
-    """For each task the projector's ranks and axes; or number of rows, 0, ``FROM_PYTHON``."""
-    ends: Annotated[Integers, "levels"]
-    """Index after the last row of each level."""
-    addresses: Annotated[Integers, "nv"]
-    """Index of each degree of freedom in q; −1 where it has none of its own."""
-    types: Annotated[Integers, "limits"]
-    """Kinds of the limits."""
-    links: Annotated[Integers, "tasks", "nv"]
-    """Which joints move each task's frame: see ``live_step``."""
-    sources: Annotated[Integers, "5 + 2 * tasks"]
-    """Addresses of MuJoCo's arrays, and the number of joints: see ``live_step``."""
-
-
-STEP_INPUTS = RecordType(StepInputs, Sizes)
-
-
-class StepArrays(NamedTuple):
-    """Inputs and program of a step."""
-
-    inputs: StepInputs
-    program: Program
-
-
-STEP = RecordType(StepArrays, Sizes, STEP_INPUTS, PROGRAM)
-read_step = reader(STEP)
+from qp_twist.kernel.twist_rows import in_basis, twist_rows
 
 
 @plain
-def _all_seen(H, metric, N, nearly, work):
+def _all_seen(s, N):
     """Whether rows with the Gram matrix H see all motion well but N (p, n), which they do not see.
 
     True if M^(−1/2) H M^(−1/2) + t NᵀN has no small eigenvalue. Its trace t serves as an upper
     bound of the largest one.
     """
-    n, trace = len(metric), 0.0
+    H, metric, work, n, trace = s.H, s.metric, s.J, len(s.metric), 0.0
     for i in range(n):
         trace += H[i, i] / metric[i]
     for i in range(n):
@@ -139,109 +39,109 @@ def _all_seen(H, metric, N, nearly, work):
             for k in range(len(N)):
                 total += trace * N[k, i] * N[k, j]
             work[i, j] = total
-        work[i, i] -= nearly * nearly * trace
+        work[i, i] -= NEARLY_UNSEEN * NEARLY_UNSEEN * trace
     return cholesky(work)
 
 
 @plain
-def _unseen(w, metric, nearly):
-    """Fill ``w.directions`` (joints times √metric) and ``w.sigma``; return how many there are.
+def _unseen(s):
+    """Fill ``s.directions`` (joints times √metric) and ``s.sigma``; return how many there are.
 
-    ``w.sigma`` is 1 for an unseen direction and 0 for a well seen one. Usually the directions are
+    ``s.sigma`` is 1 for an unseen direction and 0 for a well seen one. Usually the directions are
     the null space of the rows. Otherwise they are the rows' right singular vectors; eigenvectors of
     H would lose accuracy with the square of the rows' condition number.
     """
-    m, n, largest = len(w.A), len(metric), 0.0
+    m, n, largest = len(s.A), len(s.metric), 0.0
     for j in range(n):  # the columns of the rows A and of those of 1 − T
-        root = math.sqrt(metric[j])
+        root = math.sqrt(s.metric[j])
         for i in range(m):
-            w.seen[j, i] = w.A[i, j] / root
-        for i in range(len(w.free)):
-            w.seen[j, m + i] = w.free[i, j] / root
-    rank = row_space(w.seen.T, w.directions)
-    N = w.J[: n - rank]
-    null_space(w.directions[:rank], N)
+            s.seen[j, i] = s.A[i, j] / root
+        for i in range(len(s.free)):
+            s.seen[j, m + i] = s.free[i, j] / root
+    rank = row_space(s.seen.T, s.directions)
+    N = s.J[: n - rank]
+    null_space(s.directions[:rank], N)
     for i in range(n - rank):
-        w.sigma[i] = 1.0
+        s.sigma[i] = 1.0
         for j in range(n):
-            w.directions[i, j] = N[i, j]
-    if _all_seen(w.H, metric, w.directions[: n - rank], nearly, w.J):
+            s.directions[i, j] = N[i, j]
+    if _all_seen(s, s.directions[: n - rank]):
         return n - rank
     for i in range(n):
         for j in range(n):
-            w.directions[i, j] = 1.0 if i == j else 0.0
-    rotate(w.seen, w.directions, w.sigma)
+            s.directions[i, j] = 1.0 if i == j else 0.0
+    rotate(s.seen, s.directions, s.sigma)
     for i in range(n):
-        largest = max(largest, w.sigma[i])
+        largest = max(largest, s.sigma[i])
     for i in range(n):
-        share = w.sigma[i] / (nearly * nearly * largest) if largest > 0.0 else 0.0
-        w.sigma[i] = 1.0 - min(1.0, share)
+        share = s.sigma[i] / (NEARLY_UNSEEN * NEARLY_UNSEEN * largest) if largest > 0.0 else 0.0
+        s.sigma[i] = 1.0 - min(1.0, share)
     return n
 
 
 @plain
-def _add_unseen(w, metric, weight, nearly):
+def _add_unseen(s):
     """Add the joint-space cost of motion that no row sees to H and c (``posing.unseen``).
 
-    H is ``w.H``, c is ``w.c`` and ḣ is ``w.line``.
+    ḣ is in ``s.desired``.
     """
-    n = len(metric)
-    for k in range(_unseen(w, metric, nearly)):
-        if w.sigma[k] > 0.0:
+    n = len(s.metric)
+    for k in range(_unseen(s)):
+        if s.sigma[k] > 0.0:
             for i in range(n):
                 for j in range(n):
                     entry = (
-                        weight * w.sigma[k] * w.directions[k, i] * w.directions[k, j]
-                        * math.sqrt(metric[i] * metric[j])
+                        s.settings.weight * s.sigma[k] * s.directions[k, i] * s.directions[k, j]
+                        * math.sqrt(s.metric[i] * s.metric[j])
                     )  # fmt: skip
-                    w.H[i, j] += entry
-                    w.c[i] -= entry * w.line[j]
+                    s.H[i, j] += entry
+                    s.c[i] -= entry * s.desired[j]
 
 
 @plain
-def stated_rows(g, dt, A, b, free):
+def stated_rows(s, dt):
     """Stack the rows of all tasks."""
-    row = 0
-    for index in range(len(g.kinds)):
-        rank = g.kinds[index, 0] + g.kinds[index, 1]
+    A, b, free, row = s.A, s.b, s.free, 0
+    for index in range(len(s.kinds)):
+        rank = s.kinds[index, 0] + s.kinds[index, 1]
         first = 6 * index if len(free) else 0
-        if g.kinds[index, 2] == FROM_PYTHON:
+        if s.kinds[index, 2] == FROM_PYTHON:
             for i in range(row, row + rank):
-                b[i] = g.python_rhs[i]
+                b[i] = s.python_rhs[i]
                 for dof in range(A.shape[1]):
-                    A[i, dof] = g.python_rows[i, dof]
+                    A[i, dof] = s.python_rows[i, dof]
             for i in range(first, first + 6 if len(free) else 0):
                 for dof in range(A.shape[1]):
-                    free[i, dof] = g.python_free[i, dof]
+                    free[i, dof] = s.python_free[i, dof]
         else:
             twist_rows(
-                g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
-                g.jacobians[index], dt, A[row : row + rank], b[row : row + rank],
-                free[first : first + 6], g.free_costs,
+                s.kinds[index], s.shapes[index], s.poses[index], s.targets[index],
+                s.jacobians[index], dt, A[row : row + rank], b[row : row + rank],
+                free[first : first + 6], s.free_costs,
             )  # fmt: skip
         row += rank
 
 
 @plain
-def desired_velocities(qpos, addresses, middle, stiffness, displacement, dt, use_secondary, q, c):
+def desired_velocities(s, qpos, dt, use_secondary):
     """Write joint positions to q and ḣ to c; return max |ḣ|, or ∞ if q is not finite."""
-    largest = 0.0
+    q, c, largest = s.q, s.c, 0.0
     for dof in range(len(q)):
-        q[dof] = qpos[addresses[dof]] if addresses[dof] >= 0 else 0.0
+        q[dof] = qpos[s.addresses[dof]] if s.addresses[dof] >= 0 else 0.0
         if not math.isfinite(q[dof]):
             return math.inf
         c[dof] = 0.0
         if use_secondary:
-            c[dof] = (displacement[dof] + stiffness[dof] * (middle[dof] - q[dof])) / dt
+            c[dof] = (s.displacement[dof] + s.stiffness[dof] * (s.middle[dof] - q[dof])) / dt
         if not abs(c[dof]) <= largest:
             largest = abs(c[dof])
     return largest
 
 
 @plain
-def _twist_cost(w, metric, weight, nearly):
-    """H = FᵀF + AᵀA with F = ``w.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
-    A, free, H, c, desired = w.A, w.free, w.H, w.c, w.line
+def _twist_cost(s):
+    """H = FᵀF + AᵀA with F = ``s.free``, and c = −FᵀF ḣ from ḣ in c; then the unseen motion."""
+    A, free, H, c, desired = s.A, s.free, s.H, s.c, s.desired
     nv = len(c)
     for i in range(nv):
         desired[i] = c[i]
@@ -261,62 +161,63 @@ def _twist_cost(w, metric, weight, nearly):
             for k in range(len(A)):
                 total += A[k, i] * A[k, j]
             H[i, j] = H[j, i] = total
-    if not _all_seen(H, metric, w.directions[:0], nearly, w.J):
-        _add_unseen(w, metric, weight, nearly)
+    if not _all_seen(s, s.directions[:0]):
+        _add_unseen(s)
 
 
 @plain
-def _joint_cost(metric, weight, H, c):
+def _joint_cost(s):
     """H = ρM, and c = −Hḣ from ḣ in c."""
+    H, c = s.H, s.c
     for i in range(len(c)):
         for j in range(len(c)):
             H[i, j] = 0.0
-        H[i, i] = weight * metric[i]
+        H[i, i] = s.settings.weight * s.metric[i]
         c[i] *= -H[i, i]
 
 
 @plain
-def _add_costs(quadratic, linear, steepest, H, c):
+def _add_costs(s):
     """Add the costs of other tasks; return whether c is small enough relative to H."""
-    hardest, largest = 0.0, 0.0
-    for i in range(len(linear)):
-        c[i] += linear[i]
+    H, c, hardest, largest = s.H, s.c, 0.0, 0.0
+    for i in range(len(s.linear)):
+        c[i] += s.linear[i]
         # Written so that NaN counts as the largest.
         if not abs(c[i]) <= largest:
             largest = abs(c[i])
-        for j in range(len(linear)):
-            H[i, j] += quadratic[i, j]
+        for j in range(len(s.linear)):
+            H[i, j] += s.quadratic[i, j]
             hardest = max(hardest, abs(H[i, j]))
-    return largest <= steepest * hardest
+    return largest <= STEEPEST * hardest
 
 
 @plain
-def costs(w, metric, quadratic, linear, settings, twist_space):
+def costs(s, twist_space):
     """Compute H and c from ḣ in c; return whether they can be computed with.
 
     ``twist_space`` is ``None`` for the joint-space cost: numba then does not compile the
     twist-space cost, which saves a sixth of a step's compilation time.
     """
     if twist_space is None:
-        _joint_cost(metric, settings.weight, w.H, w.c)
+        _joint_cost(s)
     else:
-        _twist_cost(w, metric, settings.weight, settings.nearly_unseen)
-    return len(linear) == 0 or _add_costs(quadratic, linear, settings.steepest, w.H, w.c)
+        _twist_cost(s)
+    return len(s.linear) == 0 or _add_costs(s)
 
 
 @plain
-def forward_rows(g, forward):
+def forward_rows(s):
     """Uᵀt_ff of all tasks: the part of b that follows moving targets, (m,)."""
-    row = 0
-    for index in range(len(g.kinds)):
-        rank = g.kinds[index, 0] + g.kinds[index, 1]
-        if g.kinds[index, 2] == FROM_PYTHON:
+    forward, row = s.ahead, 0
+    for index in range(len(s.kinds)):
+        rank = s.kinds[index, 0] + s.kinds[index, 1]
+        if s.kinds[index, 2] == FROM_PYTHON:
             for i in range(row, row + rank):
-                forward[i] = g.python_forward[i]
+                forward[i] = s.python_forward[i]
         else:
             in_basis(
-                g.kinds[index], g.shapes[index], g.poses[index], g.targets[index],
-                g.targets[index, 12:], forward[row : row + rank],
+                s.kinds[index], s.shapes[index], s.poses[index], s.targets[index],
+                s.targets[index, 12:], forward[row : row + rank],
             )  # fmt: skip
         row += rank
 
@@ -343,33 +244,33 @@ def _orthonormal_rows(A, L, Q):
 
 
 @plain
-def brake(g, w, dt):
+def brake(s, dt):
     """Slow b of regular levels down so that the joints can stop in time; false for the reference.
 
     The displacement that would remove a level's error is that of least norm on what the levels
     above leave: with A = LQ it is Qᵢᵀyᵢ of Lᵢᵢyᵢ = bᵢ − Σ Lᵢⱼyⱼ.
     """
-    p, n, L, Q, y, first = w.levels, len(w.x), w.R, w.levels.Q, w.levels.r, 0
-    forward_rows(g, p.ahead)
-    if not _orthonormal_rows(w.A, L, Q):
+    n, L, Q, y, first = len(s.x), s.R, s.Q, s.r, 0
+    forward_rows(s)
+    if not _orthonormal_rows(s.A, L, Q):
         return False
-    for level in range(len(g.ends)):
-        end = g.ends[level]
-        _solve_rows(L, w.b, p.ahead, 1.0, first, end, y)
+    for level in range(len(s.ends)):
+        end = s.ends[level]
+        _solve_rows(L, s.b, s.ahead, 1.0, first, end, y)
         for k in range(n):
-            p.x[k] = 0.0
+            s.motion[k] = 0.0
             for i in range(first, end):
-                p.x[k] += dt * Q[i, k] * y[i]
-        share, which = stopping_share(p.x, g.limits, g.types, dt)
+                s.motion[k] += dt * Q[i, k] * y[i]
+        share, which = stopping_share(s.motion, s.limits, s.types, dt)
         if level == 0:
-            w.braking[0] = share
-        if w.braking[1] == 0.0:
-            w.braking[1] = which
+            s.braking[0] = share
+        if s.braking[1] == 0.0:
+            s.braking[1] = which
         for i in range(first, end):
-            taken = (1.0 - share) * (w.b[i] - p.ahead[i])
-            w.b[i] -= taken
-            w.eased[i] = taken if level > 0 else 0.0
-        _solve_rows(L, w.b, p.ahead, 0.0, first, end, y)
+            taken = (1.0 - share) * (s.b[i] - s.ahead[i])
+            s.b[i] -= taken
+            s.eased[i] = taken if level > 0 else 0.0
+        _solve_rows(L, s.b, s.ahead, 0.0, first, end, y)
         first = end
     return True
 
@@ -385,67 +286,62 @@ def _solve_rows(L, b, forward, share, first, end, y):
 
 
 @plain
-def take(w, found):
+def take(s, found):
     """Copy a result to the program of a step."""
-    w.sensitivity[0] = 1.0
-    for i in range(len(w.x)):
-        w.x[i], w.box[i] = found.x[i], found.box[i]
-    for row in range(len(w.y)):
-        w.y[row] = found.y[row]
-    for row in range(len(w.lam)):
-        w.lam[row] = found.lam[row]
+    s.sensitivity[0] = 1.0
+    for i in range(len(s.x)):
+        s.x[i], s.box[i] = found.x[i], found.box[i]
+    for row in range(len(s.y)):
+        s.y[row] = found.y[row]
+    for row in range(len(s.lam)):
+        s.lam[row] = found.lam[row]
 
 
 @inner
-def step_on_rows(g, w, qpos, dt, use_secondary, twist_space):
-    """Compute the joint velocity ``w.x`` from the task rows in ``w``.
+def step_on_rows(s, qpos, dt, use_secondary, twist_space):
+    """Compute the joint velocity ``s.x`` from the task rows in ``s``.
 
-    ``twist_space``: see :func:`_costs`.
+    ``twist_space``: see :func:`costs`.
 
     Returns:
         ``DONE``, ``BRAKED`` or ``BRAKED_BELOW``; ``INFEASIBLE`` if the rows are infeasible within
         the limits: call ``edge_step``, as for ``AT_THE_EDGE``; or ``REFUSED`` if the reference
         has to compute the step.
     """
-    fastest = desired_velocities(
-        qpos, g.addresses, g.middle, g.stiffness, g.displacement, dt, use_secondary, w.q, w.c
-    )
-    for row in range(len(w.b)):
+    fastest = desired_velocities(s, qpos, dt, use_secondary)
+    for row in range(len(s.b)):
         # Written so that NaN counts as the fastest.
-        if not abs(w.b[row]) <= fastest:
-            fastest = abs(w.b[row])
-    if not fastest <= g.settings.fastest:
+        if not abs(s.b[row]) <= fastest:
+            fastest = abs(s.b[row])
+    if not fastest <= FASTEST:
         return REFUSED
-    threshold = g.settings.singularity
-    w.braking[0], w.braking[1], w.lacks[0] = 1.0, 0.0, 0.0
-    for row in range(len(w.eased)):
-        w.eased[row] = 0.0
-    if g.settings.trusts > 0.0:
+    threshold = s.settings.singularity
+    s.braking[0], s.braking[1], s.lacks[0] = 1.0, 0.0, 0.0
+    for row in range(len(s.eased)):
+        s.eased[row] = 0.0
+    if s.settings.damps_by_error > 0.0:
         threshold = regular_from(threshold)
-    regular = well_conditioned(w.A, g.ends, threshold, w.R, w.J)
-    if not bounds(
-        g.limits, g.types, w.q, dt, g.settings.noticeable, g.settings.unlimited, w.lower, w.upper,
-        w.lower_kind, w.upper_kind,
-    ):  # fmt: skip
+    regular = well_conditioned(s.A, s.ends, threshold, s.R, s.J)
+    if not bounds(s, s.q, dt):
         return REFUSED
     if not regular:
         return AT_THE_EDGE
-    if g.settings.braking > 0.0 and not brake(g, w, dt):
+    if s.settings.braking > 0.0 and not brake(s, dt):
         return AT_THE_EDGE
-    if not costs(w, g.metric, g.quadratic, g.linear, g.settings, twist_space):
+    if not costs(s, twist_space):
         return REFUSED
-    found = solve(w.H, w.c, w.A, w.b, w.G, w.g, w.lower, w.upper, g.tolerances)
+    found = solve(s.H, s.c, s.A, s.b, s.G, s.g, s.lower, s.upper)
     if found.status != OPTIMAL:
         return INFEASIBLE if found.status == EMPTY else REFUSED
-    take(w, found)
-    if w.braking[1] == 0.0:
+    take(s, found)
+    if s.braking[1] == 0.0:
         return DONE
-    w.sensitivity[0] = w.braking[0]
-    return BRAKED if w.braking[0] < 1.0 else BRAKED_BELOW
+    s.sensitivity[0] = s.braking[0]
+    return BRAKED if s.braking[0] < 1.0 else BRAKED_BELOW
 
 
 @inner
-def step(g, w, qpos, dt, use_secondary, twist_space):
-    """Compute a step from g into w; returns as :func:`step_on_rows`."""
-    stated_rows(g, dt, w.A, w.b, w.free)
-    return step_on_rows(g, w, qpos, dt, use_secondary, twist_space)
+def step(s, qpos, dt, use_secondary, twist_space):
+    """Compute a step from its inputs; returns as :func:`step_on_rows`."""
+    stated_rows(s, dt)
+    return step_on_rows(s, qpos, dt, use_secondary, twist_space)

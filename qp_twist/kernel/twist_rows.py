@@ -235,21 +235,12 @@ def in_basis(kinds, shape, pose, target, twist, b):
 def twist_rows(kinds, shape, pose, target, J, dt, A, b, free, free_costs):
     r"""Rows A q̇ = b of one task, and its rows of 1 − T times their costs.
 
-    Args:
-        kinds: Kind of the linear and the angular block, and the frame of their axes, (3,).
-        shape: For each block its basis (3, 3), padded with zeros, and its axis (3,); then the gain
-            and the largest steps, m and rad: (27,).
-        pose: R (9) and p (3) of the frame.
-        target: R_d (9), p_d (3) and the twist (6) of the target.
-        J: World-aligned Jacobian, (6, nv).
-        dt: Length of the step, s.
-        A: Result, (r, nv).
-        b: Result, (r,).
-        free: Result, the rows of 1 − T, three for each block, (6, nv); or (0, nv) to skip them.
-        free_costs: Costs of the linear and the angular rows, (2,).
-
-    Returns:
-        Lengths of the linear and the angular error before clamping, m and rad.
+    ``kinds`` (3,) are those of the linear and the angular block, and the frame of their axes;
+    ``shape`` (27,) has for each block its basis (3, 3), padded with zeros, and its axis (3,), then
+    the gain and the largest steps, m and rad; ``pose`` R (9) and p (3), ``target`` R_d (9), p_d (3)
+    and twist (6); J (6, nv) is world-aligned. Results are A (r, nv), b (r,) and ``free``, three
+    rows of 1 − T for each block, (6, nv), or (0, nv) to skip them. Returned are the lengths of the
+    linear and the angular error before clamping, m and rad.
     """
     turn = pose if kinds[2] == BODY else target
     row, apart, turned = 0, 0.0, 0.0

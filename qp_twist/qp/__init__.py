@@ -10,7 +10,6 @@ from .failures import NoSolutionFound as NoSolutionFound
 from .failures import SolverInaccurate as SolverInaccurate
 from .levels import Cascade as Cascade
 from .levels import Level as Level
-from .one_program import SCALE_BACKOFF as SCALE_BACKOFF
 from .one_program import Found as Found
 from .one_program import costs_along as costs_along
 from .one_program import first_level as first_level

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import qpsolvers
@@ -36,19 +35,15 @@ DUST = 1e-12
 """Rows shorter than this share of the longest are rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class RawSolution:
-    """What a backend returned, before anybody has checked it.
-
-    Attributes:
-        x: The unknowns, (n,); ``None`` where the backend gave nothing.
-        found: Whether the backend calls it solved.
-        multipliers: What it claims for multipliers.
-    """
+class RawSolution(NamedTuple):
+    """What a backend returned, before anybody has checked it."""
 
     x: Array | None
+    """The unknowns, (n,); ``None`` where the backend gave nothing."""
     found: bool
+    """Whether the backend calls it solved."""
     multipliers: Multipliers
+    """What it claims for multipliers."""
 
 
 def installed_solvers() -> list[str]:

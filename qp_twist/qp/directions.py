@@ -28,41 +28,32 @@ from functools import cached_property
 import numpy as np
 
 from qp_twist.checks import Array, Mask
+from qp_twist.kernel.constants import (
+    BEND,
+    DEPENDENT,
+    EQUALITY_TOLERANCE,
+    MOST_REGULAR,
+    REGULAR,
+    SMOOTHED,
+)
 from qp_twist.qp.problem import widened
-from qp_twist.qp.verification import EQUALITY_TOLERANCE, row_tolerance
-
-REGULAR = 0.05
-"""σ₁: singular value, m/rad or 1, from which on a direction is met exactly; 50 ε if that is less,
-and 2 ε at least. An arm of 1 m is 1.3 mm inside its reach there."""
-SMOOTHED = 0.005
-"""T, s: in a step of this length or a longer one a weak direction is damped by σ₁. In a shorter one
-an error, and its noise, is divided by less time."""
-BEND = 0.6
-"""ℓ as a share of the largest singular value: measured on arms of six and seven joints, no singular
-value below σ₁ changes faster with the joints."""
-HELD = 1e-10
-"""Directions above this share of the largest singular value of a level's rows, as they are stated,
-are closed to the levels below. What is smaller is rounding: of a direction that the levels above
-fix wholly there is no more left."""
+from qp_twist.qp.verification import row_tolerance
 
 
 @dataclass(frozen=True, eq=False)
 class LostDirection:
-    """A direction of the task in which less is delivered than it asks.
-
-    Attributes:
-        sigma: Singular value of the task rows in this direction.
-        direction: Unit vector in the task rows, in the order of ``Step.residuals``, (m,).
-        share: Share of the speed asked for that is delivered.
-        missing: Speed that is not delivered, m/s or rad/s; of a scaled step: of the scaled speed.
-        where: The direction in words: a task, and its part of the twist in world axes.
-    """
+    """A direction of the task in which less is delivered than it asks."""
 
     sigma: float
+    """Singular value of the task rows in this direction."""
     direction: Array
+    """Unit vector in the task rows, in the order of ``Step.residuals``, (m,)."""
     share: float
+    """Share of the speed asked for that is delivered."""
     missing: float
+    """Speed that is not delivered, m/s or rad/s; of a scaled step: of the scaled speed."""
     where: str = "a direction of the rows"
+    """In words: a task, and its part of the twist in world axes."""
 
     def __str__(self) -> str:
         return f"{self.where} at σ = {self.sigma:.2g}"
@@ -70,31 +61,28 @@ class LostDirection:
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """A level's rows, rotated to their singular directions.
-
-    Attributes:
-        left: U, (m, m).
-        sigma: σ, (m,), 0 beyond the n-th.
-        rows: σᵢ vᵢᵀ on what the levels above leave, (m, n).
-        rate: β, m/s and rad/s, (m,).
-        damped: d, (m,).
-        floor: max(σ², ε²), of rounding no smaller than 1e-10 of ``size``, (m,).
-        size: The largest singular value of the rows as stated.
-        threshold: ε.
-        nulls: Orthonormal basis of what this level and those above leave, (n, p).
-        smooth: Whether the step has to change little with its data: see ``qp.one_program``.
-    """
+    """A level's rows, rotated to their singular directions."""
 
     left: Array
+    """U, (m, m)."""
     sigma: Array
+    """σ, (m,), 0 beyond the n-th."""
     rows: Array
+    """σᵢ vᵢᵀ on what the levels above leave, (m, n)."""
     rate: Array
+    """β, m/s and rad/s, (m,)."""
     damped: Array
+    """d, (m,)."""
     floor: Array
+    """max(σ², ε²), of rounding no smaller than 1e-10 of ``size``, (m,)."""
     size: float
+    """The largest singular value of the rows as stated."""
     threshold: float
+    """ε."""
     nulls: Array
+    """Orthonormal basis of what this level and those above leave, (n, p)."""
     smooth: bool
+    """Whether the step has to change little with its data: see ``qp.one_program``."""
 
     @classmethod
     def of(
@@ -111,15 +99,8 @@ class Directions:
     ) -> Directions:
         """Rotate the rows A q̇ = b, (m, n).
 
-        Args:
-            A: Task rows.
-            b: Right-hand side, m/s and rad/s, (m,).
-            dt: Length of the step, s.
-            threshold: ε.
-            damp: Whether t counts; if not, directions from ε on are met exactly.
-            smooth: As the attribute.
-            null: Orthonormal basis of what the levels above leave, (n, p); all if ``None``.
-            above: Joint velocity by the levels above, (n,).
+        ``damp``: whether t counts; if not, directions from ε on are met exactly. The levels above
+        leave what the orthonormal ``null`` (n, p) spans, and move the joints by ``above`` (n,).
         """
         m, n = A.shape
         if above is not None:
@@ -131,13 +112,13 @@ class Directions:
             size = float(np.linalg.norm(A, 2)) if m else 0.0
         if len(sigma) < m:
             sigma = np.concatenate([sigma, np.zeros(m - len(sigma))])
-        rank = int(np.count_nonzero(sigma > HELD * max(size, 1e-300)))
+        rank = int(np.count_nonzero(sigma > DEPENDENT * max(size, 1e-300)))
         sigma[rank:] = 0.0
         rows = np.zeros((m, n))
         rows[:rank] = sigma[:rank, None] * right[:rank]
         rate = left.T @ b
         first = regular_from(threshold)
-        damped = floor = np.maximum(sigma * sigma, max(threshold, HELD * size) ** 2)
+        damped = floor = np.maximum(sigma * sigma, max(threshold, DEPENDENT * size) ** 2)
         if sigma.min(initial=np.inf) < (first if damp else threshold):
             t = 0.0
             if damp and first > 0.0:
@@ -188,7 +169,7 @@ class Directions:
     def weak(self) -> Mask:
         """Directions met by the damped inverse, (m,); not those that only rounding keeps from 0."""
         weak: Mask = self.slack > 0.0
-        return weak if self.threshold > HELD * self.size else weak & (self.sigma > 0.0)
+        return weak if self.threshold > DEPENDENT * self.size else weak & (self.sigma > 0.0)
 
     @property
     def regular(self) -> bool:
@@ -227,7 +208,7 @@ class Directions:
 
 def regular_from(threshold: float) -> float:
     """σ₁ of a controller's ε."""
-    return max(2.0 * threshold, min(REGULAR, 50.0 * threshold))
+    return max(2.0 * threshold, min(REGULAR, MOST_REGULAR * threshold))
 
 
 def lost_directions(
@@ -240,7 +221,7 @@ def lost_directions(
     sigma = np.concatenate([sigma, np.zeros(len(b) - len(sigma))])
     rate, reached = left.T @ b, left.T @ (A @ velocity)
     missing = np.abs(rate - reached)
-    weak = sigma < max(regular_from(threshold), HELD * sigma[0])
+    weak = sigma < max(regular_from(threshold), DEPENDENT * sigma[0])
     found = np.flatnonzero(weak & (missing > row_tolerance(A, b)))
     return tuple(
         LostDirection(

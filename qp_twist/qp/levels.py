@@ -26,6 +26,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask, largest
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.constants import DUST, HELD
 from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import row_tolerance
@@ -42,11 +43,8 @@ RANK = 1e-10
 """Singular values below this share of a level's longest row count as zero."""
 SATISFIED = 1e-9
 """Excess at which an inequality row counts as met, relative to 1 + |g| + its length."""
-HELD = 1e-8
-"""Constraints with a multiplier above this share of a level's first gradient become equality rows
-for the levels below."""
-ROUNDING, SETTLED = 1e-13, 1e-15
-"""Shares of their terms below which a residual and a gradient count as zero."""
+SETTLED = 1e-15
+"""Share of its terms below which a gradient counts as zero."""
 UNKNOWN = 1e100
 """A gap that exceeds every residual but does not overflow."""
 
@@ -98,7 +96,7 @@ class Level:
 
     def rounding(self, x: Array) -> float:
         """The length of A x − b that counts as zero."""
-        return ROUNDING * (self.size * (1.0 + largest(x)) + largest(self.b))
+        return DUST * (self.size * (1.0 + largest(x)) + largest(self.b))
 
 
 class Cascade:

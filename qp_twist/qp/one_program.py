@@ -33,39 +33,21 @@ import numpy as np
 
 from qp_twist.checks import Array, largest
 from qp_twist.kernel import COMPILED
+from qp_twist.kernel.constants import (
+    BEYOND,
+    CURVED,
+    DEAD,
+    LARGEST,
+    LEAST_MOTION,
+    OF_COSTS,
+    SCALE_BACKOFF,
+    SOFT,
+    STILL,
+    WORTH,
+)
 from qp_twist.qp.directions import Directions
 from qp_twist.qp.problem import QuadraticProgram, widened
 from qp_twist.qp.solve import Refused, Verified, solve
-
-WORTH = 50.0
-"""γ: full speed is worth 50 times the joint motion that the task asks for by itself. A larger one
-comes nearer to the largest scale, and joints at their limits reverse where it moves."""
-LARGEST = 1e8
-"""γ for which s is the largest and the rest optimal (a linear program with a small quadratic cost:
-Mangasarian, Appl. Math. Optim. 5, 1979): of 65,879 random steps that had to be slowed down 5 were
-up to 1e-4 too slow with 1e6, and none by 1e-7 with 1e8."""
-SCALE_BACKOFF = 1e-8
-"""Share of the largest scale that is given up: on the very edge rounding would decide whether the
-rows have a solution."""
-OF_COSTS = 10.0
-"""Multipliers up to so many times the gradient of the costs are not those of the largest scale:
-these are larger by the order of ``LARGEST``."""
-BEYOND = 3.0
-"""A task is cut to three times what the bounds allow its directions one by one. Of 300 arms whose
-task was 25 to 800 times too fast ProxQP did not solve 5 with 1, 8 with 3, 27 with 10 and 91 without
-a cut; with 1 an arm with a joint at its limit waited there."""
-CURVED = 1e-2
-"""δ: share of g that makes the program strictly convex in s."""
-SOFT = 1e-4
-"""Share of the largest σ² by which all directions of a relaxed task yield: 1e-4 of an error stays
-in a step."""
-DEAD = 0.03
-"""η: share of the relaxed solution's progress below which the step passes over to it: a task that
-stops would wait for a limit that it can go around."""
-_STILL = 1e-9
-"""Progress below this share of the whole is none, so that rounding decides nothing at rest."""
-LEAST_MOTION = 1e-12
-"""Square of a task's motion beside which s is not priced lower, (rad/s)²: rest has no scale."""
 
 
 class Found(NamedTuple):
@@ -201,7 +183,7 @@ def first_level(
     if scaled is not None:
         along = ((1.0 - first.weakness) * first.rate) @ first.rows
         slow, free = float(along @ scaled.x), float(along @ x)
-        most = max(slow, free, _STILL * float(first.rate @ first.rate), 1e-300)
+        most = max(slow, free, STILL * float(first.rate @ first.rate), 1e-300)
         share = 1.0 - max(scaled.scale, slow / most) / DEAD
         if share <= 0.0:
             return scaled

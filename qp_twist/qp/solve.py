@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,44 +15,29 @@ from qp_twist.qp.problem import QuadraticProgram
 from qp_twist.qp.verification import Multipliers, feasible, proof_of_optimality
 
 
-@dataclass(frozen=True, eq=False)
-class Verified:
-    """A result that satisfies the problem and is optimal.
-
-    Attributes:
-        x: The unknowns, inside the bounds to the last bit, (n,).
-        solver: The backend that gave it.
-        multipliers: The multipliers that prove it optimal.
-    """
+class Verified(NamedTuple):
+    """A result that satisfies the problem and is optimal."""
 
     x: Array
+    """The unknowns, inside the bounds to the last bit, (n,)."""
     solver: str
     multipliers: Multipliers
+    """Those that prove it optimal."""
 
 
-@dataclass(frozen=True)
-class Refused:
-    """The backend gave no result that satisfies the problem.
-
-    Attributes:
-        says: What was tried, and what it returned.
-        claimed: Whether the backend called its result solved.
-    """
+class Refused(NamedTuple):
+    """The backend gave no result that satisfies the problem."""
 
     says: str
+    """What was tried, and what it returned."""
     claimed: bool
+    """Whether the backend called its result solved."""
 
 
 def solve(
     problem: QuadraticProgram, solver: str, options: Mapping[str, Any] | None = None
 ) -> Verified | Refused:
-    """Solve with a backend and verify.
-
-    Args:
-        problem: The program.
-        solver: The backend.
-        options: Of the backend, in place of ours.
-    """
+    """Solve with a backend, whose ``options`` take the place of ours, and verify."""
     if np.count_nonzero(problem.lower > problem.upper):
         return Refused("the bounds leave no room", False)
     raw = solve_raw(problem, solver, options)
@@ -71,15 +56,7 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     r"""Minimise the cost of ``problem`` on the points that a cascade of levels has left.
 
     They are x + N z with C z ≤ d. The program in z has no equality rows that could contradict each
-    other by rounding, and z = 0 satisfies it.
-
-    Args:
-        problem: The program; of it the cost counts, and the bounds, which are the cascade's.
-        cascade: What the levels have left.
-        solver: The backend.
-
-    Returns:
-        The result, with the multipliers of C z ≤ d.
+    other by rounding, and z = 0 satisfies it. The multipliers are those of C z ≤ d.
     """
     if not cascade.optimal:
         return Refused("a priority level ran out of iterations", False)
@@ -95,4 +72,4 @@ def solve_within(problem: QuadraticProgram, cascade: Cascade, solver: str) -> Ve
     moved = feasible(within, np.clip(x + basis @ result.x, problem.lower, problem.upper))
     if isinstance(moved, str):
         return Refused(f"{result.solver} returned {moved}", True)
-    return replace(result, x=moved.x)
+    return result._replace(x=moved.x)

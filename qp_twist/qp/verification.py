@@ -6,28 +6,21 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg.lapack import dgesv
 
-from qp_twist.checks import Array, largest
+from qp_twist.checks import Array, Mask, largest
+from qp_twist.kernel.constants import (
+    BOUND_TOLERANCE,
+    EQUALITY_TOLERANCE,
+    GAIN_TOLERANCE,
+    GAP_TOLERANCE,
+    OPTIMALITY_TOLERANCE,
+    ROUNDING,
+)
 from qp_twist.qp.problem import QuadraticProgram
 
-EQUALITY_TOLERANCE = 1e-8
-"""Largest equality residual, relative to 1 + max |b|; m/s and rad/s. Less is zero."""
-BOUND_TOLERANCE = 1e-8
-"""Largest excess over a bound or row, relative to 1 + max |x|."""
-OPTIMALITY_TOLERANCE = 1e-6
-"""Largest gradient that no multiplier explains, over max |H|, relative to 1 + max |x|; rad/s."""
-GAIN_TOLERANCE = 1e-7
-"""Largest cost that multipliers see beyond ``x``, relative to that of moving by 1 + max |x|."""
-GAP_TOLERANCE = 5e-7
-"""Largest duality gap, relative to the same."""
 _TOUCHING, _ON = 1e-6, 1e-9
 """Distances at which a row or bound may touch ``x``, or does, relative to 1 + max |x|."""
-ROUNDING = 1e-11
-"""What the sums of the optimality condition lose, as a share of their largest term."""
-
-Mask = npt.NDArray[np.bool_]
 
 
 class Multipliers(NamedTuple):

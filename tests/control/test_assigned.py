@@ -28,7 +28,7 @@ def tool(frame: str = "tool") -> qt.TwistTask:
         ("secondary_space", "Twist", "joint, twist"), ("secondary_space", None, "joint, twist"),
         ("solver", "daqpp", "Installed"), ("secondary", 3, "secondary"),
         ("secondary", [qt.PositionLimit(MODEL)], "secondary"), ("limits", None, "limits"),
-        ("limits", [3], "limits"), ("levels", [[tool()]], "levels"), ("tasks", [tool()], "tasks"),
+        ("limits", [3], "limits"),
         ("smooth", np.ones(2), "smooth: expected"), ("smooth", "no", "smooth: expected"),
         ("braking", 0.5, "braking: expected"), ("on_infeasible", "stop", "on_infeasible: expected"),
         ("joint_weight", 0.0, "joint_weight"), ("joint_weight", np.inf, "joint_weight"),

@@ -212,13 +212,6 @@ NO_JOINTS = mujoco.MjModel.from_xml_string(
         ({"tasks": Arm(1).task}, qt.InvalidInput, "expected a list"),
         ({"tasks": ["task"]}, qt.InvalidInput, "BaseTask"),
         ({"tasks": [qt.TwistTask.point("nowhere", "site")]}, mink.InvalidFrame, "nowhere"),
-        ({"secondary_space": "task"}, qt.InvalidInput, "joint, twist"),
-        ({"on_infeasible": "ignore"}, qt.InvalidInput, "scale, relax, raise"),
-        ({"secondary": [1]}, qt.InvalidInput, "SecondaryObjective"),
-        ({"secondary": 1}, qt.InvalidInput, "expected a list"),
-        ({"limits": [1]}, qt.InvalidInput, "Limit"),
-        ({"metric": [1.0, 2.0]}, qt.InvalidInput, r"shape \(7\)"),
-        ({"metric": [0.0] * 7}, qt.InvalidInput, "above 0"),
         ({"smooth": False}, TypeError, r"'smooth'; it is an attribute: .*smooth = False"),
     ],
 )

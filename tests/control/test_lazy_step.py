@@ -99,23 +99,6 @@ def test_a_chain_with_a_ball_or_free_joint_is_compiled(text: str, space: Any) ->
     assert made[0].reference_steps == 0
 
 
-def test_a_configuration_of_another_robot_is_refused() -> None:
-    """Of as many coordinates and degrees of freedom, but other joints: 7 + 4 + … = 4 + 3 · 1 + …"""
-    parted = FREE.replace(
-        '<joint name="rail" type="free"/>',
-        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>'
-        '<joint type="slide" axis="0 0 1"/><joint type="ball"/>',
-    )
-    one, other = (mujoco.MjModel.from_xml_string(text) for text in (FREE, parted))
-    assert (one.nq, one.nv) == (other.nq, other.nv)
-    task = qt.TwistTask.point("tool", "site")
-    task.set_target_from_configuration(mink.Configuration(one))
-    controller = qt.Controller(one, [task], solver="compiled")
-    controller.step(mink.Configuration(one), 0.1)
-    with pytest.raises(qt.InvalidInput, match="same model"):
-        controller.step(mink.Configuration(other), 0.1)
-
-
 # ---------------------------------------------------------------- the result
 
 

@@ -197,13 +197,6 @@ def test_a_secondary_fades_in_with_a_stream_and_out_where_it_ceases() -> None:
     np.testing.assert_allclose(shares[ceases:], fading, atol=1e-6)
 
 
-def test_a_servo_keeps_the_times_that_it_was_made_with() -> None:
-    rig = Rig()
-    with pytest.raises(qt.InvalidInput, match="keeps the period"):
-        rig.servo.period = 0.1
-    assert rig.servo.period == DT
-
-
 def test_one_arm_goes_on_while_the_other_stops() -> None:
     model = mujoco.MjModel.from_xml_path(str(shipped_folder("scenes") / "two_arms.xml"))
     q = np.array([0.0, 0.1, 0.0, -1.5, 0.0, 0.8, 0.0, 0.0, 0.3, 0.0, -1.7, 0.0, -1.2, 0.0])

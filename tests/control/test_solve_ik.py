@@ -209,7 +209,6 @@ def test_options_reach_the_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ({"tasks": "frame"}, "tasks is a list of mink tasks; got 'frame'"),
         ({"tasks": [1]}, r"tasks\[0\] is int, which is none of mink's tasks"),
-        ({"tasks": [qt.PositionLimit(PLANAR)]}, "It belongs into limits="),
         ({"limits": [qt.PositionLimit(PLANAR)]}, "PositionLimit is for a model of 3 degrees"),
         ({"limits": [mink.ConfigurationLimit(PLANAR)]}, "for a model of 3 degrees"),
         ({"limits": [mink.VelocityLimit(PLANAR, {"joint_1": 1.0})]}, "for a model of 3 degrees"),

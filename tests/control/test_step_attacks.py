@@ -133,16 +133,12 @@ REPLACED = {
     "data of one with other lengths": other_data(arm(reach=0.5)),
     "data of one with other names": other_data(RENAMED),
     "data of a longer robot": other_data(LONGER),
-    "data of a shorter robot": other_data(SHORTER),
-    "no data": lambda configuration: setattr(configuration, "data", None),
     "data deleted": lambda configuration: delattr(configuration, "data"),
     "data reset": lambda configuration: mujoco.mj_resetData(
         configuration.model, configuration.data
     ),
     "the same robot read again": other_model(arm()),
     "a model with other names": other_model(RENAMED),
-    "a longer model": other_model(LONGER),
-    "a shorter model": other_model(SHORTER),
     "no model": other_model(None),
 }
 

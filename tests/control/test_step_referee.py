@@ -132,20 +132,6 @@ def test_it_lets_optimal_steps_pass_and_refuses_planted_errors(
     assert steps.found(unknown, s).any(axis=1).all()
 
 
-def test_a_joint_that_is_held_at_the_wrong_bound_is_refused(study: ModuleType) -> None:
-    """Six joints and five rows leave a segment between two bounds: its other end."""
-    steps = Steps(study, 0, 60)
-    other = steps.x.copy()
-    for k, (A, _, box) in enumerate(steps.programs):
-        along = np.linalg.svd(A)[2][-1]
-        ways = np.sort((box - steps.x[k]) / along, axis=0)  # to both bounds of every joint
-        back, forth = ways[0].max(), ways[1].min()
-        other[k] += (forth if forth > -back else back) * along
-    far = np.abs(other - steps.x).max(axis=1) > 1e-3
-    assert far.sum() > 50
-    assert (steps.found(other, steps.s)[far] == [False, False, True, False]).all()
-
-
 @pytest.fixture
 def asked(study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
     """The study from its command line, with its results in the test's folder."""

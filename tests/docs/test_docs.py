@@ -26,6 +26,7 @@ from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.comparison import metrics
 from qp_twist.control.step_settings import SINGULARITY
+from qp_twist.kernel.constants import SCALE_BACKOFF
 from qp_twist.paths import (
     ColumnChoice,
     ToolpathOptions,
@@ -34,7 +35,7 @@ from qp_twist.paths import (
     task_schema,
 )
 from qp_twist.paths.methods import METHODS, MethodSettings
-from qp_twist.qp import SCALE_BACKOFF, check_solver
+from qp_twist.qp import check_solver
 from qp_twist.qp.verification import (
     BOUND_TOLERANCE,
     EQUALITY_TOLERANCE,

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import decimal
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-import qp_twist as qt
-from oracles.hierarchies import Hierarchy, harder
+from oracles.hierarchies import Hierarchy
 
 Array = npt.NDArray[np.float64]
 Exact = npt.NDArray[np.object_]
@@ -25,29 +22,12 @@ ZERO = Decimal("1e-22")
 """What is left of the arithmetic's rounding, of numbers up to 1e10."""
 MET = Decimal("1e-9")
 """An inequality row that is exceeded by less is met."""
-NEAR = Decimal("1e-9")
-"""Distance at which a guess touches a constraint."""
 DEPENDENT = Decimal("1e-18")
 """A row of which less than this share is left is a combination of others."""
 
 
 class NoOracle(ArithmeticError):
     """The active constraints were not found."""
-
-
-@dataclass
-class ExactCascade:
-    """The optimum.
-
-    Attributes:
-        x: A point that is optimal for all levels, rounded once at the end, (n,).
-        residuals: Length of each level's residual.
-        clear: Smallest factor between a singular value and the threshold of the rank.
-    """
-
-    x: Array
-    residuals: list[float] = field(default_factory=list)
-    clear: float = np.inf
 
 
 def exact(values: Any) -> Exact:
@@ -60,22 +40,11 @@ def length(vector: Exact) -> Decimal:
     return Decimal(sum((v * v for v in vector), Decimal(0))).sqrt()
 
 
-def exact_cascade(h: Hierarchy, guesses: Sequence[Array] = ()) -> ExactCascade:
-    """Level after level, min ‖A x − b‖² + ‖max(G x − g, 0)‖² inside the bounds.
-
-    Args:
-        h: The levels; its numbers are taken as they are.
-        guesses: A point for each level that touches the constraints which are active there. It only
-            saves time: what it leads to counts if the conditions of optimality hold, else the
-            active constraints are found from none on.
-    """
+def exact_cascade(h: Hierarchy) -> list[float]:
+    """Level after level, min ‖A x − b‖² + ‖max(G x − g, 0)‖² inside the bounds: the lengths."""
     with decimal.localcontext(prec=DIGITS):
         cascade = _Cascade(h)
-        lengths = []
-        for number, level in enumerate(h.levels):
-            guess = exact(guesses[number]) if number < len(guesses) else None
-            lengths.append(float(cascade.level(*map(exact, level), guess)))
-        return ExactCascade(np.array(cascade.x, dtype=np.float64), lengths, cascade.clear)
+        return [float(cascade.level(*map(exact, level))) for level in h.levels]
 
 
 class _Cascade:
@@ -87,7 +56,6 @@ class _Cascade:
         self.held: list[Exact] = []
         self.rows: list[Exact] = []
         self.ends: list[Decimal] = []
-        self.clear = np.inf
         for unit, low, high in zip(exact(np.eye(self.n)), h.lower, h.upper, strict=True):
             if low == high:
                 self.held.append(unit)
@@ -97,14 +65,14 @@ class _Cascade:
                     self.rows.append(side * unit)
                     self.ends.append(side * Decimal(float(end)))
 
-    def level(self, A: Exact, b: Exact, G: Exact, g: Exact, guess: Exact | None) -> Decimal:
+    def level(self, A: Exact, b: Exact, G: Exact, g: Exact) -> Decimal:
         """Go to the optimum of a level and hold it; the length of its residual.
 
         By a primal active-set method in (x, w) with G x − w ≤ g and ½‖w‖² in the cost.
         """
         n, k = self.n, len(g)
         wide = _Cascade.__new__(_Cascade)
-        wide.n, wide.clear = n + k, self.clear
+        wide.n = n + k
         none = exact(np.zeros(k))
         wide.x = np.concatenate([self.x, [max(v, Decimal(0)) for v in G @ self.x - g]])
         wide.held = [np.concatenate([row, none]) for row in self.held]
@@ -120,12 +88,8 @@ class _Cascade:
             ]
         )
         r = np.concatenate([b, none])
-        touching = None
-        if guess is not None:
-            near = np.concatenate([guess, [max(v, Decimal(0)) for v in G @ guess - g]])
-            touching = [i for i, row in enumerate(wide.rows) if row @ near > wide.ends[i] - NEAR]
-        strict = wide.minimise(B, r, touching) if len(B) else []
-        self.x, self.clear = wide.x[:n], wide.clear
+        strict = wide.minimise(B, r) if len(B) else []
+        self.x = wide.x[:n]
         for row in strict:
             if row < len(self.rows):
                 self.hold(self.rows[row])
@@ -140,17 +104,10 @@ class _Cascade:
             self.ends.append(max(end, row @ self.x))
         return length(B @ wide.x - r)
 
-    def minimise(self, B: Exact, r: Exact, touching: list[int] | None) -> list[int]:
+    def minimise(self, B: Exact, r: Exact) -> list[int]:
         """Go to the minimum of ‖B x − r‖; the constraints with a positive multiplier."""
         size = max(length(row) for row in B)
-        start, working = self.x, list[int]()
-        if touching is not None:
-            working = self.go_to(touching)
-            self.x = self.x + self.step(B, r - B @ self.x, working, size)
-            room = [end - row @ self.x for row, end in zip(self.rows, self.ends, strict=True)]
-            if min(room, default=ZERO) < -ZERO or self.wrong(B, r, working, size):
-                self.x, working = start, []
-        degenerate = 0
+        working, degenerate = list[int](), 0
         for _ in range(1000):
             left = r - B @ self.x
             step = self.step(B, left, working, size)
@@ -173,18 +130,6 @@ class _Cascade:
                 return [k for m, k in found if m > dust]
             working.remove(min(wrong)[1] if degenerate < 20 else min(k for _, k in wrong))
         raise NoOracle("the active constraints were not found")
-
-    def go_to(self, touching: list[int]) -> list[int]:
-        """Go onto these constraints; those of them that do not depend on others."""
-        basis, kept = list(self.held), list[int]()
-        for k in touching:
-            left = self.without(self.rows[k], basis)
-            far = length(left)
-            if far > DEPENDENT * length(self.rows[k]):
-                kept.append(k)
-                basis.append(left / far)
-                self.x = self.x + left * ((self.ends[k] - self.rows[k] @ self.x) / far**2)
-        return kept
 
     def wrong(
         self, B: Exact, r: Exact, working: list[int], size: Decimal
@@ -219,9 +164,7 @@ class _Cascade:
         return basis
 
     def kept(self, sigma: Decimal, size: Decimal) -> bool:
-        ratio = sigma / (RANK * size)
-        self.clear = min(self.clear, float(max(ratio, 1 / ratio)))
-        return bool(ratio > 1)
+        return bool(sigma > RANK * size)
 
     def hold(self, row: Exact) -> None:
         left = self.without(row, self.held)
@@ -280,15 +223,3 @@ class _Cascade:
             known = sum((R[j][i] * result[i] for i in range(j + 1, len(Q))), Decimal(0))
             result[j] = (Q[j] @ gradient - known) / R[j][j]
         return result
-
-
-def solved(kind: str, seed: int) -> list[float]:
-    """Lengths of the levels' residuals, from the active constraints of ``qp_twist`` as a guess."""
-    h = harder(seed, kind)
-    guesses = [
-        qt.solve_levels(
-            h.levels[: count + 1], h.lower, h.upper, on_infeasible="relax", reference=h.reference
-        ).x
-        for count in range(len(h.levels))
-    ]
-    return exact_cascade(h, guesses).residuals

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
 from typing import Any
 
 import mink
@@ -13,22 +12,14 @@ import pytest
 import qpsolvers
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.problems import NAMED, positive_definite, program, random_case
-from oracles.referee import (
-    GAP,
-    LowerBound,
-    broken_constraint,
-    lower_bound,
-    objective,
-    objective_size,
-)
+from oracles.problems import NAMED, program, random_case
+from oracles.referee import GAP, LowerBound, broken_constraint
 from oracles.twists import POINT, pose
 
 import qp_twist as qt
-from qp_twist.qp import Multipliers, Verified, installed_solvers, solve
+from qp_twist.qp import Verified, installed_solvers, solve
 from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.solve import Refused
-from qp_twist.qp.verification import Point, proof_of_optimality
 
 Array = npt.NDArray[np.float64]
 DEBURRING = qt.load_task("deburring")
@@ -279,66 +270,6 @@ def test_the_referee_sends_wrong_results_off() -> None:
     outside = np.array(p.upper)
     outside[0] = np.nextafter(outside[0], np.inf)
     assert broken_constraint(p, outside) == "outside the bounds"
-
-
-# ------------------------------------------------------------------------- the proof of optimality
-
-
-def _enumerated(p: qt.QuadraticProgram) -> Array:
-    """The optimum of a small program, by trying every set of active bounds and rows."""
-    n, k = p.n, len(p.g)
-    best, lowest = None, np.inf
-    for sides in product((None, "lower", "upper"), repeat=n):
-        for on in product((False, True), repeat=k):
-            rows = [*p.A, *p.G[list(on)]] if k else [*p.A]
-            values = [*p.b, *p.g[list(on)]] if k else [*p.b]
-            for i, side in enumerate(sides):
-                if side:
-                    rows.append(np.eye(n)[i])
-                    values.append(getattr(p, side)[i])
-            C = np.array(rows).reshape(-1, n)
-            if len(C) > n:
-                continue
-            kkt = np.block([[p.H, C.T], [C, np.zeros((len(C), len(C)))]])
-            x = np.linalg.lstsq(kkt, np.concatenate([-p.c, values]), rcond=None)[0][:n]
-            missed = max(
-                np.abs(p.A @ x - p.b).max(initial=0.0), (p.G @ x - p.g).max(initial=0.0),
-                (p.lower - x).max(), (x - p.upper).max(),
-            )  # fmt: skip
-            if missed < 1e-9 and objective(p, x) < lowest:
-                best, lowest = x, objective(p, x)
-    assert best is not None
-    return np.clip(best, p.lower, p.upper)
-
-
-def _small(seed: int) -> tuple[qt.QuadraticProgram, Array]:
-    """A program of up to three unknowns, and a point inside it."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(1, 4))
-    m, k = int(rng.integers(0, n)), int(rng.integers(0, 3))
-    inside = rng.uniform(-0.9, 0.9, n)
-    A, G = rng.normal(size=(m, n)), rng.normal(size=(k, n))
-    return program(
-        positive_definite(rng, n, 10.0 ** rng.uniform(0.0, 2.0)), 2.0 * rng.normal(size=n),
-        A=A, b=A @ inside, G=G, g=G @ inside + rng.uniform(0.05, 0.5, k), lower=-1.0, upper=1.0,
-    ), inside  # fmt: skip
-
-
-@given(st.integers(0, 10**6))
-def test_the_optimum_is_proven_without_a_backends_multipliers(seed: int) -> None:
-    p, _ = _small(seed)
-    x = _enumerated(p)
-    rng = np.random.default_rng(seed)
-    for claimed in (
-        Multipliers.none(p),
-        Multipliers(rng.normal(size=len(p.b)), rng.normal(size=len(p.g)), rng.normal(size=p.n)),
-        Multipliers(np.full(len(p.b), np.nan), np.full(len(p.g), np.inf), np.zeros(p.n)),
-    ):
-        proof = proof_of_optimality(p, Point.at(p, x), claimed)
-        assert isinstance(proof, Multipliers), proof
-        assert (proof.rows >= 0.0).all()
-        # They prove it by duality, which is not how they were found.
-        assert lower_bound(p, proof) >= objective(p, x) - 1e-6 * objective_size(p, x)
 
 
 def test_an_empty_box_is_refused_before_a_backend_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
