@@ -11,7 +11,6 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.constraints.any_limit import (
-    UNLIMITED,
     LimitRows,
     Named,
     RowName,
@@ -19,6 +18,7 @@ from qp_twist.constraints.any_limit import (
 )
 from qp_twist.constraints.box import Box, BoxLimit, Intersection
 from qp_twist.errors import InvalidInput
+from qp_twist.kernel.constants import UNLIMITED
 
 
 class GatheredLimits(Intersection):
