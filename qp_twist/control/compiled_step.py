@@ -55,21 +55,20 @@ class CompiledStep:
     """The kernel's step for one controller that ``composition_known`` accepts.
 
     Limits of other classes, tolerance bands, tasks of derived classes or with a carried target, and
-    the costs of other tasks are evaluated in Python. :meth:`__call__` returns ``None`` if the
-    composition is no longer supported, or if the kernel could not solve or verify the step; the
-    reference then computes it.
+    the costs of other tasks are evaluated in Python.
 
     Attributes:
         free: Lock of the arrays, which only one thread may use at a time.
+        revision: That of the controller; −1 if its arrays no longer fit its tasks.
+        limits: The limits.
     """
 
     def __init__(self, composed: Controller) -> None:
         """Allocate the arrays for a composition that ``composition_known`` accepts."""
         self.free = threading.Lock()
-        self._limits = list(composed.limits)
-        self._secondary, self._metric = composed.secondary, composed.metric
+        self.limits = list(composed.limits)
         self._twist_space = twist_space(composed)
-        numbers, arrays = numbers_of_kinds(self._limits), StepArrays(composed)
+        numbers, arrays = numbers_of_kinds(self.limits), StepArrays(composed)
         self._labels = StepLabels(
             tuple(task.projector.rank for task in composed.twist_tasks),
             int(arrays.views.arrays.ends[0]),
@@ -80,7 +79,7 @@ class CompiledStep:
 
     def _use(self, arrays: StepArrays, composed: Controller) -> StepArrays:
         """Compute with these arrays from now on."""
-        self._arrays, self._revision = arrays, composed.revision
+        self._arrays, self.revision = arrays, composed.revision
         self._evaluates = arrays.evaluates
         self._data: mujoco.MjData | None = None
         return arrays
@@ -92,15 +91,13 @@ class CompiledStep:
         dt: float,
         h: Displacement,
     ) -> Step | None:
-        """Compute the step; ``None`` if the reference has to compute it.
-
-        The latter includes a controller whose composition has changed since it was prepared.
+        """Compute the step; ``None`` if the reference has to.
 
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        changed = composed.revision != self._revision or composed.limits != self._limits
-        if (changed and not self._update_settings(composed)) or not self._update_tasks():
+        if not self._update_tasks():
+            self.revision = -1  # the arrays are made anew in the next step
             return None
         rows = self._evaluated(composed, configuration, dt) if self._evaluates else _NO_ROWS
         if rows is None:
@@ -147,20 +144,6 @@ class CompiledStep:
     @cached_property
     def _live_step(self) -> Callable[..., int]:
         return bound(live_step, *self._arrays.memory, 1.0, True, self._twist_space)
-
-    def _update_settings(self, composed: Controller) -> bool:
-        """Write the controller's settings, unless it is composed differently; return whether."""
-        if (
-            composed.limits != self._limits
-            or composed.secondary is not self._secondary
-            or composed.metric is not self._metric
-            or twist_space(composed) != self._twist_space
-            or composed.solver != COMPILED
-        ):
-            return False
-        self._arrays.take_settings(composed)
-        self._revision = composed.revision
-        return True
 
     def _update_tasks(self) -> bool:
         """Write what has changed in the tasks; return whether the kernel still supports them."""

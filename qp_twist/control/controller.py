@@ -253,6 +253,10 @@ class Controller(StepSettings):
         # The arrays may be in use, by another thread or by a limit that itself calls step();
         # then the reference computes this step.
         prepared = self._prepared
+        if prepared is not None and (
+            prepared.revision != self.revision or prepared.limits != self.limits
+        ):
+            prepared = self._prepared = _compiled_step(self)
         if prepared is not None and prepared.free.acquire(False):
             try:
                 plain = prepared(self, configuration, dt, h)

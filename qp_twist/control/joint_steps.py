@@ -75,7 +75,8 @@ class JointSteps:
     def _step(self, wanted: Array, before: Array) -> Step:
         """The step nearest to a joint velocity (nv,), after another one (nv,)."""
         period = self._settings.period
-        self._controller.limits = self._limited_by.limits
+        if self._controller.limits != self._limited_by.limits:
+            self._controller.limits = self._limited_by.limits
         self._posture.q_ref = self._configuration.integrate(wanted, period)
         return self._controller.step(self._configuration, period, velocity=before)
 
