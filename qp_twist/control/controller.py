@@ -56,12 +56,10 @@ class Controller(StepSettings):
             lower \le \dot{\mathbf q} \le upper,\quad \mathbf G\dot{\mathbf q}\le\mathbf g
 
     with :math:`\dot{\mathbf h} = \mathbf h/dt`. While no limit is active, "joint" gives gradient
-    projection (minimum norm without a secondary) and "twist" the paper's decomposition.
-
-    In twist space the ρ term acts only in the null space of J, which the twist cost does not see.
-    Elsewhere it would change the twist: a weight too small to matter there is too small for the
-    solver's arithmetic. The result is exactly :math:`\mathbf J^\dagger\mathbf T\Delta\mathbf t +
-    (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h`.
+    projection (minimum norm without a secondary) and "twist" the paper's decomposition, exactly
+    :math:`\mathbf J^\dagger\mathbf T\Delta\mathbf t +
+    (\mathbf 1-\mathbf J^\dagger\mathbf T\mathbf J)\mathbf h`: there the ρ term acts only in the
+    null space of J, which the twist cost does not see.
 
     Attributes:
         joint_weight: ρ. By default 1 in joint space (1e-9 with other mink tasks and without a
@@ -69,18 +67,15 @@ class Controller(StepSettings):
         free_twist_costs: Square roots of w for the linear rows of 1 − T, s/m, and for the angular
             ones, s/rad, (1, 1) by default; their ratio is the length in m that 1 rad/s counts for.
         singularity: ε, singular value of the task rows below which a direction is left to the
-            secondary (``qp_twist/qp/directions.py``); 0, or less than 1e-9: never. By default 0.005
-            if ``smooth``, else 0.001. With speed limits smooth steps take directions below
-            50 ε, at most 0.05, in several steps.
-        smooth: Whether steps are smooth at the edge of the reach, through singularities and
-            where limits stop the task (the docs' page *At the edge*). ``False`` takes the
-            largest scale and the closest velocity instead, as the following of a path does,
-            which repeats a step until its waypoint is reached.
+            secondary; 0, or less than 1e-9: never. By default 0.005 if ``smooth``, else 0.001. With
+            speed limits smooth steps take directions below 50 ε, at most 0.05, in several steps.
+        smooth: Whether steps are smooth at the edge of the reach, through singularities and where
+            limits stop the task (the docs' page *At the edge*); if not, they take the largest scale
+            and the closest velocity, as the following of a path does.
         braking: Whether a smooth step asks, under an acceleration limit, for no more speed than
-            the joints can stop from at the target. A target that moves needs its twist then, or
-            is followed at its stopping distance.
+            the joints can stop from at the target. A target that moves then needs its twist.
         reference_steps: Number of steps by the uncompiled reference, which takes milliseconds (the
-            docs' page *Performance* lists the cases); all steps if the solver is not compiled.
+            docs' page *Performance*).
 
     Example:
         >>> import mink, qp_twist as qt

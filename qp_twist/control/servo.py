@@ -33,14 +33,8 @@ class Servo:
     Targets come when they come: poses (:meth:`track`), twists (:meth:`jog`) or joint velocities
     (:meth:`move`). Between two poses the reference is interpolated. A target further than ``jump``
     from the last is approached at a set speed. Where no target has come for ``stale_after``, the
-    reference of that task is brought to rest within ``stop_within``:
-
-    .. math::
-
-        \mathbf t(\tau) = (1 - \tau/T)\,\mathbf t(0), \qquad T = \text{stop\_within},
-
-    from where the robot then is; once all streams have ceased, what moves in the null space fades
-    with it. In each tick the controller's own limits hold, as ever.
+    reference of that task is brought to rest from where the robot is, t(τ) = (1 − τ/T) t(0) with
+    T = ``stop_within``; once all streams have ceased, what moves in the null space fades with it.
 
     The servo reads ``configuration`` and does not change it: the caller integrates the velocity, or
     updates it from measurements. Inputs may come from other threads; ticks from one. The controller

@@ -11,16 +11,11 @@ r"""The program of a step whose first level does not fit, or is near a singulari
         0 \le s \le 1
 
 with the directions of :mod:`qp_twist.qp.directions`, :math:`h_i = v_i^T\mathbf H v_i` and N the
-null space of the level's rows: a cost along a row would not move a regular task. With s = 1 it
-is the step as posed, which is solved first; where that fits, nothing else is done. Weak directions
-are asked for at any scale, so that they do not hold the rest down.
-:math:`g = \gamma\,\dot{\mathbf p}^T\mathbf H\dot{\mathbf p}` is what the whole speed is worth,
-with ṗ the joints' motion by the task alone: s is as near to 1 as fits,
-less what only a joint motion many times that of the task would buy. A task far
-beyond what the bounds allow its directions one by one is cut to three times that first: one that is
-100 times too fast would make g 10⁴ times the costs that matter, and first-order backends do not
-solve such a program to 1e-9. The task may also give way in
-all directions (``relax``): λᵢ is then larger by a share of the largest σ², and there is no s.
+null space of the level's rows. With s = 1 it is the step as posed, which is solved first; where
+that fits, nothing else is done. Weak directions are asked for at any scale, so that they do not
+hold the rest down. :math:`g = \gamma\,\dot{\mathbf p}^T\mathbf H\dot{\mathbf p}` is what the
+whole speed is worth, with ṗ the joints' motion by the task alone. The task may also give way in all
+directions (``relax``): λᵢ is then larger by a share of the largest σ², and there is no s.
 """
 
 from __future__ import annotations

@@ -95,18 +95,6 @@ def levels(
     return qt.solve_levels([(A, b)], lower, upper, **options)
 
 
-def load_program(content: Any) -> qt.QuadraticProgram:
-    """Of whatever can be written to a file, and of what is no path at all."""
-    if isinstance(content, (str, bytes)):
-        Path("junk.npz").write_bytes(content if isinstance(content, bytes) else content.encode())
-        return qt.QuadraticProgram.load("junk.npz")
-    if isinstance(content, np.ndarray):
-        np.savez("junk.npz", H=content, c=content, A=content, b=content, G=content, g=content,
-                 lower=content, upper=content)  # fmt: skip
-        return qt.QuadraticProgram.load("junk.npz")
-    return qt.QuadraticProgram.load(content)
-
-
 def assigned(name: str, value: Any) -> None:
     setattr(qt.Controller(MODEL, [task()]), name, value)
 
@@ -118,7 +106,6 @@ CALLS: dict[str, Callable[[Any], Any]] = {
         qt.Projector.line([0, 0, 1]).kind, np.eye(3)[:, 2:], x
     ),
     "clamped": lambda x: task().clamped(x),
-    "QuadraticProgram.load": load_program,
     "solve_levels(levels)": lambda x: qt.solve_levels(x, LOW, HIGH),
     "solve_levels(levels=[…])": lambda x: qt.solve_levels([x], LOW, HIGH),
     "solve_levels(G)": lambda x: qt.solve_levels([(ROW, RATE, x, RATE)], LOW, HIGH),
