@@ -25,7 +25,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import read_bytes, write_atomically
 from qp_twist.kinematics import JointRanges
 from qp_twist.robots import Robot, load_robot
-from qp_twist.robots.room import DRAWN, NOT_DRAWN, add_room
+from qp_twist.robots.room import DRAWN, NOT_DRAWN, add_room, draw_once
 from qp_twist.robots.stand_ins import add_pen
 from qp_twist.robots.wording import free_name, reason_of
 
@@ -110,7 +110,7 @@ def write_cell(
     meshes = _Meshes(spec, _own_files(spec, robot))
     _name_geoms(spec)
     of_links = _divide_links(spec, robot.model, taken, meshes)
-    _draw_once(spec)
+    draw_once(spec)
     tip, carrier = frame, request.relative_to
     lowest = [0.0]
     identity = mink.SE3.identity()
@@ -256,15 +256,6 @@ def _divide_links(spec: Any, model: mujoco.MjModel, taken: set[str], meshes: _Me
             old.contype = old.conaffinity = 0
             meshes.add_pieces(on, _free(f"{name}_part", taken), pieces, list(old.rgba))
     return notes
-
-
-def _draw_once(spec: Any) -> None:
-    """Do not draw what collides on a body that has other geoms to be drawn."""
-    for body in spec.bodies:
-        drawn = [g for g in body.geoms if g.group < NOT_DRAWN and not (g.contype or g.conaffinity)]
-        for geom in body.geoms if drawn else []:
-            if geom.contype or geom.conaffinity:
-                geom.group = max(geom.group, NOT_DRAWN)
 
 
 def _carrier(model: mujoco.MjModel, frame: FrameChoice) -> tuple[str, Array, Array]:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from qp_twist.authoring.reach import Placement, Placements, placements
-from qp_twist.authoring.search_clock import SearchClock
 from qp_twist.checks import Array, clause
 from qp_twist.errors import InvalidInput
 from qp_twist.following import FoundStart, NoStart, find_starts, plan
-from qp_twist.following.compiled_walk import CompiledWalk, walk_known
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask
 from qp_twist.planning import central_configurations, what_forbids
@@ -108,20 +108,14 @@ class TaskSearch:
 
     Args:
         seconds: Limit of the search, s of processor time.
-        clock: What counts them.
         report: Called with the current phase and the share of the time that is used.
         rounded: Rounds a start as in the task file.
     """
 
-    def __init__(
-        self,
-        seconds: float,
-        clock: SearchClock,
-        report: Progress,
-        rounded: Callable[[Array], Array],
-    ) -> None:
+    def __init__(self, seconds: float, report: Progress, rounded: Callable[[Array], Array]) -> None:
         self.seconds = seconds
-        self._clock, self._report, self._rounded = clock, report, rounded
+        self._report, self._rounded = report, rounded
+        self._began, self._compiling = 0.0, _compiling()
         self._folder = Path()
 
     def run(self, path_task: PathTask, *, elsewhere: bool) -> TaskSearchResult:
@@ -132,112 +126,105 @@ class TaskSearch:
 
         Interrupted (Ctrl-C), it returns what it has.
         """
-        settings = path_task.settings(METHOD)
-        if walk_known(path_task, METHOD, settings):
-            CompiledWalk(path_task, METHOD, settings)  # its machine code is no part of the search
-        self._clock.restart()
+        from numba.core import event  # numba takes half a second
+
         none = Trial(path_task, why="no start was tried")
         found = TaskSearchResult(none, none)
-        with tempfile.TemporaryDirectory() as folder:
+        self._began = time.process_time()
+        listening: Any = event.install_listener("numba:compile", self._compiling)
+        with tempfile.TemporaryDirectory() as folder, listening:
             self._folder = Path(folder)
             try:
-                for trial in self._here(path_task):
-                    found.here = found.best = trial
-                here = found.here
-                if not here.passes and not here.impossible and self._spent(_SHARE_HERE):
-                    found.ended = f"after {self._elapsed()} s of processor time"
-                if not here.passes and elsewhere and here.impossible:
-                    self._elsewhere(path_task, found)
+                self._here(found)
+                if found.here.impossible:
+                    if elsewhere:
+                        self._elsewhere(found)
+                elif not found.here.passes and self._spent(_SHARE_HERE):
+                    found.ended = f"after {self._used:.0f} s of processor time"
             except KeyboardInterrupt:
-                found.ended = f"by you after {self._elapsed()} s of processor time"
+                found.ended = f"by you after {self._used:.0f} s of processor time"
                 found.by_user = True
         return found
 
-    def _here(self, path_task: PathTask) -> Iterator[Trial]:
-        """Trials at the present placement, each at least as good as the one before."""
+    def _here(self, found: TaskSearchResult) -> None:
+        """Try starts at the present placement until one passes."""
         self._say("looking for a start")
+        path_task = found.best.path_task
         best = Trial(path_task)
         try:
             starts = find_starts(path_task, _STARTS, runs=False)
         except NoStart as error:
-            yield replace(best, why=error.why, impossible=True)
+            found.here = found.best = replace(best, why=error.why, impossible=True)
             return
         for tried, start in enumerate(starts, start=1):
             self._say(f"start {tried} of {len(starts)}")
-            best = best.or_further(self._from(path_task, start, METHOD))
+            best = best.or_further(self._from(path_task, start))
             spent = self._spent(_SHARE_HERE)
             if not best.passes and (tried in (1, len(starts)) or spent):
                 best = _explained(best, tried, len(starts))
-            yield best
+            found.here = found.best = best
             if best.passes or best.impossible or spent:
                 return
-        yield from self._by_plan(path_task, best)
+        self._by_plan(found)
 
-    def _by_plan(self, path_task: PathTask, best: Trial) -> Iterator[Trial]:
-        """The start of a plan, by the method and then by following the plan.
+    def _by_plan(self, found: TaskSearchResult) -> None:
+        """Try the start of a plan, by the method and then by following the plan.
 
         If the plan is interrupted, so is the search, unless the method passes from its start.
         """
+        path_task = found.here.path_task
         free = np.full(path_task.model.nv, np.inf)
         freed = replace(path_task, velocity_limits=free, acceleration_limits=free)
         try:
-            found = plan(freed, progress=self._planning)
-            if found.q is None:
-                why = f"{best.why}; nor is there a plan: {clause(found.certificate)}"
-                yield replace(best, why=why, impossible=True)
+            planned = plan(freed, progress=self._planning)
+            if planned.q is None:
+                why = f"{found.here.why}; nor is there a plan: {clause(planned.certificate)}"
+                found.here = found.best = replace(found.here, why=why, impossible=True)
                 return
-            start = _as_found(path_task, found.start)
-            for method in (METHOD,) if found.interrupted else (METHOD, PLANNED):
+            start = _as_found(path_task, planned.start)
+            for method in (METHOD,) if planned.interrupted else (METHOD, PLANNED):
                 trial = self._from(path_task, start, method, planning=self._planning)
                 if trial.passes:
-                    yield trial
+                    found.here = found.best = trial
                     return
-            if found.interrupted:
-                raise KeyboardInterrupt
         except (_TimeIsUp, InvalidInput):
             return
+        if planned.interrupted:
+            raise KeyboardInterrupt
 
     def _planning(self, what: str, share: float) -> None:
         self._say(f"plan of the whole path: {what}")
         if self._spent(_SHARE_HERE):
             raise _TimeIsUp
 
-    def _elsewhere(self, path_task: PathTask, found: TaskSearchResult) -> None:
+    def _elsewhere(self, found: TaskSearchResult) -> None:
         """Run the task at other placements until it passes."""
-        what = "looking for places for the workpiece"
+        what, path_task = "looking for places for the workpiece", found.here.path_task
         self._say(what)
         found.places = placements(path_task, progress=lambda: self._say(what))
         places = found.places.found[:_MOST_PLACES]
         for number, place in enumerate(places, start=1):
             if self._spent():
-                found.ended = f"after {self._elapsed()} s of processor time"
+                found.ended = f"after {self._used:.0f} s of processor time"
                 return
             found.run = number
             self._say(f"placement {number} of {len(places)}")
-            trial = self._there(place.of(path_task), place)
-            if trial.passes:
-                found.best = trial
-                return
-
-    def _there(self, task: PathTask, place: Placement) -> Trial:
-        """A trial with the workpiece at a place."""
-        try:
-            starts = find_starts(task, _STARTS_ELSEWHERE, runs=False)
-        except NoStart:
-            starts = []
-        best = Trial(task, place)
-        for start in (*starts, _as_found(task, place.start)):
-            best = best.or_further(self._from(task, start, METHOD, place))
-            if best.passes:
-                break
-        return best
+            task = place.of(path_task)
+            try:
+                starts = find_starts(task, _STARTS_ELSEWHERE, runs=False)
+            except NoStart:
+                starts = []
+            for start in (*starts, _as_found(task, place.start)):
+                trial = self._from(task, start)
+                if trial.passes:
+                    found.best = replace(trial, placement=place)
+                    return
 
     def _from(
         self,
         path_task: PathTask,
         start: FoundStart,
-        method: str,
-        place: Placement | None = None,
+        method: str = METHOD,
         planning: Progress | None = None,
     ) -> Trial:
         """The task run from a start, as the task file will have it."""
@@ -250,7 +237,7 @@ class TaskSearch:
             if self._spent():
                 raise _TimeIsUp
 
-        trial = Trial(path_task, place, start, method)
+        trial = Trial(path_task, None, start, method)
         try:
             run = run_task(
                 path_task.started_at(start.q), method, self._folder / "trial.csv", give_up=True,
@@ -261,17 +248,29 @@ class TaskSearch:
         except _TimeIsUp:
             why = f"the time of the search was up at waypoint {reached} of {start.waypoints}"
             return replace(trial, start=replace(start, reached=reached), why=why)
-        start = replace(start, reached=run.kept, stopped_by=run.held_by)
-        return replace(trial, start=start, run=run)
+        return replace(
+            trial, start=replace(start, reached=run.kept, stopped_by=run.held_by), run=run
+        )
 
     def _say(self, what: str) -> None:
-        self._report(what, min(1.0, self._clock.seconds / self.seconds))
+        self._report(what, min(1.0, self._used / self.seconds))
 
     def _spent(self, share: float = 1.0) -> bool:
-        return self._clock.seconds > share * self.seconds
+        return self._used > share * self.seconds
 
-    def _elapsed(self) -> str:
-        return f"{self._clock.seconds:.0f}"
+    @property
+    def _used(self) -> float:
+        """Processor time of the search, s."""
+        compiling = self._compiling.duration if self._compiling.done else 0.0
+        return max(0.0, time.process_time() - self._began - compiling)
+
+
+def _compiling() -> Any:
+    """Numba's listener that adds up the time of compiling."""
+    from numba.core import event
+
+    listener: Any = event.TimingListener()  # type: ignore[no-untyped-call]
+    return listener
 
 
 def _explained(trial: Trial, tried: int, starts: int) -> Trial:
@@ -282,9 +281,7 @@ def _explained(trial: Trial, tried: int, starts: int) -> Trial:
     if run.kept == count:
         assert run.check is not None
         return replace(trial, why=f"a run {run.check.verdict}")
-    which = f"the best of {tried} starts"
-    if tried < starts:
-        which = f"the first of {starts} starts" if tried == 1 else f"{which} of {starts}"
+    which = f"the best of {tried} starts" + (f" of {starts}" if tried < starts else "")
     why = f"from {which} {trial.method} keeps to {run.kept} of {count} waypoints"
     if not central_configurations(trial.path_task, run.kept):
         forbids = what_forbids(trial.path_task, run.kept)

@@ -8,37 +8,26 @@ import numpy as np
 _LARGEST = 1e10
 """Beyond it MuJoCo considers a coordinate the result of a diverged simulation."""
 _ARRAYS = {
-    "body": ("pos", "quat", "ipos", "iquat", "mass", "inertia"),
-    "joint": ("pos", "axis"),
-    "geom": ("pos", "quat", "size"),
-    "site": ("pos", "quat"),
+    "body": ("body", ("pos", "quat", "ipos", "iquat", "mass", "inertia")),
+    "joint": ("jnt", ("pos", "axis", "range")),
+    "geom": ("geom", ("pos", "quat", "size")),
+    "site": ("site", ("pos", "quat")),
+    "key": ("key", ("qpos",)),
 }
-_PREFIX = {"joint": "jnt"}
 
 
 def not_computable(model: mujoco.MjModel) -> str:
     """The first element with a number that is NaN, infinite or huge, in words; ``""`` for none.
 
-    MuJoCo accepts such a model; for a NaN it prints a warning. Ranges may be infinite, on one side
-    or on both; with a NaN the joint would have no range.
+    MuJoCo accepts such a model; for a NaN it prints a warning. A range may be infinite, on one side
+    or on both; with a NaN the joint would have none.
     """
-    for kind, arrays in _ARRAYS.items():
+    for kind, (prefix, arrays) in _ARRAYS.items():
         for array in arrays:
-            values = getattr(model, f"{_PREFIX.get(kind, kind)}_{array}")
-            finite = np.abs(values) <= _LARGEST
-            wrong = ~(finite if finite.ndim == 1 else finite.all(axis=1))
+            values = getattr(model, f"{prefix}_{array}")
+            wrong = np.isnan(values) if array == "range" else ~(np.abs(values) <= _LARGEST)
             if wrong.any():
-                return _describe(model, kind, array, values, int(np.argmax(wrong)))
-    wrong = np.isnan(model.jnt_range).any(axis=1)
-    if wrong.any():
-        return _describe(model, "joint", "range", model.jnt_range, int(np.argmax(wrong)))
-    for what, values in (("qpos0", model.qpos0), ("a keyframe's qpos", model.key_qpos)):
-        if not (np.abs(values) <= _LARGEST).all():
-            return f"{what} = {values.tolist()}"
+                index = int(np.argwhere(wrong)[0, 0])
+                name = getattr(model, kind)(index).name or index
+                return f"{kind} {name!r}: {array} = {np.array2string(values[index], separator=' ')}"
     return ""
-
-
-def _describe(model: mujoco.MjModel, kind: str, array: str, values: np.ndarray, index: int) -> str:
-    name = getattr(model, kind)(index).name
-    numbers = np.array2string(values[index], separator=" ")
-    return f"{kind} {name or index!r}: {array} = {numbers}"

@@ -13,18 +13,9 @@ import mujoco
 from qp_twist.errors import InvalidInput
 from qp_twist.files import check_regular, file_path, is_folder, own_exceptions, read_bytes
 from qp_twist.robots.finite import not_computable
-from qp_twist.robots.mjcf_files import check_files
 from qp_twist.robots.urdf import read_urdf
 from qp_twist.robots.wording import reason_of
 from qp_twist.robots.xacro_files import expanded, is_xacro
-
-_BEGINS = {
-    codecs.BOM_UTF16_LE: "utf-16-le",
-    codecs.BOM_UTF16_BE: "utf-16-be",
-    b"<\0": "utf-16-le",
-    b"\0<": "utf-16-be",
-}
-"""Encodings of XML files by their first bytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +92,11 @@ def _read(file: Path, folders: Mapping[str, Path], values: Mapping[str, str]) ->
     if root == "mujoco" and values:
         raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
     if root == "mujoco":
-        _refuse_utf_16(file, "MuJoCo", "MJCF")
         spec, model = _mjcf(file)
         return Robot(model, {}, (), file, spec)
     if root == "robot":
         said: list[str] = []
         if is_xacro(text, file):
-            _refuse_utf_16(file, "xacro", "xacro file")
             text, said = expanded(file, folders, values)
         elif values:
             raise InvalidInput(f"{file}: is no xacro file and has no arguments; leave them out.")
@@ -121,7 +110,6 @@ def _read(file: Path, folders: Mapping[str, Path], values: Mapping[str, str]) ->
 
 
 def _mjcf(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    check_files(file)
     try:
         spec = mujoco.MjSpec.from_file(str(file))
         return spec, spec.compile()
@@ -168,19 +156,10 @@ def _text(file: Path) -> str:
     return re.sub(r"<!--.*?-->", lambda comment: "\n" * comment[0].count("\n"), text, flags=re.S)
 
 
-def _refuse_utf_16(file: Path, reader: str, kind: str) -> None:
-    """Refuse a file in UTF-16 that another program reads."""
-    if _encoding(read_bytes(file)).startswith("utf-16"):
-        raise InvalidInput(
-            f"{file}: is in UTF-16, which {reader} does not read; save this {kind} in UTF-8."
-        )
-
-
 def _encoding(content: bytes) -> str:
-    """The encoding of an XML file: by its byte order mark or first character, or as declared."""
-    for begin, encoding in _BEGINS.items():
-        if content.startswith(begin):
-            return encoding
+    """The encoding of an XML file: by its byte order mark, or as declared."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
     declared = re.match(rb"\s*<\?xml[^>]*?\bencoding\s*=\s*[\"']([\w.-]+)", content)
     try:
         return codecs.lookup("utf-8" if declared is None else declared[1].decode()).name

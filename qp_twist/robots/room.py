@@ -12,6 +12,15 @@ DRAWN, NOT_DRAWN = 2, 3
 """Groups of geoms; viewers draw the first three, 0 to 2."""
 
 
+def draw_once(spec: Any) -> None:
+    """Do not draw what collides on a body that has other geoms to be drawn."""
+    for body in spec.bodies:
+        drawn = [g for g in body.geoms if g.group < NOT_DRAWN and not (g.contype or g.conaffinity)]
+        for geom in body.geoms if drawn else []:
+            if geom.contype or geom.conaffinity:
+                geom.group = max(geom.group, NOT_DRAWN)
+
+
 def add_room(spec: Any, height: float, *, collides: bool) -> None:
     """Add a floor, unless there is one, and light and a sky likewise.
 

@@ -1,24 +1,32 @@
-"""Find the mesh files of a URDF, and report missing ones."""
+"""The mesh files of a URDF: found, read, and renamed for MuJoCo; sentences on missing ones."""
 
 from __future__ import annotations
 
+import copy
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote
 
+import mujoco
+
 from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
 from qp_twist.files import is_folder, read_bytes
-from qp_twist.robots.mesh_files import coloured_meshes, msh
+from qp_twist.robots.mesh_files import Colour, ColouredMesh, coloured_meshes, msh
 from qp_twist.robots.ros_packages import how_to_state, package_folders
-from qp_twist.robots.urdf_visuals import Visual, materials_of, visual_of
-from qp_twist.robots.wording import free_name, listed
+from qp_twist.robots.wording import free_name, listed, reason_of
 
 _IN_PACKAGE = re.compile(r"(?:package|model)://([^/]+)/(.+)")
+VISUAL = "visual_"
+"""Begin of the names of meshes that are only drawn."""
+
+
+_GREY: Colour = (0.72, 0.74, 0.77, 1.0)
 
 
 class Meshes(NamedTuple):
@@ -29,99 +37,58 @@ class Meshes(NamedTuple):
     stated: dict[str, str]
     """Their names in the file, by the same new names."""
     left_out: list[str]
-    visuals: list[Visual]
-    """Visual shapes that are not in the tree any more."""
 
 
 def take_meshes(root: ET.Element, file: Path, packages: Mapping[str, Path]) -> Meshes:
-    """Read the mesh files of a URDF; remove shapes whose mesh is not found.
+    """Read the mesh files of a URDF; remove shapes whose mesh is not found or cannot be read.
 
     The tree gets short names, one for each file and scale, since MuJoCo's reader identifies files
-    by name; DAE files are converted. Visual shapes are removed from the tree, since MuJoCo would
-    draw them without the colours of their files, and returned, unless there are no others or the
-    file says ``<mujoco><compiler discardvisual="false"/></mujoco>``; with ``"true"`` they are left
-    out.
+    by name. A mesh that is drawn becomes one for each colour of its file, unless the URDF states
+    its colour. Visual shapes are left out if MuJoCo's settings in the file say
+    ``discardvisual="true"``.
     """
-    compiler = _compiler(root)
-    folder = file.parent / compiler.attrib.pop("meshdir", "")
-    for attribute in ("assetdir", "strippath"):
-        compiler.attrib.pop(attribute, None)
+    folder = file.parent / _settings(root)
     missing: dict[str, None] = {}
-    visuals: list[Visual] = []
-    if compiler.get("discardvisual") != "false":
-        if root.find("link/collision") is None:
-            compiler.set("discardvisual", "false")
-        else:
-            visuals = _taken_visuals(
-                root, lambda stated: _found(stated, file, folder, packages), missing
-            )
-            if compiler.get("discardvisual") == "true":
-                visuals, missing = [], {}
-    names: dict[tuple[Path, str | None], str] = {}
+    refused: dict[str, str] = {}
     assets: dict[str, bytes] = {}
     originals: dict[str, str] = {}
-    unreadable: dict[Path, str] = {}
+    names: dict[tuple[Path, str | None, str], list[str]] = {}
     for link, shape, mesh in mesh_shapes(root):
         stated = mesh.get("filename", "")
         found = _found(stated, file, folder, packages)
         if found is None:
-            link.remove(shape)
             missing[stated] = None
-            continue
-        key = (found, mesh.get("scale"))
-        if key not in names:
-            try:
-                content = read_bytes(found, "mesh")
-                if found.suffix.lower() == ".dae":
-                    content = _from_dae(found, shape)
-            except InvalidInput as error:
-                link.remove(shape)
-                unreadable[found] = f"Not readable: {error}"
-                continue
-            suffix = ".msh" if found.suffix.lower() == ".dae" else found.suffix
-            # MuJoCo names meshes by the stem.
-            names[key] = free_name(found.stem, {Path(name).stem for name in assets}) + suffix
-            assets[names[key]] = content
-            originals[names[key]] = stated
-        mesh.set("filename", names[key])
-    return Meshes(
-        assets,
-        originals,
-        [*_not_found(list(missing), file, packages), *unreadable.values()],
-        visuals,
-    )
-
-
-def _taken_visuals(
-    root: ET.Element, found_at: Callable[[str], Path | None], missing: dict[str, None]
-) -> list[Visual]:
-    """Remove the visual shapes from the tree and return them; missing files are noted."""
-    materials = materials_of(root)
-    visuals = []
-    for link in root.findall("link"):
-        for shape in link.findall("visual"):
             link.remove(shape)
-            mesh = shape.find("geometry/mesh")
-            stated = "" if mesh is None else mesh.get("filename", "")
-            file = found_at(stated) if mesh is not None else None
-            if mesh is not None and file is None:
-                missing[stated] = None
-            elif visual := visual_of(link, shape, materials, file):
-                visuals.append(visual)
-    return visuals
+            continue
+        try:
+            parts = coloured_meshes(found) if _is_converted(shape, found) else ()
+            contents = [msh([part]) for part in parts] or [read_bytes(found, "mesh")]
+            if shape.tag != "visual" and parts:
+                contents = [msh(parts)]
+        except InvalidInput as error:
+            refused[stated] = clause(error)
+            link.remove(shape)
+            continue
+        key = (found, mesh.get("scale"), shape.tag)
+        if key not in names:
+            names[key] = []
+            for content in contents:
+                stem = f"{VISUAL * (shape.tag == 'visual')}{found.stem}"
+                # MuJoCo names meshes by the stem.
+                name = free_name(stem, {Path(name).stem for name in assets})
+                name += ".msh" if parts else found.suffix
+                assets[name], originals[name] = content, stated
+                names[key].append(name)
+        mesh.set("filename", names[key][0])
+        if shape.tag == "visual":
+            _colour(link, shape, names[key], parts)
+    return Meshes(assets, originals, [*_not_found([*missing], file, packages), *sentence(refused)])
 
 
-def _from_dae(file: Path, shape: ET.Element) -> bytes:
-    """A DAE file as MuJoCo reads it; a visual shape without a material gets its largest colour."""
-    try:
-        meshes = coloured_meshes(file)
-    except InvalidInput as error:
-        raise InvalidInput(f"{file.name}: {clause(error)}.") from error
-    colour = meshes[0].colour
-    if shape.tag == "visual" and shape.find("material") is None and colour is not None:
-        material = ET.SubElement(shape, "material", name=f"colour of {file.name}")
-        ET.SubElement(material, "color", rgba=" ".join(map(str, colour)))
-    return msh(meshes)
+def sentence(refused: Mapping[str, str]) -> list[str]:
+    """A sentence on meshes that cannot be read, by name with the reason; none without any."""
+    reasons = "; ".join(dict.fromkeys(refused.values()))
+    return [f"Not readable: {listed('mesh', list(refused))}; {reasons}."] if refused else []
 
 
 def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.Element]]:
@@ -133,14 +100,68 @@ def mesh_shapes(root: ET.Element) -> Iterator[tuple[ET.Element, ET.Element, ET.E
                 yield link, shape, mesh
 
 
-def _compiler(root: ET.Element) -> ET.Element:
-    """The element of MuJoCo's settings, created if missing; it has to be the first."""
+@lru_cache(maxsize=1024)
+def refused_mesh(name: str, content: bytes) -> str:
+    """Why MuJoCo refuses a mesh that only collides or is drawn, or ``""``."""
+    trial = mujoco.MjSpec()
+    trial.assets = {name: content}
+    trial.add_mesh(name="trial", file=name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL)
+    trial.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="trial")
+    try:
+        trial.compile()
+    except ValueError as error:
+        return f"MuJoCo refuses it ({reason_of(error)[:120]})"
+    return ""
+
+
+def _is_converted(shape: ET.Element, found: Path) -> bool:
+    """Whether a mesh is converted: those that are drawn for their colours, and DAE files."""
+    return shape.tag == "visual" or found.suffix.lower() == ".dae"
+
+
+def _colour(
+    link: ET.Element, shape: ET.Element, names: list[str], parts: tuple[ColouredMesh, ...]
+) -> None:
+    """Make one visual shape for each part of a mesh, in the part's colour if it has none."""
+    own = shape.find("material")
+    shapes = [shape, *(copy.deepcopy(shape) for _ in names[1:])]
+    for each, name, part in zip(shapes, names, parts, strict=True):
+        if each is not shape:
+            link.insert(list(link).index(shape) + names.index(name), each)
+            each.find("geometry/mesh").set("filename", name)  # type: ignore[union-attr]
+        if own is None:
+            _add_material(each, f"colour of {name}", part.colour or _GREY)
+
+
+def _add_material(shape: ET.Element, name: str, colour: Colour) -> None:
+    material = ET.SubElement(shape, "material", name=name)
+    ET.SubElement(material, "color", rgba=" ".join(map(str, colour)))
+
+
+def _settings(root: ET.Element) -> str:
+    """Change MuJoCo's settings in the file to what its reader is to do; the folder of meshes.
+
+    Visual shapes stay in the tree, unless the file discards them, each with a colour, since MuJoCo
+    would give a shape without one that of the shape before.
+    """
     extension = root.find("mujoco")
     if extension is None:
         extension = ET.Element("mujoco")
-        root.insert(0, extension)
+        root.insert(0, extension)  # it has to be the first
     compiler = extension.find("compiler")
-    return ET.SubElement(extension, "compiler") if compiler is None else compiler
+    compiler = ET.SubElement(extension, "compiler") if compiler is None else compiler
+    folder = compiler.attrib.pop("meshdir", "")
+    for attribute in ("assetdir", "strippath"):
+        compiler.attrib.pop(attribute, None)
+    discards = compiler.get("discardvisual") == "true"
+    compiler.set("discardvisual", "false")
+    for link in root.findall("link"):
+        for shape in link.findall("visual"):
+            if discards:
+                link.remove(shape)
+            elif shape.find("material") is None and shape.find("geometry/mesh") is None:
+                _add_material(shape, "no colour", _GREY)
+    return folder
 
 
 def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) -> Path | None:
@@ -149,9 +170,7 @@ def _found(stated: str, file: Path, folder: Path, packages: Mapping[str, Path]) 
     Files made on other systems have backslashes, blanks as ``%20``, and names in another case.
     """
     plain = unquote(stated.strip().replace("\\", "/"))
-    places = list(_places(stated, file, folder, packages))
-    if plain != stated:
-        places += _places(plain, file, folder, packages)
+    places = [*_places(stated, file, folder, packages), *_places(plain, file, folder, packages)]
     there = (p for p in places if os.path.lexists(p) and not is_folder(p))
     in_other_case = (found for p in places if (found := _in_other_case(p)) is not None)
     return next(there, None) or next(in_other_case, None)

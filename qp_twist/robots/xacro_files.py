@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import io
-import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from qp_twist.checks import clause
 from qp_twist.errors import InvalidInput
-from qp_twist.files import check_regular, is_folder, read_bytes
+from qp_twist.files import is_folder, read_bytes
 from qp_twist.robots.ros_packages import how_to_state, package_folders
 from qp_twist.robots.wording import reason_of
 
@@ -59,7 +58,6 @@ def expanded(
         redirect_stderr(warnings),
         _replaced(substitution_args, "_eval_find", find),
         _replaced(substitution_args._eval_dict, "find", find),
-        _replaced(xacro, "open", _open),
     ):
         xacro.all_includes.clear()  # it keeps those of the files before
         try:
@@ -96,16 +94,9 @@ def _no_value(file: Path, name: str) -> str:
     )
 
 
-def _open(name: str) -> TextIO:
-    """Open an included file or one of values, if it is a regular one."""
-    if os.path.lexists(name):
-        check_regular(Path(name))
-    return Path(name).open()
-
-
 @contextmanager
 def _replaced(of: Any, name: str, function: Any) -> Iterator[None]:
-    """Have xacro use another function: to find packages without ROS, and to open files."""
+    """Have xacro use another function, to find packages without ROS."""
     names = of if isinstance(of, dict) else vars(of)
     before = names.get(name)
     names[name] = function

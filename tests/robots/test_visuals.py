@@ -173,12 +173,12 @@ def test_floor_light_and_sky_are_there_and_touch_nothing(tmp_path: Path) -> None
     ("name", "content", "reason"),
     [
         ("none.stl", None, "Not found: mesh 'none.stl'"),
-        ("bad.stl", b"solid but not", "Not drawn: visual mesh 'bad.stl'"),
-        ("bad.dae", b"<COLLADA/>", "Not drawn: visual mesh 'bad.dae'"),
-        ("arm.step", b"ISO-10303-21;", "Not drawn: visual mesh 'arm.step'; expected a mesh, STL"),
-        ("empty.obj", b"# nothing", "Not drawn: visual mesh 'empty.obj'"),
-        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "Not drawn: visual mesh 'nan.obj'"),
-        ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3", "Not drawn: visual mesh 'flat.obj'"),
+        ("bad.stl", b"solid but not", "Not readable: mesh 'bad.stl'"),
+        ("bad.dae", b"<COLLADA/>", "Not readable: mesh 'bad.dae'"),
+        ("arm.step", b"ISO-10303-21;", "Not readable: mesh 'arm.step'; expected a mesh, STL"),
+        ("empty.obj", b"# nothing", "Not readable: mesh 'empty.obj'"),
+        ("nan.obj", b"v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3", "Not readable: mesh 'nan.obj'"),
+        ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3", "Not readable: mesh 'flat.obj'"),
     ],
 )
 def test_what_cannot_be_drawn_is_named_and_the_rest_is_there(
