@@ -75,13 +75,9 @@ def write_cell(
 ) -> Cell:
     """Write ``scene.xml`` and its meshes into an empty folder.
 
-    Args:
-        folder: The folder.
-        robot: The robot.
-        frame: Its frame that carries the tool; with ``request.tool_at`` the part.
-        request: Meshes, their unit, and the tool's tip.
-        rpy_deg: Orientation of the toolpath's frame, which part and fixtures are in, degrees.
-        at: Its origin in the robot's world, m; in the frame of what carries the part, if it moves.
+    The robot's ``frame`` carries the tool; with ``request.tool_at`` the part. Part and fixtures are
+    in the toolpath's frame, whose origin ``at``, m, and orientation are in the robot's world, or in
+    the frame of what carries the part.
 
     Raises:
         InvalidInput: If a mesh is refused, or the robot's own meshes are not found.

@@ -44,37 +44,35 @@ def choose_frame(
         InvalidInput: If there is no such frame, or the choice is ambiguous; the message lists those
             that move.
     """
-    kinds = (kind,) if kind else get_args(FrameType)
+    kinds: tuple[FrameType, ...] = (kind,) if kind else get_args(FrameType)
+    what = kind or "frame"
     owners = {"site": model.site_bodyid, "body": np.arange(model.nbody), "geom": model.geom_bodyid}
-    named = {
-        each: {getattr(model, each)(i).name: body for i, body in enumerate(owners[each])}
+    moving: dict[str, list[str]] = {
+        each: [
+            str(getattr(model, each)(number).name)
+            for number in np.flatnonzero(model.body_weldid[owners[each]])
+            if getattr(model, each)(number).name
+        ]
         for each in owners
     }
-    moving = {
-        each: [n for n, body in bodies.items() if n and model.body_weldid[body]]
-        for each, bodies in named.items()
-    }
     if name is not None:
-        found = next((each for each in kinds if name in moving[each]), None)
-        if found is not None:
-            return FrameChoice(name, found)
-        what = kinds[0] if len(kinds) == 1 else "frame"
+        for each in kinds:
+            if name in moving[each]:
+                return FrameChoice(name, each)
         known = [other for each in kinds for other in moving[each]]
-        text = f"the robot has no {what} {name!r}{did_you_mean(name, known)}"
-        if any(name in names for names in moving.values()):
-            text = f"there is no {what} {name!r} that moves."
-        elif name in named["body"] or name in named["site"]:
-            text = f"the frame {name!r} does not move with any joint."
-        raise InvalidInput(f"{text} Frames that move: {_listed(moving)}.", key="frame")
-    sites = moving["site"]
+        raise InvalidInput(
+            f"the robot has no {what} {name!r} that moves{did_you_mean(name, known)} Frames that "
+            f"move: {_listed(moving)}.",
+            key="frame",
+        )
+    sites, bodies = moving["site"], moving["body"]
     if len(sites) == 1 and "site" in kinds:
         return FrameChoice(sites[0], "site", "the only site that moves")
     parents = {*model.body_parentid[1:].tolist()}
-    last = [n for n in moving["body"] if named["body"][n] not in parents]
+    last = [body for body in bodies if model.body(body).id not in parents]
     if not sites and len(last) == 1 and "body" in kinds:
         return FrameChoice(last[0], "body", "the last link")
     if not any(moving[each] for each in kinds):
-        what = " or ".join(kinds)
         raise InvalidInput(f"the robot has no {what} with a name that moves; name one in its file.")
     raise InvalidInput(
         "there is more than one frame that the tool can be at; choose with --frame: "

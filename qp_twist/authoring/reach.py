@@ -48,15 +48,11 @@ class Placement:
         rpy_deg: Its orientation, R = Rz Ry Rx, degrees, (3,).
         start: A configuration on the first waypoint from which Newton's method follows the path,
             (nv,).
-        margin: Smallest 1 − |θ − θ̄|/half-range of all joints along the path.
-        sunk: Whether a part of the path is below z = 0, usually the floor.
     """
 
     position: Array
     rpy_deg: Array
     start: Array
-    margin: float
-    sunk: bool
 
     def of(self, path_task: PathTask) -> PathTask:
         """The task with its toolpath, so far in the world's origin and axes, at this placement."""
@@ -84,23 +80,17 @@ class Placements:
     region: str
 
 
-def placements(
-    path_task: PathTask, *, seed: int = 0, progress: Callable[[], None] | None = None
-) -> Placements:
+def placements(path_task: PathTask, progress: Callable[[], None]) -> Placements:
     """Placements of a path at which the robot reaches evenly spaced waypoints.
 
     Random configurations inside the limits are candidates for the middle waypoint: with the
     orientation of the file, with that rotated about the vertical, and with any other. From there
     Newton's method reaches the other waypoints one after the other, and centres the configuration
     in the null space. Placements above the floor, z = 0, come first; among them those with the
-    file's orientation alternate with those rotated about the vertical.
-
-    Args:
-        path_task: The task, with its toolpath in the world's origin and axes.
-        seed: Seed of the random configurations.
-        progress: Called from time to time.
+    file's orientation alternate with those rotated about the vertical. The toolpath of the task is
+    in the world's origin and axes. ``progress`` is called from time to time.
     """
-    ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(seed)
+    ranges, rng = JointRanges.of(path_task.model), np.random.default_rng(0)
     drawn = ranges.random(_DRAWN, rng)
     q, R, kinds = _candidates(path_task, drawn, rng)
     if not len(q):
@@ -111,20 +101,16 @@ def placements(
     _, positions = PathRows(path_task).chain.poses(q)
     at_middle = path_task.positions[middle]
     p = np.round(positions - R @ at_middle, _ROUND) + 0.0
-    start, margin = _followed(path_task, ranges, q, R, p, progress or (lambda: None))
-    lowest = (R[:, 2] @ path_task.positions.T).min(axis=1) + p[:, 2]
-    places = [
-        Placement(p[k], rpy_deg[k], start[k], float(margin[k]), bool(lowest[k] < 0.0))
-        for k in range(len(q))
-    ]
+    start, margin = _followed(path_task, ranges, q, R, p, progress)
+    sunk = (R[:, 2] @ path_task.positions.T).min(axis=1) + p[:, 2] < 0.0
     # Above the floor first, then two of each kind in turn, the largest margins first.
     seen = Counter[tuple[bool, int]]()
     ranked = []
     for k in np.argsort(-margin, kind="stable")[: np.isfinite(margin).sum()]:
-        group = places[k].sunk, int(kinds[k])
+        group = bool(sunk[k]), int(kinds[k])
         ranked.append((group[0], seen[group] // 2, group[1], seen[group], k))
         seen[group] += 1
-    found = [places[k] for *_, k in sorted(ranked)]
+    found = [Placement(p[k], rpy_deg[k], start[k]) for *_, k in sorted(ranked)]
     centre = R @ at_middle + p
     tilt = float(np.degrees(np.arccos(np.clip(R[:, 2, 2], -1.0, 1.0)).max()))
     box = ", ".join(
@@ -204,13 +190,13 @@ def _onto(a: Array, b: Array) -> Array:
     if a.shape[2] > 1:
         whole: Array = b @ a.transpose(0, 2, 1)
         return whole
-    rotvec = np.zeros((len(b), 3))
-    if a.shape[2]:
-        rotvec = np.cross(a[:, :, 0], b[:, :, 0])
-        sine = np.linalg.norm(rotvec, axis=1)
-        angle = np.arctan2(sine, (a * b).sum(axis=(1, 2)))
-        rotvec *= np.where(sine > _PARALLEL, angle / np.maximum(sine, _PARALLEL), 0.0)[:, None]
-    least: Array = Rotation.from_rotvec(rotvec).as_matrix()
+    if not a.shape[2]:
+        return np.broadcast_to(np.eye(3), (len(b), 3, 3))
+    normal = np.cross(a[:, :, 0], b[:, :, 0])
+    sine = np.linalg.norm(normal, axis=1)
+    angle = np.arctan2(sine, (a * b).sum(axis=(1, 2)))
+    size = np.where(sine > _PARALLEL, angle / np.maximum(sine, _PARALLEL), 0.0)
+    least: Array = Rotation.from_rotvec(size[:, None] * normal).as_matrix()
     return least
 
 

@@ -46,14 +46,7 @@ class Solid:
 
 
 def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
-    """Read a mesh file.
-
-    A concave mesh is divided into convex pieces by coacd if it is installed.
-
-    Args:
-        name: Name in the scene.
-        file: STL, OBJ or DAE.
-        unit: Unit of its coordinates; no mesh format states it reliably.
+    """Read a mesh file (STL, OBJ or DAE), whose format does not state its unit reliably.
 
     Raises:
         InvalidInput: If there is no unit, or no solid in the file.
@@ -87,14 +80,9 @@ def read_solid(name: str, file: Path, unit: MeshUnit | None) -> Solid:
 
 
 def convex_pieces(name: str, mesh: trimesh.Trimesh) -> tuple[tuple[trimesh.Trimesh, ...], str]:
-    """Convex pieces of a concave mesh, as far as they can be made, and a sentence about them.
+    """Convex pieces of a concave mesh by coacd, if it is installed, and a sentence about them.
 
-    Args:
-        name: What the sentence calls it.
-        mesh: The mesh, m.
-
-    Returns:
-        The pieces, none where the convex hull stands for the mesh, and the sentence.
+    There are none where the convex hull stands for the mesh.
     """
     hull = mesh.convex_hull
     closed = bool(mesh.is_watertight) and mesh.volume > 0.0

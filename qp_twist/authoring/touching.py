@@ -61,25 +61,16 @@ def watched(
 
     Ignored are pairs of links that an SRDF disables, and those of :func:`overlapping`: they can
     never be kept apart, or only by chance, such as housings of neighbouring links. What is fixed to
-    such a link, as a tool is, is watched all the same.
-
-    Args:
-        model: The scene.
-        tool: Name of the body of a tool, which may touch the part; or empty.
-        part: Name of the body of the part; or empty.
-        disabled: The pairs of links that an SRDF disables.
-        srdf: Name of that file.
+    such a link, as a tool is, is watched all the same. The bodies of a tool and of the part, if
+    there are any, may touch.
     """
     if not JointRanges.of(model).only_hinges_and_slides or not len(Clearance(model, 0.0).pairs):
         return None
     ignored = [Ignored(tool, part, "the tool works on the part")] if tool and part else []
     clearance = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
     stated = _of_srdf(clearance, disabled, srdf)
-    ignored += _named(clearance, stated)
-    others = np.setdiff1d(np.arange(len(clearance.pairs)), list(stated))
-    clearance = Clearance(model, DISTANCE, pairs=clearance.pairs[others])
-    ignored += _named(clearance, overlapping(clearance))
-    left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored])
+    found = _named(clearance, overlapping(clearance) | stated)
+    left = Clearance(model, DISTANCE, [(pair.one, pair.other) for pair in ignored + found])
     notes = [
         f"{len(left.pairs)} pairs of shapes keep {1e3 * DISTANCE:g} mm, of "
         f"{', '.join(_bodies(model, np.unique(left.pairs)))}."
@@ -88,19 +79,10 @@ def watched(
         notes.append(f"{len(stated)} pairs of shapes may touch, since {srdf} disables them.")
     notes += [
         f"{pair.one} and {pair.other} may touch: {pair.why}."
-        for pair in ignored
-        if not (srdf and pair.why.startswith(srdf))
+        for pair in ignored + found
+        if pair.why not in stated.values()
     ]
-    return Watched(DISTANCE, tuple(ignored), (*notes, *_without_shape(model, tool)))
-
-
-def _named(clearance: Clearance, found: Mapping[int, str]) -> list[Ignored]:
-    """Pairs of a clearance by names, from their indices and reasons."""
-    return [
-        Ignored(*names, why)
-        for why in dict.fromkeys(found.values())
-        for names in exact_names(clearance, [pair for pair in found if found[pair] == why])
-    ]
+    return Watched(DISTANCE, (*ignored, *found), (*notes, *_without_shape(model, tool)))
 
 
 def overlapping(clearance: Clearance) -> dict[int, str]:
@@ -140,33 +122,24 @@ def _across_one_link(clearance: Clearance) -> dict[int, tuple[float, float]]:
     """
     model, data = clearance.model, mujoco.MjData(clearance.model)
     mujoco.mj_kinematics(model, data)
-    link = model.body_weldid
+    link, parent = model.body_weldid, model.body_parentid
     found: dict[int, tuple[float, float]] = {}
     for pair, geoms in enumerate(clearance.pairs):
-        for one, other in (geoms, geoms[::-1]):
-            inner, outer = int(model.geom_bodyid[one]), int(model.geom_bodyid[other])
-            between = int(link[model.body_parentid[outer]])
-            if link[outer] != outer or not between or not link[inner]:
+        for inner, outer in (model.geom_bodyid[geoms], model.geom_bodyid[geoms[::-1]]):
+            between = link[parent[outer]]
+            # A body beside these two on the inner link is fixed to it, such as a tool.
+            on_inner = (parent[between], link[parent[between]])
+            if link[outer] != outer or not between or not link[inner] or inner not in on_inner:
                 continue
-            if inner not in _inwards(model, between):
-                continue
-            joints = [int(model.body_jntadr[body]) for body in (between, outer)]
-            single = [int(model.body_jntnum[body]) == 1 for body in (between, outer)]
-            if not all(single) or (model.jnt_type[joints] != mujoco.mjtJoint.mjJNT_HINGE).any():
+            joints = model.body_jntadr[[between, outer]]
+            if (model.body_jntnum[[between, outer]] != 1).any() or (
+                model.jnt_type[joints] != mujoco.mjtJoint.mjJNT_HINGE
+            ).any():
                 continue
             length = float(np.linalg.norm(np.diff(data.xanchor[joints], axis=0)))
-            thickness = np.sort(model.geom_aabb[[one, other], 3:], axis=1)[:, 1].max()
+            thickness = np.sort(model.geom_aabb[geoms, 3:], axis=1)[:, 1].max()
             found[pair] = length, float(thickness)
     return found
-
-
-def _inwards(model: mujoco.MjModel, link: int) -> list[int]:
-    """The bodies from the one that a link hangs on to the one that the next joint moves."""
-    body, found = int(model.body_parentid[link]), list[int]()
-    while body and model.body_weldid[body] != body:
-        found.append(body)
-        body = int(model.body_parentid[body])
-    return [*found, body]
 
 
 def _of_srdf(clearance: Clearance, disabled: Iterable[DisabledPair], srdf: str) -> dict[int, str]:
@@ -194,33 +167,28 @@ def _bodies(model: mujoco.MjModel, geoms: Indices) -> list[str]:
     return list(names)
 
 
-def exact_names(clearance: Clearance, pairs: Iterable[int]) -> list[tuple[str, str]]:
-    """Names by which a clearance ignores just some of its pairs.
+def _named(clearance: Clearance, reasons: Mapping[int, str]) -> list[Ignored]:
+    """Pairs by indices and reasons as names by which a clearance ignores these pairs alone.
 
     Those of bodies where all their shapes are meant, else those of geoms; a geom that has no name
     of its own, or that of a body, is counted on its body: ``"wrist geom 2"``.
-
-    Args:
-        clearance: The clearance.
-        pairs: Indices of the pairs.
     """
-    model, pairs = clearance.model, list(pairs)
-    meant = {frozenset(map(int, clearance.pairs[pair])) for pair in pairs}
-    apart = {frozenset(map(int, pair)) for pair in clearance.pairs} - meant
-    found: dict[tuple[str, str], None] = {}
-    for pair in pairs:
-        one, other = map(int, clearance.pairs[pair])
-        geoms = [geom_name(model, geom) for geom in (one, other)]
-        bodies = [body_name(model, int(model.geom_bodyid[geom])) for geom in (one, other)]
-        counted = [_on_body(model, geom) for geom in (one, other)]
+    model = clearance.model
+    apart = set(map(tuple, np.delete(clearance.pairs, list(reasons), axis=0).tolist()))
+    found: dict[tuple[str, str], str] = {}
+    for pair, why in reasons.items():
+        both = clearance.pairs[pair].tolist()
+        geoms = [geom_name(model, geom) for geom in both]
+        bodies = [body_name(model, int(model.geom_bodyid[geom])) for geom in both]
+        counted = [_on_body(model, geom) for geom in both]
         # The world stands for everything that is fixed to it, whatever the scene gets later.
-        named = [geoms, bodies] if 0 in model.geom_bodyid[[one, other]] else [bodies, geoms]
-        for choice in (*named, counted):
-            left = Clearance(model, clearance.distance, [choice]).pairs
-            if apart <= {frozenset(map(int, kept)) for kept in left}:
-                found[choice[0], choice[1]] = None
+        named = [geoms, bodies] if 0 in model.geom_bodyid[both] else [bodies, geoms]
+        for one, other in (*named, counted):
+            left = Clearance(model, clearance.distance, [(one, other)]).pairs
+            if apart <= set(map(tuple, left.tolist())):
+                found.setdefault((one, other), why)
                 break
-    return list(found)
+    return [Ignored(*names, why) for names, why in found.items()]
 
 
 def _on_body(model: mujoco.MjModel, geom: int) -> str:

@@ -27,12 +27,6 @@ def refuse_other_units(
 ) -> None:
     """Refuse sizes of robot, meshes and path that do not belong together.
 
-    Args:
-        request: The files and options.
-        model: The robot.
-        frame: The controlled frame.
-        toolpath: The path, as read.
-
     Raises:
         InvalidInput: If the arm is of another order of magnitude than the path, a mesh than its
             arm, or the path is many times the robot's reach away. The message asks for the unit.
@@ -40,62 +34,38 @@ def refuse_other_units(
     chain = SerialChain.of(model, frame.name, frame.kind)
     if not chain.screws:
         return
-    points = np.array([*(screw.anchor for screw in chain.screws), chain.position])
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-    _refuse_arm(request, frame, toolpath, length)
-    _refuse_meshes(request, model, length)
-    reach = largest_reach(chain, JointRanges.of(model))
-    if np.isfinite(reach):
-        _refuse_far(request, toolpath, chain, reach)
-
-
-def _refuse_arm(request: Request, frame: FrameChoice, toolpath: Toolpath, length: float) -> None:
-    """Refuse an arm of a length, m, that no arm has, and with which the path does not agree."""
+    anchors = np.array([*(screw.anchor for screw in chain.screws), chain.position])
+    length = float(np.linalg.norm(np.diff(anchors, axis=0), axis=1).sum())
+    points = np.concatenate([curve.positions for curve in toolpath.curves])
+    largest = float(np.abs(points).max())
     placed = (request.place or (0.0,) * 3, (request.tool_at or (0.0,) * 3)[:3])
-    positions = np.concatenate([curve.positions for curve in toolpath.curves])
-    path = max(float(np.abs(at).max()) for at in (positions, *placed))
-    long = length > _LONG and length > _OTHER_SIZE * path
-    short = length < _SHORT and path > _OTHER_SIZE * length
-    if long or short:
-        is_it = (
-            f"is {request.robot.name} in mm?"
-            if long
-            else f"were the lengths of {request.robot.name} divided by 1000?"
-        )
+    path = max(largest, *(float(np.abs(at).max()) for at in placed))
+    if (length > _LONG and length > _OTHER_SIZE * path) or (
+        length < _SHORT and path > _OTHER_SIZE * length
+    ):
         raise InvalidInput(
             f"{request.robot}: from its first joint to {frame.name} the arm is {length:.3g} m "
-            f"long, and the coordinates of {request.toolpath.name} are up to {path:.3g} m: "
-            f"{is_it} MJCF and URDF are in metres; change the robot's file, its meshes, too. If "
-            "the sizes are right, give by --place where the path is."
+            f"long, and the coordinates of {request.toolpath.name} are up to {path:.3g} m: is one "
+            "of the two in another unit? MJCF and URDF are in metres, their meshes, too. If the "
+            "sizes are right, give by --place where the path is."
         )
-
-
-def _refuse_meshes(request: Request, model: mujoco.MjModel, length: float) -> None:
-    """Refuse a colliding mesh on a moving link that is many times as large as the arm."""
-    meshes = model.geom_type == mujoco.mjtGeom.mjGEOM_MESH
+    # The largest mesh that collides and moves.
     moving = model.body_weldid[model.geom_bodyid] != 0
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    sizes = np.where(meshes & moving & collides, 2.0 * model.geom_aabb[:, 3:].max(axis=1), 0.0)
-    geom = int(np.argmax(sizes)) if len(sizes) else -1
-    if geom >= 0 and sizes[geom] > _WIDE * length > 0.0:
+    meshes = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & moving & collides
+    sizes = np.where(meshes, 2.0 * model.geom_aabb[:, 3:].max(axis=1), 0.0)
+    if sizes.max(initial=0.0) > _WIDE * length > 0.0:
+        geom = int(np.argmax(sizes))
         raise InvalidInput(
             f"{request.robot}: the mesh of {body_name(model, int(model.geom_bodyid[geom]))} is "
             f"{sizes[geom]:.3g} m across, and the arm {length:.3g} m long: is the mesh in mm? "
             'Write scale="0.001 0.001 0.001" beside its file name in the robot\'s file.'
         )
-
-
-def _refuse_far(request: Request, toolpath: Toolpath, chain: SerialChain, reach: float) -> None:
-    """Refuse a unit with which the path is many times the robot's reach away from it.
-
-    The size of the path is checked when the task is loaded.
-    """
-    in_hand = request.tool_at is not None
-    if request.place is not None or request.length_unit is not None or in_hand:
+    reach = largest_reach(chain, JointRanges.of(model))
+    stated = request.place is not None or request.length_unit is not None
+    if stated or request.tool_at is not None or not np.isfinite(reach):
         return
-    positions = np.concatenate([curve.positions for curve in toolpath.curves])
-    apart = float(np.linalg.norm(positions - chain.screws[0].anchor, axis=1).min())
-    largest = float(np.abs(positions).max())
+    apart = float(np.linalg.norm(points - chain.screws[0].anchor, axis=1).min())
     question = UnitQuestion.of(
         toolpath.unit, largest, 2.0 * reach, unit_in_file=toolpath.unit_in_file
     )

@@ -38,9 +38,6 @@ def coloured_meshes(file: Path) -> tuple[ColouredMesh, ...]:
 
     A DAE file is scaled to metres by its ``<unit>``; its ``<up_axis>`` is ignored, as in ROS.
 
-    Args:
-        file: The file.
-
     Raises:
         InvalidInput: If it cannot be read.
     """

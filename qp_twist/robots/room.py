@@ -22,12 +22,9 @@ def draw_once(spec: Any) -> None:
 
 
 def add_room(spec: Any, height: float, *, collides: bool) -> None:
-    """Add a floor, unless there is one, and light and a sky likewise.
+    """Add a floor at a height, m, unless there is one, and light and a sky likewise.
 
-    Args:
-        spec: The model. A floor in it that collides with nothing is replaced if the new one does.
-        height: Of the floor, m.
-        collides: Whether other geoms may collide with it.
+    A floor that collides with nothing is replaced if the new one does.
     """
     planes = [g for g in spec.worldbody.geoms if g.type == mujoco.mjtGeom.mjGEOM_PLANE]
     if collides:

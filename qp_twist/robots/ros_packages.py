@@ -19,11 +19,6 @@ def package_folders(name: str, file: Path, packages: Mapping[str, Path]) -> Iter
     If ``packages`` has the package, that folder alone. Else, from the file upwards: a parent folder
     of this name, or whose ``package.xml`` states it; a folder of this name in it; and, a few levels
     up, folders in it whose ``package.xml`` states it.
-
-    Args:
-        name: Of the package.
-        file: The file that refers to it.
-        packages: Folders that were stated, by name.
     """
     if name in packages:
         yield packages[name]

@@ -21,11 +21,7 @@ class DisabledPair(NamedTuple):
 def srdf_beside(robot: Path, name: str) -> Path | None:
     """The SRDF that belongs to a robot's file; ``None`` if there is none in its folder.
 
-    That is the file of the same stem, else the only one whose robot has the same name.
-
-    Args:
-        robot: URDF, xacro or MJCF file.
-        name: Name of the robot in it.
+    That is the file of the same stem, else the only one whose robot has the same ``name``.
     """
     stem = robot.name.removesuffix(".xacro").removesuffix(".urdf").removesuffix(".xml")
     same = robot.with_name(f"{stem}.srdf")

@@ -36,13 +36,7 @@ def add_rods(spec: mujoco.MjSpec) -> None:
 
 
 def add_pen(body: Any, tip: Array, rgba: tuple[float, float, float, float]) -> None:
-    """Add a handle and a thin point from a body's origin to the tool's tip, without collisions.
-
-    Args:
-        body: The tool, of which only the tip is known.
-        tip: In the body's frame, m, (3,).
-        rgba: Colour.
-    """
+    """Add a handle and a thin point from a tool's origin to its tip (3,), m, without collisions."""
     length = float(np.linalg.norm(tip))
     if length == 0.0:
         return

@@ -34,12 +34,7 @@ def read_urdf(
 ) -> tuple[mujoco.MjSpec, mujoco.MjModel, dict[str, float], tuple[str, ...]]:
     """Editable and compiled model, velocity limits by joint, and sentences on what is missing.
 
-    Every link is a body.
-
-    Args:
-        text: The file's text.
-        file: Its path.
-        packages: Folders by package name.
+    Every link is a body; ``packages`` has folders by name.
 
     Raises:
         InvalidInput: If the file is not XML, or inconsistent, or MuJoCo refuses it.

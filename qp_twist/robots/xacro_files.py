@@ -30,12 +30,8 @@ def expanded(
     """The URDF of a xacro file, and xacro's warnings.
 
     ``$(find NAME)`` is a folder of ``packages``, or one found around the file. Expressions in the
-    file are computed by xacro, as Python: expand files of sources that you trust.
-
-    Args:
-        file: The file.
-        packages: Folders of ROS packages by name.
-        arguments: Values of its ``<xacro:arg>`` by name.
+    file are computed by xacro, as Python: expand files of sources that you trust. ``arguments``
+    has the values of its ``<xacro:arg>``.
 
     Raises:
         InvalidInput: If a package or an included file is not found, an argument is missing or not

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from qp_twist.checks import Array
 from qp_twist.drawing.figures import ShownFigure
 from qp_twist.drawing.palette import RC
 from qp_twist.pages.method_style import line_style
 from qp_twist.studies.summary import MethodSummary, numbers
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-Mask = npt.NDArray[np.bool_]
 
 _MOST_BINS, _PER_BIN = 24, 6
 _FEW = 400
@@ -42,59 +34,38 @@ def map_figure(title: str, columns: dict[str, Any], methods: tuple[str, ...]) ->
     """
     name = np.array(columns["method"], dtype=object)
     places = {axis: numbers(columns[axis]) for axis in ("x", "y", "z")}
-    rows: list[tuple[str, Mask, Array]] = []
+    success = numbers(columns["success"])
+    rows = [(method, name == method, success) for method in methods]
     if None not in columns["feasible"]:
-        rows.append(("feasible", name == methods[0], numbers(columns["feasible"])))
-    rows += [(m, name == m, numbers(columns["success"])) for m in methods]
+        rows.insert(0, ("feasible", name == methods[0], numbers(columns["feasible"])))
     # A view along the plane in which all placements lie shows nothing.
-    flat = {axis for axis, values in places.items() if np.ptp(values[np.isfinite(values)]) < 1e-9}
+    flat = {axis for axis, values in places.items() if np.nanmax(values) - np.nanmin(values) < 1e-9}
     views = [view for view in _VIEWS if not flat & set(view[1:])] or list(_VIEWS[:1])
     with mpl.rc_context(RC | {"axes.grid": False}):
         figure = ShownFigure(figsize=(max(7.0, 3.0 * len(views) + 1.2), 2.2 * len(rows) + 1.0),
                         layout="constrained")  # fmt: skip
-        widths = [np.ptp(_ends(places[across])) for _, across, _ in views]
-        panels = figure.subplots(len(rows), len(views), squeeze=False, width_ratios=widths)
-        for number, (label, mask, values) in enumerate(rows):
-            for panel, (view, across, up) in zip(panels[number], views, strict=True):
-                image = _map(panel, places[across], places[up], values, mask)
-                panel.set_aspect("equal")
-                # Beside the first panel the others may be too narrow for both.
-                first = panel is panels[number, 0]
-                panel.set_title(f"{label}, {view}" if first else view, pad=8.0)
-                panel.set_ylabel(f"{up}, m")
-                if number == len(rows) - 1:
+        panels = figure.subplots(len(rows), len(views), squeeze=False)
+        for of_row, (label, mine, values) in zip(panels, rows, strict=True):
+            for panel, (view, across, up) in zip(of_row, views, strict=True):
+                shown = mine & np.isfinite(places[across] + places[up] + values)
+                x, y, z = places[across][shown], places[up][shown], values[shown]
+                if len(z) <= _FEW:
+                    order = np.argsort(-z)  # those that fail on top: they are the fewer
+                    image: Any = panel.scatter(
+                        x[order], y[order], c=z[order], s=14, vmin=0.0, vmax=1.0
+                    )
+                else:
+                    bins = int(min(np.sqrt(len(z) / _PER_BIN), _MOST_BINS))
+                    image = panel.hexbin(x, y, z, gridsize=bins, vmin=0.0, vmax=1.0)
+                panel.set(aspect="equal", ylabel=f"{up}, m")
+                if panel in panels[-1]:
                     panel.set_xlabel(f"{across}, m")
+                # Beside the first panel the others may be too narrow for both.
+                panel.set_title(f"{label}, {view}" if panel is of_row[0] else view, pad=8.0)
         figure.colorbar(image, ax=list(panels.ravel()), label="share that succeeds",
                         aspect=15 * len(rows), pad=0.01)  # fmt: skip
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
     return figure
-
-
-def _map(panel: Axes, across: Array, up: Array, values: Array, mask: Mask) -> ScalarMappable:
-    ends = [_ends(places) for places in (across, up)]
-    panel.set_xlim(*ends[0])
-    panel.set_ylim(*ends[1])
-    mask = mask & np.isfinite(across) & np.isfinite(up) & np.isfinite(values)
-    across, up, values = across[mask], up[mask], values[mask]
-    if len(values) <= _FEW:
-        # Those that fail on top: they are the fewer.
-        order = np.argsort(-values, kind="stable")
-        return panel.scatter(across[order], up[order], c=values[order], s=14, vmin=0.0, vmax=1.0,
-                             cmap="viridis", edgecolors="none", clip_on=False)  # fmt: skip
-    bins = int(np.clip(np.sqrt(len(values) / _PER_BIN), 2, _MOST_BINS))
-    edges = [np.linspace(low, high, bins + 1) for low, high in ends]
-    total, *_ = np.histogram2d(across, up, edges)
-    good, *_ = np.histogram2d(across, up, edges, weights=values)
-    with np.errstate(invalid="ignore"):
-        share = np.where(total > 0, good / total, np.nan)
-    panel.set_facecolor("#EEEEEE")
-    return panel.pcolormesh(*edges, share.T, vmin=0.0, vmax=1.0, cmap="viridis", rasterized=True)
-
-
-def _ends(values: Array) -> tuple[float, float]:
-    finite = values[np.isfinite(values)]
-    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 1.0)
-    return (low, high) if high - low > 1e-9 else (low - 0.5, high + 0.5)
 
 
 def fault_figure(title: str, summaries: list[MethodSummary]) -> Figure:

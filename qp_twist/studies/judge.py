@@ -68,52 +68,45 @@ class Judge:
         self._before = q.copy()
         return fault is not None
 
-    def fault(self, trajectory: Trajectory) -> Fault | None:
+    def fault(self, run: Trajectory) -> Fault | None:
         """The first fault of a whole run; ``None`` if it is a success."""
-        run, before = trajectory, None
-        verdict, waypoint = run.verdict, 0
-        for waypoint, q in enumerate(run.q, start=1):
-            k = waypoint - 1
-            fault = self._at(
-                waypoint, before, q, float(run.position_error[k]), float(run.axis_error[k])
-            )
-            if waypoint == run.diverged_at:
-                return Fault("diverged", waypoint=waypoint)
+        verdict, fault = run.verdict, None
+        for k, q in enumerate(run.q):
+            before = None if k == 0 else run.q[k - 1]
+            errors = float(run.position_error[k]), float(run.axis_error[k])
+            fault = self._at(k + 1, before, q, *errors)
+            if k + 1 == run.diverged_at:
+                return Fault("diverged", waypoint=k + 1)
+            if fault is None and verdict.band[k]:
+                return Fault("band", waypoint=k + 1)
+            if fault is None and verdict.constraint[k]:
+                return Fault("constraint", _violated(run.path_task, q), k + 1)
             if fault is not None:
                 break
-            if verdict.band[k]:
-                return Fault("band", waypoint=waypoint)
-            if verdict.constraint[k]:
-                return Fault("constraint", _violated(run.path_task, q), waypoint)
-            before = q
-        else:
-            whole = len(run.q) == len(run.path_task.waypoints)
-            fault = None if whole else Fault("error", waypoint=waypoint)
-        return Fault("no step", waypoint=waypoint, message=run.failure) if run.failure else fault
+        if run.failure:
+            return Fault("no step", waypoint=k + 1, message=run.failure)
+        if fault is None and len(run.q) < len(run.path_task.waypoints):
+            return Fault("error", waypoint=k + 1)
+        return fault
 
     def _at(
-        self,
-        waypoint: int,
-        before: Array | None,
-        q: Array,
-        position_error: float,
+        self, waypoint: int, before: Array | None, q: Array, position_error: float,
         axis_error: float,
-    ) -> Fault | None:
+    ) -> Fault | None:  # fmt: skip
         if not np.isfinite([*q, position_error, axis_error]).all():
             return Fault("diverged", waypoint=waypoint)
-        room = self.ranges.room(q)
+        names, room = np.array(self.ranges.names), self.ranges.room(q)
         if (room < -self._tolerances.joint_range).any():
-            return Fault("limit", self.ranges.names[int(np.argmin(room))], waypoint)
+            return Fault("limit", str(names[np.argmin(room)]), waypoint)
         left = np.full(len(q), np.inf)
         if before is not None:
             most = self._steps[waypoint - 2]
             left = most - np.abs(q - before)
             if (left < -EXCEEDED * most).any():
-                return Fault("jump", self.ranges.names[int(np.argmin(left))], waypoint)
+                return Fault("jump", str(names[np.argmin(left)]), waypoint)
         if not self._tolerances.met(position_error, axis_error):
-            at_limit = (room < _AT) | (left < _AT)
-            held = [n for n, at in zip(self.ranges.names, at_limit, strict=True) if at]
-            return Fault("held" if held else "error", "+".join(held), waypoint)
+            held = "+".join(names[(room < _AT) | (left < _AT)])
+            return Fault("held" if held else "error", held, waypoint)
         return None
 
 

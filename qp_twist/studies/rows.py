@@ -32,17 +32,7 @@ NUMBERS = (
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The job for every sample; sent to the worker processes.
-
-    Attributes:
-        path_task: The task.
-        vary: The varied factors.
-        seed: Seed of the study.
-        methods: Methods that follow each sample.
-        solver: Backend of the QPs if it is not varied.
-        start: Choice of the start of a sample.
-        certify: Whether to plan samples without a successful method, to decide if a motion exists.
-    """
+    """The job for every sample, with the arguments of a study; sent to the worker processes."""
 
     path_task: PathTask
     vary: tuple[str, ...]

@@ -14,7 +14,13 @@ from qp_twist.checks import Array, did_you_mean
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges, frame_pose
 from qp_twist.paths import METHODS, PathTask, leaned, load_scene, placed, rerooted
-from qp_twist.paths.task_schema import StudySection
+from qp_twist.paths.task_schema import (
+    PlacementTable,
+    RobotTable,
+    SolverTable,
+    StudySection,
+    ToolTable,
+)
 from qp_twist.planning import least_z_start, random_start
 from qp_twist.qp import check_solver
 
@@ -79,24 +85,18 @@ def check_factors(path_task: PathTask, vary: Collection[str]) -> tuple[str, ...]
                 f"study: {path_task.name} does not say how to vary {name}: add a table "
                 f"[study.{name}] to the task file."
             )
-    if section.placement is not None and "placement" in vary:
-        point = section.placement.point
-        placed(path_task, mink.SO3.identity(), point, point, section.placement.body)
-    if (
-        section.tool is not None
-        and "tool" in vary
-        and not any((*section.tool.lead_deg, *section.tool.tilt_deg))
-    ):
+    if "placement" in vary and (table := section.placement) is not None:
+        placed(path_task, mink.SO3.identity(), table.point, table.point, table.body)
+    tool = section.tool if "tool" in vary else None
+    if tool is not None and not any((*tool.lead_deg, *tool.tilt_deg)):
         raise InvalidInput("study.tool: lead_deg and tilt_deg are zero; give one of them a range.")
-    for method in section.gain or {} if "gain" in vary else {}:
+    for method in section.gain or () if "gain" in vary else ():
         if path_task.settings(method).secondary == "none":
             raise InvalidInput(f"study.gain.{method}: the method has no secondary, and so no gain.")
-    if section.solver is not None and "solver" in vary:
-        for solver in section.solver.names:
-            check_solver(solver)
-    if section.robot is not None and "robot" in vary:
-        for scene in section.robot.scenes:
-            _with_robot(path_task, scene)
+    for solver in section.solver.names if section.solver and "solver" in vary else ():
+        check_solver(solver)
+    for scene in section.robot.scenes if section.robot and "robot" in vary else ():
+        _with_robot(path_task, scene)
     return tuple(name for name in FACTORS if name in vary)
 
 
@@ -146,7 +146,8 @@ def draw_sample(
     for factor, one_draw in _DRAWS.items():
         if factor in vary:
             # One random stream per factor: its values do not depend on which others are varied.
-            path_task, values = one_draw(path_task, section, _stream(seed, index, factor))
+            table = getattr(section, factor)
+            path_task, values = one_draw(path_task, table, _stream(seed, index, factor))
             drawn |= values
     if start == "auto":
         start = _default_start(path_task, vary)
@@ -198,9 +199,7 @@ def _tolerances(path_task: PathTask, section: StudySection) -> Any:
 Drawn = tuple[PathTask, dict[str, Any]]
 
 
-def _placement(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
-    table = section.placement
-    assert table is not None
+def _placement(path_task: PathTask, table: PlacementTable, rng: np.random.Generator) -> Drawn:
     to = rng.uniform(table.lower, table.upper)
     low, high = np.radians(table.yaw_deg)
     # Draw numbers even if they are not used, so that other ranges do not shift them.
@@ -208,45 +207,39 @@ def _placement(path_task: PathTask, section: StudySection, rng: np.random.Genera
     tilt = rng.uniform(*np.radians(table.tilt_deg))
     axis = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     rotation = mink.SO3.exp(tilt * axis) @ mink.SO3.from_z_radians(yaw)
-    values = {
-        **dict(zip(("x", "y", "z"), map(float, to), strict=True)),
-        "yaw_deg": float(np.degrees(yaw)),
-        "tilt_deg": float(np.degrees(tilt)),
-        "azimuth_deg": float(np.degrees(azimuth)),
-    }
+    values = dict(zip(("x", "y", "z"), map(float, to), strict=True))
+    for name, angle in (("yaw_deg", yaw), ("tilt_deg", tilt), ("azimuth_deg", azimuth)):
+        values[name] = float(np.degrees(angle))
     return placed(path_task, rotation, table.point, to, table.body), values
 
 
-def _tool(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
-    table = section.tool
-    assert table is not None
+def _tool(path_task: PathTask, table: ToolTable, rng: np.random.Generator) -> Drawn:
     lead, tilt = rng.uniform(*table.lead_deg), rng.uniform(*table.tilt_deg)
     values = {"tool_lead_deg": float(lead), "tool_tilt_deg": float(tilt)}
     return leaned(path_task, *np.radians([lead, tilt])), values
 
 
-def _robot(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
-    assert section.robot is not None
-    scene = str(rng.choice(section.robot.scenes))
+def _robot(path_task: PathTask, table: RobotTable, rng: np.random.Generator) -> Drawn:
+    scene = str(rng.choice(table.scenes))
     return _with_robot(path_task, scene), {"scene": scene}
 
 
-def _gain(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
-    assert section.gain is not None
+def _gain(
+    path_task: PathTask, table: dict[str, tuple[float, float]], rng: np.random.Generator
+) -> Drawn:
     settings, values = dict(path_task.methods), {}
-    for method, interval in sorted(section.gain.items()):
+    for method, interval in sorted(table.items()):
         gain = float(np.exp(rng.uniform(*np.log(interval))))
         settings[method] = path_task.settings(method).model_copy(update={"gain": gain})
         values[f"gain_{method}"] = gain
     return dataclasses.replace(path_task, methods=settings), values
 
 
-def _solver(path_task: PathTask, section: StudySection, rng: np.random.Generator) -> Drawn:
-    assert section.solver is not None
-    return path_task, {"solver": str(rng.choice(section.solver.names))}
+def _solver(path_task: PathTask, table: SolverTable, rng: np.random.Generator) -> Drawn:
+    return path_task, {"solver": str(rng.choice(table.names))}
 
 
-_DRAWS: dict[str, Callable[[PathTask, StudySection, np.random.Generator], Drawn]] = {
+_DRAWS: dict[str, Callable[[PathTask, Any, np.random.Generator], Drawn]] = {
     "robot": _robot,
     "placement": _placement,
     "tool": _tool,
@@ -278,23 +271,24 @@ def _with_robot(path_task: PathTask, scene: str) -> PathTask:
 def _with_starts(
     path_task: PathTask, methods: Collection[str], start: str, rng: np.random.Generator
 ) -> tuple[PathTask, frozenset[str]]:
-    """The task with a start, and another one for methods that fix the roll."""
+    """The task with a start, and another one for methods that fix the roll; those without any."""
 
     def found(task: PathTask) -> Array | None:
         return least_z_start(task) if start == "least_z" else random_start(task, rng)
 
-    no_start = set()
     free = found(path_task)
     if free is None:
         return path_task, frozenset(methods)
     starts: dict[str, Array] = {}
+    no_start: set[str] = set()
     whole = dataclasses.replace(path_task, projector=path_task.operational, segments=(), bands=())
-    for flipped in (False, True):
+    for flipped, waypoints in (
+        (False, path_task.waypoints), (True, path_task.flipped_waypoints)
+    ):  # fmt: skip
         names = [m for m in methods if METHODS[m].whole_twist and METHODS[m].flipped is flipped]
-        if not names:
-            continue
-        waypoints = path_task.flipped_waypoints if flipped else path_task.waypoints
-        fixed = found(dataclasses.replace(whole, waypoints=waypoints)) if waypoints else None
+        fixed = None
+        if names and waypoints:
+            fixed = found(dataclasses.replace(whole, waypoints=waypoints))
         if fixed is None:
             no_start.update(names)
         else:

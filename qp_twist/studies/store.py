@@ -52,12 +52,7 @@ class Store:
     """The rows in ``results.sqlite``, table ``results``, one per sample and method."""
 
     def __init__(self, folder: Path, drawn: Mapping[str, type]) -> None:
-        """Name the columns.
-
-        Args:
-            folder: Folder of the study.
-            drawn: Type of each column that the study draws, by name.
-        """
+        """Name the columns; ``drawn`` has the types of those that the study draws."""
         self.file = folder / "results.sqlite"
         self.columns = {**BASE, **drawn}
 

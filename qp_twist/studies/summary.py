@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rich import box
 from rich.table import Table
 
 from qp_twist.checks import Array
 
-Mask = npt.NDArray[np.bool_]
 _REASONS = 3
 _SHOWN = 6
 """Number of reasons in words."""
@@ -106,52 +104,41 @@ class MethodSummary:
 
 
 def summarise(columns: dict[str, Any], methods: tuple[str, ...]) -> list[MethodSummary]:
-    """The summaries of some methods.
-
-    Args:
-        columns: Of the results, by name: method, success, feasible, fault, joint, waypoint,
-            z_over_least.
-        methods: Methods in the order of the result.
-    """
+    """The summaries of some methods, from the columns of the results by name."""
     name = np.array(columns["method"], dtype=object)
+    success = np.array(columns["success"], dtype=bool)
     possible = np.array([value is not False for value in columns["feasible"]], dtype=bool)
     known = None not in columns["feasible"]
-    return [_summary(columns, method, name == method, possible, known) for method in methods]
-
-
-def _summary(
-    columns: dict[str, Any], method: str, mine: Mask, possible: Mask, known: bool
-) -> MethodSummary:
-    success = np.array(columns["success"], dtype=bool)
-    failed = np.flatnonzero(mine & possible & ~success)
-    faults: dict[str, Counter[str]] = {}
-    for row in failed:
-        faults.setdefault(columns["fault"][row], Counter())[columns["joint"][row]] += 1
-    won = np.flatnonzero(mine & success)
-    ratios = numbers(columns["z_over_least"])[won]
-    ratios = ratios[np.isfinite(ratios)]
-    where = numbers(columns["waypoint"])[failed]
-    quartiles = [float(np.percentile(where, q)) for q in (25, 50, 75)] if len(where) else None
-    of_possible = Rate(int((mine & success & possible).sum()), int((mine & possible).sum()))
-    return MethodSummary(
-        method,
-        Rate(int((mine & success).sum()), int(mine.sum())),
-        of_possible if known else Rate(0, 0),
-        of_possible,
-        {kind: dict(joints.most_common()) for kind, joints in faults.items()},
-        int((mine & ~possible & ~success).sum()),
-        quartiles,
-        float(np.median(ratios)) if len(ratios) else float("nan"),
-    )
+    ratio, waypoint = numbers(columns["z_over_least"]), numbers(columns["waypoint"])
+    found = []
+    for method in methods:
+        mine = name == method
+        failed = np.flatnonzero(mine & possible & ~success)
+        faults: dict[str, Counter[str]] = {}
+        for row in failed:
+            faults.setdefault(columns["fault"][row], Counter())[columns["joint"][row]] += 1
+        ratios = ratio[mine & success & np.isfinite(ratio)]
+        quartiles = np.percentile(waypoint[failed], (25, 50, 75)).tolist() if len(failed) else None
+        of_possible = Rate(int((mine & success & possible).sum()), int((mine & possible).sum()))
+        found.append(
+            MethodSummary(
+                method,
+                Rate(int((mine & success).sum()), int(mine.sum())),
+                of_possible if known else Rate(0, 0),
+                of_possible,
+                {kind: dict(joints.most_common()) for kind, joints in faults.items()},
+                int((mine & ~possible & ~success).sum()),
+                quartiles,
+                float(np.median(ratios)) if len(ratios) else float("nan"),
+            )
+        )
+    return found
 
 
 def failures(columns: dict[str, Any]) -> list[str]:
     """Why samples fail, in the words of certificates and messages, the most frequent first.
 
     Reasons that differ in their numbers alone are counted together.
-
-    Args:
-        columns: Of the results, by name: sample, success, feasible, certificate, message.
     """
     samples: dict[str, dict[int, None]] = {}
     for sample, success, feasible, certificate, message in zip(

@@ -45,11 +45,8 @@ def each(
 ) -> Generator[tuple[int, Rows]]:
     """Yield each index with the rows of ``job(index)``, in the order in which they are done.
 
-    Args:
-        job: The job.
-        indices: Indices of the samples.
-        jobs: Number of processes on this machine; one per core if ``None``.
-        scheduler: Address of a Dask scheduler whose workers are used instead.
+    In so many processes on this machine, one per core if ``None``, or by the workers of a Dask
+    scheduler.
 
     Raises:
         InvalidInput: If there is no such scheduler, or it has no workers.

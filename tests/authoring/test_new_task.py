@@ -574,18 +574,14 @@ def small_arm(file: Path, scale: float = 1.0, mesh: str = "", gripper: str = "")
     return file
 
 
-@pytest.mark.parametrize(
-    ("scale", "question"),
-    [(1000.0, r"is arm\.urdf in mm\?"), (1e-3, r"lengths of arm\.urdf divided by 1000\?")],
-)
+@pytest.mark.parametrize("scale", [1000.0, 1e-3])
 def test_a_robot_in_another_unit_than_the_path_is_asked_about(
-    scale: float, question: str, near: Path, tmp_path: Path
+    scale: float, near: Path, tmp_path: Path
 ) -> None:
     request = Request(small_arm(tmp_path / "arm.urdf", scale), near, frame="tip")
     for place in (None, (0.1, 0.0, 0.2)):
-        with pytest.raises(qt.InvalidInput, match=question) as refused:
+        with pytest.raises(qt.InvalidInput, match=r"in another unit.* MJCF and URDF are in metres"):
             new_task(request.changed(place=place), tmp_path / "t.toml")
-        assert "MJCF and URDF are in metres" in str(refused.value)
     assert not (tmp_path / "t.toml").exists()
 
 
@@ -615,15 +611,11 @@ def near(tmp_path: Path) -> Path:
         ({"robot": "robot.urdf"}, "robot.urdf: there is no such MJCF or URDF file"),
         ({"robot": "seven_axis"}, "no such shipped scene; did you mean 'seven_axis_arm.xml'?"),
         ({"--path": "edge.csv"}, "edge.csv"),
-        ({"--frame": "tol"}, "the robot has no frame 'tol'; did you mean 'tool'?"),
-        ({"--frame": "base"}, "--frame: the frame 'base' does not move"),
+        ({"--frame": "tol"}, "no frame 'tol' that moves; did you mean 'tool'?"),
+        ({"--frame": "base"}, "--frame: the robot has no frame 'base' that moves"),
         ({"--frame": None}, "more than one frame that the tool can be at"),
         ({"--out": "task.txt"}, "a task file ends in .toml"),
-        ({"--place": "1,2"}, "--place '1,2': expected three numbers in metres"),
-        ({"--place": "1,2"}, "(with a negative first one --place=-0.5,0,0.2); got 2."),
-        ({"--place": "1,2,3,4"}, "or six, the last three roll, pitch and yaw in degrees"),
-        ({"--place": "1,2,3,4,5,6,7"}, "got 7."),
-        ({"--place": "1,2,x"}, "--place '1,2,x': expected three numbers"),
+        ({"--place": "1,2,3,4"}, "(with a negative first one --place=-0.5,0,0.2); got 4."),
         ({"--place": "1,2,nan"}, "--place '1,2,nan': expected three numbers"),
         ({"--search-time": "0"}, "--search-time: expected a number greater than 0"),
         ({"--columns": "position=1,2"}, "--columns.position[2]: missing"),
@@ -692,7 +684,7 @@ def test_a_robot_whose_frames_have_no_names_is_refused_as_such() -> None:
     model = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
     )
-    with pytest.raises(qt.InvalidInput, match="no site or body or geom with a name that moves"):
+    with pytest.raises(qt.InvalidInput, match="no frame with a name that moves"):
         choose_frame(model, None)
 
 
