@@ -28,7 +28,7 @@ be stopped, and go on with more. Results of another version of the code have to 
 
 from __future__ import annotations
 
-from page import command, in_processes, markdown_table
+from page import command, each, in_processes, markdown_table
 
 # isort: split
 import dataclasses
@@ -37,9 +37,6 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import mink
@@ -53,33 +50,7 @@ from timer import LEAD_IN, SplitStep, interleaved
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.files import write_atomically
 from qp_twist.studies.sample import draw_sample
-
-# ---------------------------------------------------------------- many results
-
-
-def each(
-    work: Callable[..., dict[str, Any]], tasks: Iterable[Any], jobs: int, keep: str, **options: Any
-) -> Iterator[dict[str, Any]]:
-    """``work(task, **options)`` of each task, in order; with ``keep`` from its file if it has one.
-
-    A single job runs in this process, which has loaded everything already.
-    """
-    todo = list(tasks)
-    parts = [(*(task if isinstance(task, tuple) else (task,)), *options.values()) for task in todo]
-    files = [Path(keep) / f"{'-'.join(map(str, (work.__name__, *p)))}.json" for p in parts]
-    known = [bool(keep) and file.exists() for file in files]
-    missing = [task for task, is_known in zip(todo, known, strict=True) if not is_known]
-    call = partial(work, **options)
-    new = iter(map(call, missing) if jobs == 1 else in_processes(call, missing, jobs))
-    for file, is_known in zip(files, known, strict=True):
-        found = json.loads(file.read_text("utf-8")) if is_known else next(new)
-        if keep and not is_known:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(file, json.dumps(found))
-        yield found
-
 
 # ---------------------------------------------------------------- cells
 

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import multiprocessing
 import os
 import sys
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -81,6 +84,28 @@ def in_processes(
     """The result of each task, in order, from so many processes."""
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         yield from pool.imap(work, tasks)
+
+
+def each(
+    work: Callable[..., Any], tasks: Iterable[Any], jobs: int, keep: str = "", **options: Any
+) -> Iterator[Any]:
+    """``work(task, **options)`` of each task, in order; with ``keep`` from its file if it has one.
+
+    A single job runs in this process, which has loaded everything already.
+    """
+    todo = list(tasks)
+    name = f"{work.__name__}-{zlib.crc32(repr(options).encode()):08x}"
+    files = [Path(keep) / f"{name}-{task}.json" for task in todo]
+    known = [bool(keep) and file.exists() for file in files]
+    missing = [task for task, is_known in zip(todo, known, strict=True) if not is_known]
+    call = partial(work, **options)
+    new = iter(map(call, missing) if jobs == 1 else in_processes(call, missing, jobs))
+    for file, is_known in zip(files, known, strict=True):
+        found = json.loads(file.read_text("utf-8")) if is_known else next(new)
+        if keep and not is_known:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(file, json.dumps(found))
+        yield found
 
 
 def markdown_table(

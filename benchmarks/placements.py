@@ -1,8 +1,8 @@
 """Which methods finish the deburring run wherever the part stands?
 
-    python benchmarks/placements.py [--placements 1000] [--methods a,b] [--gains 0.05,0.1,1]
-                                  [--starts 3] [--jobs 2] [--seed 0] [--out placements.json]
-                                  [--markdown table.md] [--resume]
+    python benchmarks/placements.py [placements] [--placements 1000] [--methods a,b] [--starts 3]
+        [--jobs 2] [--seed 0] [--keep DIR] [--write]
+    python benchmarks/placements.py [placements_gains] [placements_gains_mink] [--write]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
 follows the run with every method. A run is over at its first fault: a joint outside its range, an
@@ -10,26 +10,26 @@ error above 0.1 mm or 0.05°, a joint step above 15°. A placement is feasible i
 joint positions has none of these faults; where no method finds one, a search over the roll, all
 branches of the inverse kinematics and all full turns decides. Needs py-opw-kinematics.
 
-With ``--gains`` every method that has a secondary runs at each of these gains, and the table has
-each at its default and at the best of them, held against ``qp_gradient`` placement by placement.
+*placements_gains*: every method that has a secondary runs at each of some gains; the table has each
+at its default and at the best of them, held against ``qp_gradient`` placement by placement.
+
+With ``--keep DIR`` each result is kept in a file of its own, and is not computed again.
 """
 
 from __future__ import annotations
 
-import argparse
+from page import command, each, markdown_table
+
+# isort: split
 import collections
 import dataclasses
 import functools
-import json
-import multiprocessing
-import os
 import statistics
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import mink
 import numpy as np
@@ -39,9 +39,20 @@ from scipy.spatial import cKDTree
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.files import write_atomically
 from qp_twist.following.mink_step import posture
 from qp_twist.paths.orientation import roll_by_plane
+from qp_twist.studies.summary import Rate
+
+
+class Options(NamedTuple):
+    """Of a study: how many placements, starts of each, its seed, processes, folder of results."""
+
+    placements: int
+    starts: int
+    seed: int
+    jobs: int
+    keep: str
+
 
 # ---------------------------------------------------------------- what counts as success
 
@@ -345,6 +356,7 @@ TUNED: dict[str, tuple[float, Callable[[float], Follower]]] = {
     "mink_equality": (0.05, mink_equality),
 }
 """Gain by default, and the method at a gain: what has a secondary. ``NAME@GAIN`` runs it."""
+GAINS = (0.01, 0.05, 0.1, 0.3, 1.0)
 REFERENCE = "qp_gradient"
 """What the others are held against."""
 
@@ -399,17 +411,17 @@ def study() -> tuple[qt.PathTask, InverseKinematics]:
 
 
 def run_placement(
-    seed: int, names: Sequence[str], known: dict[str, Any], *, count: int = STARTS
+    index: int, seed: int, names: Sequence[str], count: int = STARTS
 ) -> dict[str, Any]:
-    """What ``known`` lacks of one placement: whether it is feasible, and runs by method.
+    """One placement: whether it is feasible, and runs by method.
 
     A run from the start of least z; where it has a fault though the placement is feasible, others
     from the next of ``count`` starts, until one has none.
     """
     shipped, arm = study()
-    task = placed(shipped, *placement(seed, known["index"]))
-    result: dict[str, Any] = {"runs": {}, **known}
-    runs: dict[str, list[dict[str, Any]]] = result["runs"]
+    task = placed(shipped, *placement(seed, index))
+    runs: dict[str, list[dict[str, Any]]] = {}
+    result: dict[str, Any] = {"index": index, "runs": runs}
     looked: dict[tuple[bool, bool], list[Array]] = {}
 
     def starts(name: str) -> list[Array]:
@@ -420,19 +432,18 @@ def run_placement(
         return looked[kind]
 
     for name in names:
-        if name not in runs:
-            runs[name] = [run_once(task, name, start) for start in starts(name)[:1]] or [NO_START]
+        runs[name] = [run_once(task, name, start) for start in starts(name)[:1]] or [NO_START]
     # A run without a fault proves it feasible; the search is for the others.
     solved = {name for name in names if runs[name][0]["fault"] is None}
-    if any(not fixes_roll(name) for name in solved):
-        result["feasible_from_start"] = True
-    elif "feasible_from_start" not in result:
-        free = starts(REFERENCE)[:1]
-        result["feasible_from_start"] = any(dead_end(task, arm, s) is None for s in free)
-    if solved or result["feasible_from_start"]:
-        result["feasible"] = True
-    elif "feasible" not in result:
-        result["feasible"] = bool(starts(REFERENCE)) and dead_end(task, arm) is None
+    free = starts(REFERENCE)[:1]
+    result["feasible_from_start"] = any(not fixes_roll(name) for name in solved) or any(
+        dead_end(task, arm, start) is None for start in free
+    )
+    result["feasible"] = (
+        bool(solved)
+        or result["feasible_from_start"]
+        or (bool(free) and dead_end(task, arm) is None)
+    )
     for name in names if result["feasible"] and count > 1 else ():
         for start in starts(name)[len(runs[name]) : count]:
             if runs[name][-1]["fault"] is None:
@@ -444,92 +455,97 @@ def run_placement(
 # ---------------------------------------------------------------- all of them
 
 
-def run_study(
-    seed: int,
-    count: int,
-    names: Sequence[str],
-    jobs: int,
-    known: dict[int, dict[str, Any]],
-    starts: int = STARTS,
-) -> Iterator[dict[str, Any]]:
-    """Results of placements in the order in which they are done."""
-    # One thread a process: the matrices are small, and the processes have the cores.
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[variable] = "1"
-    todo = [known.get(index, {"index": index}) for index in range(count)]
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        work = functools.partial(run_placement, seed, names, count=starts)
-        yield from pool.imap_unordered(work, todo)
+def results_of(names: Sequence[str], options: Options) -> list[dict[str, Any]]:
+    """Results of the placements."""
+    indices = range(options.placements)
+    return list(
+        each(
+            run_placement, indices, options.jobs, options.keep, seed=options.seed,
+            names=tuple(names), count=options.starts,
+        )
+    )  # fmt: skip
 
 
-def table(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
-    """The table in Markdown, under a line on what was feasible."""
+def placements(placements: int, starts: int, seed: int, methods: str, jobs: int, keep: str) -> str:
+    """What every method finishes, under a line on what was feasible."""
+    names = methods.split(",") if methods else list(FOLLOWERS)
+    results = results_of(names, Options(placements, starts, seed, jobs, keep))
     feasible = [r for r in results if r["feasible"]]
     from_start = [r for r in feasible if r["feasible_from_start"]]
-    lines = [
-        f"{len(results)} placements. A motion without a fault exists for {len(feasible)} of them; "
-        f"from the start of least z for {len(from_start)}.",
-        "",
-        "| method | of feasible from the start % | of feasible % "
-        f"| of feasible, {STARTS} starts % | what failed | s a run |",
-        "| :-- | --: | --: | --: | :-- | --: |",
-    ]
+    rows = []
     for name in names:
         first = [r["runs"][name][0] for r in feasible]
         solved = [run for run in first if run["fault"] is None]
-        cells = [
+        rows.append((
             f"`{name}`",
             share_within(r["runs"][name][0] for r in from_start),
             share_within(first),
             share_within(r["runs"][name][-1] for r in feasible),
             faults(run["fault"] for run in first),
             f"{statistics.median(run['seconds'] for run in solved):.2f}" if solved else "–",
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        ))  # fmt: skip
+    headings = (
+        "method", "of feasible from the start %", "of feasible %",
+        f"of feasible, {starts} starts %", "what failed", "s a run",
+    )  # fmt: skip
+    return (
+        f"{len(results)} placements. A motion without a fault exists for {len(feasible)} of them; "
+        f"from the start of least z for {len(from_start)}.\n\n{markdown_table(headings, rows)}"
+    )
 
 
-def table_of_gains(results: Sequence[dict[str, Any]], names: Sequence[str]) -> str:
-    """Each method at its default and at its best, and each against the reference, in Markdown."""
+def placements_gains(placements: int, seed: int, jobs: int, keep: str) -> str:
+    """Each method at its default and at its best of some gains, held against the reference."""
+    names = "minimum_norm,qp_minimum_norm,gradient_projection,qp_gradient,qp,twa"
+    return at_gains(names.split(","), Options(min(placements, 177), 1, seed, jobs, keep))
+
+
+def placements_gains_mink(placements: int, seed: int, jobs: int, keep: str) -> str:
+    """The same for mink's soft step."""
+    return at_gains([REFERENCE, "mink_soft"], Options(min(placements, 120), 1, seed, jobs, keep))
+
+
+def at_gains(methods: Sequence[str], options: Options) -> str:
+    """Runs finished by methods at their default and at each of the gains."""
+    tried = sorted({TUNED[name][0] for name in methods if name in TUNED} | {*GAINS})
+    at = {
+        method: {gain: f"{method}@{gain:g}" for gain in tried} if method in TUNED else {0.0: method}
+        for method in methods
+    }
+    names = [name for gains in at.values() for name in gains.values()]
+    results = results_of(names, options)
     counted = [r for r in results if r["feasible_from_start"]]
     done = {n: np.array([r["runs"][n][0]["fault"] is None for r in counted]) for n in names}
-    at: dict[str, dict[float, str]] = {}
-    for name in names:
-        method, _, gain = name.partition("@")
-        at.setdefault(method, {})[float(gain or -1)] = name
-    default = {m: at[m][TUNED[m][0] if m in TUNED else min(at[m])] for m in at}
+    default = {m: at[m][TUNED[m][0] if m in TUNED else 0.0] for m in at}
     best = {  # where several are, the default
         m: max(at[m].values(), key=lambda name, m=m: (done[name].sum(), name == default[m]))
         for m in at
     }
-    tried = sorted({gain for gains in at.values() for gain in gains if gain >= 0.0})
-    lines = [
-        f"{len(results)} placements, of which {len(counted)} are feasible from the start of least "
-        f"z. Gains tried: {', '.join(f'{gain:g}' for gain in tried)}.",
-        "",
-        "| method | default gain | finishes % | won : lost | best gain | finishes % | won : lost |",
-        "| :-- | --: | --: | --: | --: | --: | --: |",
-    ]
+    rows = []
     for method in at:
         cells = [f"`{method}`"]
         for chosen in (default, best):
             mine, reference = done[chosen[method]], done[chosen[REFERENCE]]
             cells += [
                 chosen[method].partition("@")[2] or "–",
-                within(int(mine.sum()), len(mine)),
+                str(Rate(int(mine.sum()), len(mine))),
                 "–" if method == REFERENCE else pairs(mine, reference),
             ]
-        lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", "Runs finished of the same placements, by gain:", ""]
-    lines += [
-        f"| method | {' | '.join(f'{gain:g}' for gain in tried)} |",
-        f"| :-- |{' --: |' * len(tried)}",
+        rows.append(cells)
+    headings = ("method", *("default gain", "finishes %", "won : lost"),
+                *("best gain", "finishes %", "won : lost"))  # fmt: skip
+    by_gain = [
+        (f"`{method}`", *(int(done[name].sum()) for name in gains.values()))
+        for method, gains in at.items()
+        if method in TUNED
     ]
-    for method, gains in at.items():
-        if method in TUNED:
-            row = [str(int(done[gains[g]].sum())) if g in gains else "–" for g in tried]
-            lines.append(f"| `{method}` | {' | '.join(row)} |")
-    return "\n".join(lines) + "\n"
+    gains = [f"{gain:g}" for gain in tried]
+    return (
+        f"{len(results)} placements, of which {len(counted)} are feasible from the start of least "
+        f"z. Gains tried: {', '.join(gains)}.\n\n{markdown_table(headings, rows)}\n"
+        "Runs finished of the same placements, by gain:\n\n"
+        f"{markdown_table(('method', *gains), by_gain)}"
+    )
 
 
 def pairs(mine: Array, reference: Array) -> str:
@@ -545,20 +561,10 @@ def pairs(mine: Array, reference: Array) -> str:
     return f"**{won} : {lost}**" if p < 0.05 else f"{won} : {lost}"
 
 
-def within(done: int, of: int) -> str:
-    """A share in per cent with its 95 % interval (Wilson)."""
-    from scipy.stats import binomtest
-
-    if not of:
-        return "–"
-    low, high = binomtest(done, of).proportion_ci(method="wilson")
-    return f"{100.0 * done / of:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
-
-
 def share_within(runs: Iterable[dict[str, Any]]) -> str:
     """Runs without a fault, in per cent, with the interval."""
     done = [run["fault"] is None for run in runs]
-    return within(sum(done), len(done))
+    return str(Rate(sum(done), len(done)))
 
 
 def faults(found: Iterable[str | None]) -> str:
@@ -575,54 +581,9 @@ def faults(found: Iterable[str | None]) -> str:
     return "; ".join(parts) or "–"
 
 
-def main() -> None:
-    """Run the study and write what it found."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--placements", type=int, default=1000)
-    parser.add_argument("--methods", default=",".join(FOLLOWERS), help="comma-separated names")
-    parser.add_argument("--gains", help="comma-separated: methods with a secondary at each of them")
-    parser.add_argument("--starts", type=int, default=STARTS, help="most starts of a placement")
-    parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, default=Path("placements.json"))
-    parser.add_argument("--markdown", type=Path, help="write the table here, too")
-    parser.add_argument("--resume", action="store_true", help="keep what --out has already")
-    args = parser.parse_args()
-    names = [name.strip() for name in args.methods.split(",")]
-    for name in names:
-        if name not in FOLLOWERS:
-            parser.error(f"unknown method {name!r}; there are: {', '.join(FOLLOWERS)}")
-    if args.gains:
-        if REFERENCE not in names:
-            parser.error(f"--gains needs {REFERENCE} among --methods, the others stand beside it")
-        own = {TUNED[name][0] for name in names if name in TUNED}
-        gains = sorted(own | {float(gain) for gain in args.gains.split(",")})
-        names = [
-            name if gain is None else f"{name}@{gain:g}"
-            for name in names
-            for gain in (gains if name in TUNED else [None])
-        ]
-    results: dict[int, dict[str, Any]] = {}
-    if args.resume and args.out.exists():
-        kept = json.loads(args.out.read_text("utf-8"))
-        if kept["seed"] != args.seed:
-            parser.error(f"{args.out} was made with --seed {kept['seed']}")
-        results = {r["index"]: r for r in kept["placements"]}
-    began = time.perf_counter()
-    runs = run_study(args.seed, args.placements, names, args.jobs, results, args.starts)
-    for done, result in enumerate(runs, start=1):
-        results[result["index"]] = result
-        if done % 20 == 0 or done == args.placements:
-            content = {"seed": args.seed, "placements": [results[i] for i in sorted(results)]}
-            write_atomically(args.out, json.dumps(content) + "\n")
-            passed = time.perf_counter() - began
-            print(f"{done} of {args.placements}, {passed:.0f} s", file=sys.stderr, flush=True)
-    found = [results[index] for index in range(args.placements)]
-    text = table_of_gains(found, names) if args.gains else table(found, names)
-    print(text)
-    if args.markdown:
-        write_atomically(args.markdown, text)
-
-
 if __name__ == "__main__":
-    main()
+    parts = {f.__name__: f for f in (placements, placements_gains, placements_gains_mink)}
+    options = {
+        "placements": 1000, "starts": STARTS, "seed": 0, "methods": "", "jobs": 2, "keep": "",
+    }  # fmt: skip
+    sys.exit(command(__doc__, parts, **options))

@@ -21,7 +21,7 @@ better than the best motion, so the ratio can be below 1.
 *no_plan*: whether a study's samples without a plan have none by that search, too. Reads a study of
 `qp_planned` on `deburring`. For every sample that has a motion from some start but no plan from its
 own, the search goes from there waypoint by waypoint, and says at which it ends; about two seconds a
-sample. What it found is kept in no_plan.json beside the results.
+sample. What it found is kept beside the results.
 
 *plan_placements*: short paths at random places, for the arm of seven joints and for the arm on a
 rail, from free and from random fixed starts; and whether an independent search finds a motion. It
@@ -42,7 +42,7 @@ measures the tool's distance from the path, too, at 20 points each.
 
 from __future__ import annotations
 
-from page import command, in_processes, markdown_table
+from page import command, each, in_processes, markdown_table
 
 # isort: split
 import dataclasses
@@ -54,7 +54,6 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import mink
@@ -66,7 +65,6 @@ from timer import once
 
 import qp_twist as qt
 from qp_twist.checks import Array
-from qp_twist.files import write_atomically
 from qp_twist.planning.manifold_net import SEEDS, ManifoldNet
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import JointMotion, PathErrors, motion_limits, with_default_accelerations
@@ -351,34 +349,31 @@ def plan_optimality(samples: int, first: int, jobs: int, roll_step: float) -> st
 # ---------------------------------------------------------------- where there is no plan
 
 
-def ends_at(folder: Path, roll_step: float, sample: int) -> int | None:
+def ends_at(sample: int, folder: str, roll_step: float) -> int | None:
     """Waypoint, from 1, that the search does not get to; None if it gets to all."""
     task = Study.open(folder, qt.load_task("deburring")).sample(sample).path_task
     return dead_end(task, InverseKinematics(task), task.start, roll_step=roll_step)
 
 
-def rows_of(folder: Path) -> list[dict[str, Any]]:
-    study = Study.open(folder, qt.load_task("deburring"))
-    columns = ["sample", "method", "success", "feasible", "fault", "min_margin", "max_step_deg",
-               "position_error_max_m", "z_over_least"]  # fmt: skip
-    return [r for r in study.table(columns).to_pylist() if r["method"] == "qp_planned"]
-
-
-def text_of(rows: list[dict[str, Any]], found: dict[int, int | None]) -> str:
+def no_plan(folder: str, jobs: int, roll_step: float) -> str:
+    """The study's samples, and what the search finds of those without a plan."""
+    table = Study.open(folder, qt.load_task("deburring")).table()
+    rows = [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+    rows = [row for row in rows if row["method"] == "qp_planned"]
     feasible = [row for row in rows if row["feasible"]]
     done = [row for row in feasible if row["success"]]
-    no_plan = [row for row in feasible if row["fault"] == "no plan"]
-    other = Counter(row["fault"] for row in feasible if not row["success"])
-    del other["no plan"]
-    none = sum(found[row["sample"]] is not None for row in no_plan)
-    planned = len(feasible) - len(no_plan)
+    missing = [row["sample"] for row in feasible if row["fault"] == "no plan"]
+    other = Counter(row["fault"] for row in feasible if row["fault"] not in ("", "no plan"))
+    ends = list(each(ends_at, missing, jobs, folder, folder=folder, roll_step=roll_step))
+    planned = len(feasible) - len(missing)
     lines = [
         f"{len(rows):5,} random placements, each with a random start inside the limits",
         f"{len(feasible):5,} of them have a motion from some start",
         f"{planned:5,} of these have a plan from their own start",
         f"{len(done):5,} of those are followed to the end: {100 * len(done) / planned:.1f} %",
-        f"{len(no_plan):5,} have no plan from their own start; for {none:,} of these the "
-        "independent search has no way either",
+        f"{len(missing):5,} have no plan from their own start; for "
+        f"{sum(end is not None for end in ends):,} of these the independent search has no way "
+        "either",
     ]
     if other:
         faults = ", ".join(f"{count} {fault}" for fault, count in other.items())
@@ -390,24 +385,6 @@ def text_of(rows: list[dict[str, Any]], found: dict[int, int | None]) -> str:
         f"{max(r['position_error_max_m'] for r in done):.0e} m",
     ]
     return "\n".join(lines) + "\n"
-
-
-def no_plan(folder: str, jobs: int, roll_step: float) -> str:
-    """The study's samples, and what the search finds of those without a plan."""
-    rows, kept = rows_of(Path(folder)), Path(folder) / "no_plan.json"
-    found: dict[int, int | None] = {}
-    if kept.exists():
-        found = {int(k): v for k, v in json.loads(kept.read_text("utf-8")).items()}
-    missing = [
-        r["sample"] for r in rows
-        if r["feasible"] and r["fault"] == "no plan" and r["sample"] not in found
-    ]  # fmt: skip
-    ends = in_processes(partial(ends_at, Path(folder), roll_step), missing, jobs)
-    for number, (sample, end) in enumerate(zip(missing, ends, strict=True), start=1):
-        found[sample] = end
-        print(f"\r{number} of {len(missing)}", end="", file=sys.stderr, flush=True)
-        write_atomically(kept, json.dumps(found))
-    return text_of(rows, found)
 
 
 # ---------------------------------------------------------------- short paths at random places

@@ -1,7 +1,7 @@
 """Random steps, up to a billion: is any called solved that is not?
 
     python benchmarks/random_steps.py [random_steps] [--pieces 20] [--steps 50000] [--first 0]
-                                      [--solver compiled] [--results FOLDER] [--backwards] [--write]
+                                      [--solver compiled] [--jobs 1] [--keep FOLDER] [--write]
     python benchmarks/random_steps.py inequalities [--rows 3] [--write]
 
 Configurations anywhere inside the limits, singular ones among them, targets from a hair to a
@@ -10,12 +10,11 @@ called solved, at a reduced scale too, is judged by compiled code that shares no
 package (`tests/oracles/step_referee.py`, which states the tolerances).
 
 Piece p has so many steps of the case SCHEDULE[p mod 20], drawn from
-`numpy.random.default_rng([SEED, p])`. Its result is a file in the folder; pieces that are there are
-not run again, so that a run that was stopped goes on where it was. A second process with
-`--backwards` begins at the other end. A file is bound to the sources of package and referee. The
-million steps of the default take half a minute, and the billion of `--pieces 1004 --steps 1000000`
-two hours, on one core; those of another solver are taken one by one, a million in an hour, and
-those near a singularity, where a direction is slowed down, count as left to the reference.
+`numpy.random.default_rng([SEED, p])`. With `--keep` its result is a file in the folder, and is not
+computed again; results of another version of the code have to be removed by hand. The million steps
+of the default take half a minute, and the billion of `--pieces 1004 --steps 1000000` two hours, on
+one core; those of another solver are taken one by one, a million in an hour, and those near a
+singularity, where a direction is slowed down, count as left to the reference.
 
 Where the referee's own multipliers do not prove a step, those of quadprog and HiGHS are tried in
 the same test, with the rare cost on motion that the rows of twist space hardly see
@@ -28,13 +27,11 @@ with quadprog's solution of the program as the referee states it.
 
 from __future__ import annotations
 
-from page import ROOT, command, markdown_table
+from page import ROOT, command, each, markdown_table
 
 # isort: split
-import hashlib
-import json
 import sys
-from pathlib import Path
+from functools import cache
 from typing import NamedTuple
 
 import mink
@@ -58,7 +55,6 @@ from scipy.optimize import linprog
 
 import qp_twist as qt
 from qp_twist.control.step_settings import SINGULARITY
-from qp_twist.files import write_atomically
 
 Array = np.ndarray
 SEED, SPEED, GAIN, DT = 20, 0.6, 0.3, 0.05
@@ -94,20 +90,7 @@ COUNTS = (
 LARGEST = ("residual", "gradient", "slack")
 
 
-def sources() -> dict[str, str]:
-    """What a result belongs to."""
-    digests = {}
-    for name, files in (
-        ("package", sorted((ROOT / "qp_twist").rglob("*.py"))),
-        ("referee", [ROOT / "tests" / "oracles" / "step_referee.py"]),
-    ):
-        digest = hashlib.sha256()
-        for file in files:
-            digest.update(file.name.encode() + b"\0" + file.read_bytes())
-        digests[name] = digest.hexdigest()[:12]
-    return digests
-
-
+@cache
 def composed(case: Case, solver: str = "compiled") -> tuple[qt.Controller, Chain]:
     """The controller, and what the referee knows of its robot."""
     model = qt.load_robot(ROOT / "scenes" / f"{case.scene}.xml").model
@@ -187,15 +170,10 @@ def taken(
     return velocity, scale, solved
 
 
-def run(
-    piece: int, steps: int, solver: str, known: dict[int, tuple[qt.Controller, Chain]]
-) -> dict[str, object]:
+def run(piece: int, steps: int, solver: str) -> dict[str, object]:
     """The counts of a piece, what is largest in it, and which steps were refused."""
-    number = SCHEDULE[piece % len(SCHEDULE)]
-    case, rng = CASES[number], np.random.default_rng([SEED, piece])
-    if number not in known:
-        known[number] = composed(case, solver)
-    controller, chain = known[number]
+    case = CASES[SCHEDULE[piece % len(SCHEDULE)]]
+    rng, (controller, chain) = np.random.default_rng([SEED, piece]), composed(case, solver)
     counts, largest = np.zeros(len(COUNTS), dtype=np.int64), np.zeros(len(LARGEST))
     refused = []
     for first in range(0, steps, CHUNK):
@@ -232,19 +210,15 @@ def run(
         "case": case.name, "piece": piece, "seed": [SEED, piece],
         "counts": dict(zip(COUNTS, counts.tolist(), strict=True)),
         "largest": dict(zip(LARGEST, largest.tolist(), strict=True)), "refused": refused[:100],
-        "sources": sources(),
     }  # fmt: skip
 
 
-def table(folder: Path) -> tuple[str, int]:
-    """The results of all pieces so far, a line for each case; how many steps were refused.
-
-    Raises:
-        SystemExit: If pieces belong to different sources.
-    """
-    results = [json.loads(file.read_text()) for file in sorted(folder.glob("piece_*.json"))]
-    if len({json.dumps(result["sources"]) for result in results}) > 1:
-        raise SystemExit(f"{folder}: results of different sources; take an empty folder")
+def random_steps(
+    first: int, pieces: int, steps: int, solver: str, jobs: int, keep: str
+) -> tuple[str, int]:
+    """The results of the pieces, a line for each case; how many steps were refused."""
+    chosen = range(first, first + pieces)
+    results = list(each(run, chosen, jobs, keep, steps=steps, solver=solver))
     headings = (
         "case", "steps", "called solved", "at a reduced scale", "left to the reference",
         "a limit active, %", "proved by others", "not on their rows", "outside their bounds",
@@ -269,21 +243,6 @@ def table(folder: Path) -> tuple[str, int]:
         ))  # fmt: skip
         refused = sum(counts[key] for key in COUNTS[6:])
     return markdown_table(headings, rows), refused
-
-
-def random_steps(
-    first: int, pieces: int, steps: int, solver: str, results: str, backwards: bool
-) -> tuple[str, int]:
-    """The table of all pieces in the folder, after those that are missing in it."""
-    folder = Path(results) if results else ROOT / "out" / "random_steps" / solver
-    folder.mkdir(parents=True, exist_ok=True)
-    known: dict[int, tuple[qt.Controller, Chain]] = {}
-    chosen = range(first, first + pieces)
-    for piece in reversed(chosen) if backwards else chosen:
-        file = folder / f"piece_{piece:04d}.json"
-        if not file.exists():
-            write_atomically(file, json.dumps(run(piece, steps, solver, known)) + "\n")
-    return table(folder)
 
 
 class Rows(mink.Limit):
@@ -350,8 +309,8 @@ def inequalities(rows: int, steps: int, solver: str) -> tuple[str, int]:
 
 
 OPTIONS = {
-    "first": 0, "pieces": 20, "steps": 50_000, "solver": "compiled", "results": "",
-    "backwards": False, "rows": 3,
+    "first": 0, "pieces": 20, "steps": 50_000, "solver": "compiled", "jobs": 1, "keep": "",
+    "rows": 3,
 }  # fmt: skip
 
 

@@ -145,7 +145,7 @@ def test_a_path_that_cannot_be_reached_where_it_is_put_is_said_to_be_so(
     ("header", "rank", "comment"),
     [
         ("x [mm];y [mm];z [mm]", 3, "the file has no directions"),
-        ("x [mm];y [mm];z [mm];qw;qx;qy;qz", 6, "To free the roll"),
+        ("x [mm];y [mm];z [mm];qw;qx;qy;qz", 6, "--roll free frees the roll"),
         ("x [mm];y [mm];z [mm];ax;ay;az", 5, "the roll is free"),
     ],
 )

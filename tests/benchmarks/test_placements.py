@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +16,6 @@ from oracles.scripts import script
 import qp_twist as qt
 
 pytest.importorskip("py_opw_kinematics", reason="the study's inverse kinematics")
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "placements.py"
 TASK = qt.load_task("deburring")
 CENTER = np.array([0.0, 1.0, 0.3])
 
@@ -148,28 +144,27 @@ def test_the_search_ends_where_the_wrist_cannot_reach() -> None:
 # ---------------------------------------------------------------- the command
 
 
-def test_the_command_writes_its_results_and_takes_them_up_again(tmp_path: Path) -> None:
-    out, markdown = tmp_path / "out.json", tmp_path / "table.md"
+def test_the_tables_are_of_runs_that_are_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep = str(tmp_path)
+    text = study.placements(1, 3, 1, "minimum_norm,twa", 1, keep)
+    assert text.startswith("1 placements. A motion without a fault exists for 1 of them; ")
+    assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in text
+    assert f"| `twa` | {' | '.join(3 * ['0.0 (0.0–79.3)'])} |" in text
+    monkeypatch.setattr(study, "run_once", lambda *_: 1 / 0)
+    assert study.placements(1, 3, 1, "minimum_norm,twa", 1, keep) == text
 
-    def run(*methods: str) -> dict[str, Any]:
-        command = [
-            *(sys.executable, SCRIPT, "--placements", "1", "--jobs", "1", "--seed", "1"),
-            *("--methods", ",".join(methods), "--out", out, "--markdown", markdown, "--resume"),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert markdown.read_text("utf-8") in done.stdout
-        content: dict[str, Any] = json.loads(out.read_text("utf-8"))
-        return content
 
-    first = run("minimum_norm")
-    assert [r["index"] for r in first["placements"]] == [0]
-    assert all(r["feasible"] and r["feasible_from_start"] for r in first["placements"])
-    second = run("minimum_norm", "twa")
-    for before, after in zip(first["placements"], second["placements"], strict=True):
-        assert before["runs"]["minimum_norm"] == after["runs"]["minimum_norm"]  # not run again
-        assert after["runs"]["twa"][0]["fault"] is not None
-    table = markdown.read_text("utf-8")
-    assert table.startswith("1 placements. A motion without a fault exists for 1 of them; ")
-    assert f"| `minimum_norm` | {' | '.join(3 * ['100.0 (20.7–100.0)'])} | – |" in table
-    assert f"| `twa` | {' | '.join(3 * ['0.0 (0.0–79.3)'])} |" in table
+def test_methods_are_held_against_the_reference_at_each_gain(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fails = {"qp_gradient@0.01": "error", "twa@1": "error"}
+    monkeypatch.setattr(
+        study, "run_once", lambda task, name, start: {"fault": fails.get(name), "seconds": 0.0}
+    )
+    text = study.at_gains(["qp_gradient", "twa"], study.Options(1, 1, 1, 1, str(tmp_path)))
+    assert "| `qp_gradient` | 0.05 | 100.0 (20.7–100.0) | – | 0.05 |" in text
+    assert (
+        "| `qp_gradient` | 0 | 1 | 1 | 1 | 1 |" in text and "| `twa` | 1 | 1 | 1 | 1 | 0 |" in text
+    )

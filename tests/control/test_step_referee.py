@@ -137,7 +137,7 @@ def asked(study: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     """The study from its command line, with its results in the test's folder."""
 
     def main(*options: str) -> int:
-        given = ["random_steps.py", "random_steps", "--results", str(tmp_path), *options]
+        given = ["random_steps.py", "random_steps", "--keep", str(tmp_path), *options]
         monkeypatch.setattr("sys.argv", given)
         return int(study.main())
 
@@ -157,6 +157,6 @@ def test_a_kernel_that_lies_is_found_out(
 
     monkeypatch.setattr(study.qt.batch, "step", lies)
     assert asked("--pieces", "1", "--steps", "200") == 1
-    result = json.loads((tmp_path / "piece_0000.json").read_text())
+    result = json.loads(next(tmp_path.glob("run-*-0.json")).read_text())
     assert [step for step, *_ in result["refused"]] == [3, 5]
     assert result["counts"]["off the rows"] == 2
