@@ -238,8 +238,8 @@ def table_run() -> tuple[str, int]:
             *rows[-1][:3],
             str(count),
             f"{1e3 * measured_off(task, motion):.3f}",
-            f"{1e3 * proven.position_bound.max():.3f} and "
-            f"{np.degrees(proven.axis_bound.max()):.3f}°",
+            f"{1e3 * proven.position.bound.max():.3f} and "
+            f"{np.degrees(proven.axis.bound.max()):.3f}°",
         )
 
     qt.plan(on_a_table(100), max_step_deg=30.0)  # machine code is compiled, or loaded

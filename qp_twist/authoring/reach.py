@@ -16,7 +16,6 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, placed
 from qp_twist.paths.orientation import poses
-from qp_twist.planning.bound import centred_nearby
 from qp_twist.planning.path_rows import PathRows
 
 _DRAWN = 6000
@@ -259,7 +258,7 @@ def _settled(rows: PathRows, ranges: JointRanges, q: Array, at: Indices) -> tupl
     """Correct onto waypoints and to the local minimum of z; margins (K,), NaN on failure."""
     corrected, arrived = rows.correct(q, at, iterations=20)
     margin = np.where(arrived, ranges.margins(corrected).min(axis=1, initial=np.inf), np.nan)
-    central = centred_nearby(corrected, at, rows, ranges)
+    central = rows.descend(corrected, at, ranges)
     better = ranges.margins(central).min(axis=1, initial=np.inf)
     # Without whole turns of a joint: the robot has to follow from one waypoint to the next.
     near = np.abs(central - corrected).max(axis=1) <= _NEAR

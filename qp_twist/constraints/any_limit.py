@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import weakref
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 from weakref import WeakKeyDictionary
 
 import mink
@@ -33,7 +33,9 @@ _KNOWN: dict[type, str] = {
 }
 """Attributes of mink's limits."""
 _of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, mink.Limit]] = WeakKeyDictionary()
-_of_limits: WeakKeyDictionary[mink.Limit, _SingleJoints] = WeakKeyDictionary()
+_of_limits: WeakKeyDictionary[mink.Limit, tuple[Array, Array, Indices]] = WeakKeyDictionary()
+"""Of mink's limits on single joints, while they have the same matrix: this, G, and the indices in q
+of their joints; none of a velocity limit."""
 
 
 class Named(Protocol):
@@ -51,14 +53,9 @@ def kind_of(limit: mink.Limit) -> str:
 
 
 def refuse_unknown_attributes(limit: Any) -> None:
-    """Refuse a limit of a newer mink that has what is not known here and would be ignored.
-
-    Raises:
-        InvalidInput: If one of mink's own classes has such an attribute.
-    """
+    """Refuse a limit of a newer mink that has what is not known here and would be ignored."""
     kind: Any = type(limit)
-    unknown = _unknown_names(kind, tuple(limit.__dict__)) if kind in _KNOWN else ()
-    if unknown:
+    if kind in _KNOWN and (unknown := _unknown_names(kind, tuple(limit.__dict__))):
         raise InvalidInput(
             f"{kind.__name__} has {' and '.join(map(repr, unknown))}, which qp_twist does not "
             "know and would ignore. Install mink 1.3, for which it is tested, or derive a "
@@ -90,9 +87,6 @@ def check_model(name: str, item: Any, nv: int) -> None:
             f"{name}: {type(item).__name__} is for a model of {given} degrees of freedom, this one "
             f"has {nv}; make it from the same model."
         )
-
-
-# ---------------------------------------------------------------- mink's limits on single joints
 
 
 def is_mink_box(limit: Any) -> bool:
@@ -131,36 +125,26 @@ def box_of_mink(limit: Any, configuration: mink.Configuration, dt: float) -> Box
     return Box(kind_of(limit), lower, upper)
 
 
-class _SingleJoints(NamedTuple):
-    """What is kept of one of mink's limits on single joints, while it has the same matrix."""
-
-    of: Array
-    """Its ``projection_matrix``."""
-    G: Array
-    qpos: Indices
-    """Indices in q of its joints; none of a velocity limit."""
-
-
 def mink_rows(limit: Any, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
     """G and h of one of mink's limits on single joints, in a third of the time that mink takes."""
     refuse_unknown_attributes(limit)
     given, kept = limit.projection_matrix, _of_limits.get(limit)
-    if kept is None or kept.of is not given:
+    if kept is None or kept[0] is not given:
         qpos = qpos_of(limit) if type(limit) is mink.ConfigurationLimit else np.zeros(0, np.intp)
-        kept = _of_limits[limit] = _SingleJoints(given, np.vstack([given, -given]), qpos)
+        kept = _of_limits[limit] = given, np.vstack([given, -given]), qpos
+    _, G, qpos = kept
     if type(limit) is mink.VelocityLimit:
         most = dt * limit.limit
-        return kept.G, np.concatenate((most, most))
-    here = configuration.data.qpos[kept.qpos]
-    sides = limit.upper[kept.qpos] - here, here - limit.lower[kept.qpos]
-    return kept.G, limit.gain * np.concatenate(sides)
+        return G, np.concatenate((most, most))
+    here = configuration.data.qpos[qpos]
+    sides = limit.upper[qpos] - here, here - limit.lower[qpos]
+    return G, limit.gain * np.concatenate(sides)
 
 
 def default_rows(configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-    """G and h of ``mink.ConfigurationLimit(model)``, which mink makes in each call.
+    """G and h of ``mink.ConfigurationLimit(model)``, which is kept while the model's ranges stay.
 
-    That takes longer than the rest of a step. The limit is kept while the model's ranges stay:
-    joints cannot change in a model that is in use.
+    mink makes it in each call, which takes longer than the rest of a step.
     """
     model = configuration.model
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
@@ -174,9 +158,6 @@ def default_rows(configuration: mink.Configuration, dt: float) -> tuple[Array, A
         limit.model = weakref.proxy(model)
         kept = _of_models[model] = ranges, limit
     return mink_rows(kept[1], configuration, dt)
-
-
-# ------------------------------------------------------------------------------- rows of any limit
 
 
 def stated_rows(
@@ -246,12 +227,9 @@ class LimitRows:
         dt: float,
         stated: tuple[Array, Array] | None = None,
     ) -> LimitRows | None:
-        """Evaluate a limit, or sort rows G Δq ≤ h that it has stated.
+        """Evaluate a limit, or sort rows G Δq ≤ h that it has stated; ``None`` without any.
 
-        ``None`` if no row restricts the step.
-
-        Raises:
-            InvalidInput: If a row is not a number, or cannot hold.
+        Rows that are no numbers, or cannot hold, are refused.
         """
         if isinstance(limit, Clearance):
             # Its rows stay rows, so that they have the names of their pairs; they are numbers.
@@ -294,10 +272,9 @@ def _row_name(limit: mink.Limit, row: int) -> RowName:
         return " – ".join(geoms), "collision"
     if isinstance(limit, BandLimit):
         return f"{limit.task.name} band row {row}", "band"
-    if isinstance(limit, Clearance):
-        return limit.names[row], limit.kind
     if isinstance(limit, Constraint):
-        return limit.row_name(row), limit.kind
+        name = limit.names[row] if isinstance(limit, Clearance) else limit.row_name(row)
+        return name, limit.kind
     if type(limit) is mink.ConfigurationLimit and row >= 2 * len(limit.indices):
         dof = int(limit._ball_dofadr[row - 2 * len(limit.indices)])
         return limit.model.joint(int(limit.model.dof_jntid[dof])).name, "position"

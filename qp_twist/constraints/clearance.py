@@ -92,13 +92,9 @@ class Clearance(Constraint):
     ) -> None:
         """Find the pairs, or take those that are given.
 
-        Args:
-            model: The robot and what is around it.
-            distance: d_min, m.
-            ignore: Pairs of names of geoms or bodies that may touch; a body stands for its geoms
-                and those of bodies fixed to it.
-            recovery_speed: Speed at which a pair that is too near is moved apart, m/s.
-            pairs: Ids of the two geoms of each pair, (P, 2); all that may collide if ``None``.
+        ``ignore`` has pairs of names of geoms or bodies that may touch; a body stands for its geoms
+        and those of bodies fixed to it. Without ``pairs``, ids of two geoms each (P, 2), all that
+        may collide are kept apart. The others are as the attributes.
 
         Raises:
             InvalidInput: If the distance is negative, a name or an id is unknown, a geom that may
@@ -234,12 +230,21 @@ class Clearance(Constraint):
         q = self._shapes.configurations(q)
         if not len(self.pairs) or not len(q):
             return None
+
+        def way(at: Array) -> Array:
+            """Configurations at rows that need not be whole."""
+            row = np.minimum(at.astype(np.intp), len(q) - 2)
+            return np.asarray(q[row] + (at - row)[:, None] * (q[row + 1] - q[row]))
+
         best = NearestPair(np.inf, 0.0, "")
         points, at = q, np.arange(len(q), dtype=np.float64)
         starts, length = at[:-1], 1.0  # of the parts that may be nearer, in rows
         for _ in range(_HALVINGS):
-            best = self._nearer(best, points, at)
-            left, right = _between(q, starts), _between(q, starts + length)
+            distances, pairs = self.closest(points)
+            row = int(np.argmin(distances))
+            if distances[row] < best.distance:
+                best = NearestPair(float(distances[row]), float(at[row]), self.names[pairs[row]])
+            left, right = way(starts), way(starts + length)
             travel, straight = np.abs(right - left), np.zeros_like(left)
             least = self._shapes.least(left, right, travel, straight, best.distance)
             starts = starts[least.min(axis=1) < best.distance - RESOLUTION]
@@ -247,16 +252,8 @@ class Clearance(Constraint):
                 break
             length *= 0.5
             at = starts + length
-            points, starts = _between(q, at), np.concatenate([starts, at])
+            points, starts = way(at), np.concatenate([starts, at])
         return best
-
-    def _nearer(self, best: NearestPair, q: Array, at: Array) -> NearestPair:
-        """The nearest of the best so far and configurations q (K, nq) at places ``at`` (K,)."""
-        distances, pairs = self.closest(q)
-        row = int(np.argmin(distances))
-        if distances[row] >= best.distance:
-            return best
-        return NearestPair(float(distances[row]), float(at[row]), self.names[pairs[row]])
 
     def closest(self, q: Array) -> tuple[Array, Indices]:
         """Distance of the nearest pair at configurations q (N, nq), m, (N,), and its index, (N,).
@@ -307,13 +304,6 @@ class Clearance(Constraint):
 
     def __repr__(self) -> str:
         return f"Clearance({len(self.pairs)} pairs, {1e3 * self.distance:g} mm)"
-
-
-def _between(q: Array, at: Array) -> Array:
-    """Configurations on the straight way through q (N, nq), at rows that need not be whole."""
-    row = np.minimum(at.astype(np.intp), len(q) - 2)
-    way: Array = q[row] + (at - row)[:, None] * (q[row + 1] - q[row])
-    return way
 
 
 def _ids(pairs: npt.ArrayLike, geoms: int) -> Indices:

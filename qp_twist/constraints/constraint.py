@@ -164,11 +164,12 @@ def check_constraint(label: str, constraint: Constraint, model: mujoco.MjModel) 
             f"{constraint.units!r}."[:300]
         )
     q, travel = np.tile(model.qpos0, (2, 1)), np.ones((2, model.nv))
+    still = np.zeros_like(travel)
     for what, arguments in (
         ("margins(q)", (q,)),
         ("gradients(q)", (q,)),
         ("change(q, travel)", (q, travel)),
-        ("least(before, after, travel, curve)", (q, q, travel, np.zeros_like(travel))),
+        ("least(before, after, travel, curve)", (q, q, travel, still)),
     ):
         method = what.partition("(")[0]
         shape = (2, count, model.nv) if method == "gradients" else (2, count)

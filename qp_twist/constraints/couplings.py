@@ -15,11 +15,8 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 
 COUPLED_WITHIN = 1e-5
-"""Largest deviation of a coupled joint from its coupling, rad or m.
-
-It moves the tool of an arm with a reach of 2 m by 0.02 mm, a fifth of the tolerance of a check. It
-is ten times the rounding of files, and far above the accuracy of the solvers.
-"""
+"""Largest deviation of a coupled joint from its coupling, rad or m: at a reach of 2 m 0.02 mm, a
+fifth of the tolerance of a check, and ten times the rounding of files."""
 
 
 class JointCouplings(Constraint):
@@ -59,11 +56,8 @@ class JointCouplings(Constraint):
     ) -> None:
         """Read the couplings of a model.
 
-        Args:
-            model: The robot.
-            tolerance: ε, rad or m, above 0.
-            unit: Only those whose first joint is a hinge, ``"rad"``, or a slide, ``"m"``.
-            recovery_speed: Speed at which a step corrects a violated coupling, rad/s or m/s.
+        Of those whose first joint is a hinge, ``unit="rad"``, or a slide, ``"m"``, or of all.
+        ``recovery_speed`` is that at which a step corrects a violated coupling, rad/s or m/s.
         """
         ranges = JointRanges.of(model)
         self.tolerance = number("tolerance", tolerance, above=0.0)
@@ -193,8 +187,7 @@ def couplings_of(
 def refuse_other_equalities(label: str, model: mujoco.MjModel) -> None:
     """Refuse a scene with active equality constraints that nothing on a path keeps.
 
-    Those are all but couplings of joints: ``<connect>`` and ``<weld>`` between bodies that joints
-    move against each other, tendons and flexible bodies. The message begins with ``label``.
+    Those are all but couplings of joints. The message begins with ``label``.
     """
     others = (model.eq_type != mujoco.mjtEq.mjEQ_JOINT) & (model.eq_active0 != 0)
     for row in np.flatnonzero(others):
@@ -227,9 +220,7 @@ def share_limits(
     θ_min, θ_max, rad or m, the largest acceleration, rad/s² or m/s², and other limits in the ratio
     \|r\|, each (nv,); ``inf`` without a limit.
 
-    Raises:
-        InvalidInput: If a joint with an acceleration limit is coupled nonlinearly, or coupled
-            ranges have no position in common.
+    Couplings that are curved, with an acceleration limit, or leave no position are refused.
     """
     couplings = JointCouplings(model)
     curved, pairs = couplings.curved, np.column_stack([couplings.first, couplings.second])

@@ -106,16 +106,10 @@ class ConeBand(ToleranceBand):
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T fixes the angle: the whole rotation, or one of the two directions in both."""
-        if self.frame == "world":
-            return (False,)
         angular = projector.angular
-        if angular.kind is ProjectorKind.FULL:
-            return (True,)
-        return (
-            angular.kind is ProjectorKind.PLANE
-            and projector.frame != "world"
-            and (keeps(angular.complement, self.axis) or keeps(angular.complement, self.reference)),
-        )
+        plane = angular.kind is ProjectorKind.PLANE and projector.frame != "world"
+        held = plane and any(keeps(angular.complement, a) for a in (self.axis, self.reference))
+        return (self.frame != "world" and (angular.kind is ProjectorKind.FULL or held),)
 
     def _directions(self, pair: FramePair) -> tuple[Array, Array]:
         """u and n, (3,) each, one of each for every frame."""
@@ -123,11 +117,8 @@ class ConeBand(ToleranceBand):
         return u, np.broadcast_to(pair.axes(self.frame) @ self.reference, u.shape)
 
     def __repr__(self) -> str:
-        lower, upper = np.degrees(self.ranges[0])
-        return (
-            f"ConeBand({self.axis.round(6).tolist()} about {self.reference.round(6).tolist()}, "
-            f"{lower:.6g}°…{upper:.6g}°, frame={self.frame!r})"
-        )
+        axes = [axis.round(6).tolist() for axis in (self.axis, self.reference)]
+        return self._named(f"{axes[0]} about {axes[1]}")
 
 
 def _disc_rows(u: Array, n: Array, radius: float, reach: float) -> tuple[Array, Array]:

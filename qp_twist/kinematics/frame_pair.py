@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, read_only
 
-Complex = npt.NDArray[np.complex128]
 _WORLD = read_only(np.eye(3))
 _REST = read_only(np.zeros(6))
 
@@ -121,7 +119,10 @@ def turn_about(
     turn, begin = np.angle(a.conj() * b), 2.0 * np.angle(a)
     total = stretch.turn + stretch.target_turn
     away = (0.25 * total**2 + 0.5 * stretch.turn_change) / 8.0 + 0.5 * stretch.slip_turn
-    near = _nearest_to_zero(a, b)
+    # The least absolute value on the chord from a to b.
+    along, square = -(a.conj() * (b - a)).real, np.abs(b - a) ** 2
+    share = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
+    near = np.abs(a + share * (b - a))
     # Up to half a turn in total, the quaternion at the end is the one that the motion reaches.
     held = (total < np.pi) & (away < near)
     sine = np.divide(away, near, out=np.ones_like(away), where=held)
@@ -133,12 +134,3 @@ def angle_of_chord(chord: Array) -> Array:
     """The angle with a chord on the unit circle, rad."""
     angle: Array = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
     return angle
-
-
-def _nearest_to_zero(a: Complex, b: Complex) -> Array:
-    """Least absolute value on the chord from each a to b in the complex plane, (K,)."""
-    way = b - a
-    along, square = -(a.conj() * way).real, np.abs(way) ** 2
-    share = np.clip(along / np.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    least: Array = np.abs(a + share * way)
-    return least

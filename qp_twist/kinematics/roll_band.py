@@ -129,8 +129,4 @@ class RollBand(ToleranceBand):
         return axis
 
     def __repr__(self) -> str:
-        lower, upper = np.degrees(self.ranges[0])
-        return (
-            f"RollBand({self.axis.round(6).tolist()}, {lower:.6g}°…{upper:.6g}°, "
-            f"frame={self.frame!r})"
-        )
+        return self._named(f"{self.axis.round(6).tolist()}")

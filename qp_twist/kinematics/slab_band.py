@@ -94,11 +94,7 @@ class SlabBand(_Slabs):
         self.ranges = (Range.checked("SlabBand", lower, upper, "m"),)
 
     def __repr__(self) -> str:
-        [(lower, upper)] = self.ranges
-        return (
-            f"SlabBand({self.normal.round(6).tolist()}, {lower:.6g}…{upper:.6g} m, "
-            f"frame={self.frame!r})"
-        )
+        return self._named(f"{self.normal.round(6).tolist()}")
 
 
 class BoxBand(_Slabs):

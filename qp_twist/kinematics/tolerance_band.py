@@ -139,14 +139,14 @@ class ToleranceBand(abc.ABC):
         """Lower bound of each margin from one pose to the next, rad or m, (K, k)."""
         return self._room(*self.span(before, after, stretch))
 
+    def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
+        """Whether each value may be in its range between one pose and the next, (K, k)."""
+        return np.asarray(self._room(*self.span(before, after, stretch)[::-1]) >= 0.0)
+
     def _room(self, lowest: Array, highest: Array) -> Array:
         lower, upper = np.array(self.ranges).T
         room: Array = np.minimum(lowest - lower, upper - highest)
         return room
-
-    def may_hold(self, before: FramePair, after: FramePair, stretch: Stretch) -> Mask:
-        """Whether each value may be in its range between one pose and the next, (K, k)."""
-        return np.asarray(self._room(*self.span(before, after, stretch)[::-1]) >= 0.0)
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """Linear rows that keep the values in their ranges: rows · displacement ≤ rooms.
@@ -164,9 +164,9 @@ class ToleranceBand(abc.ABC):
     def half_spaces(
         self, pair: FramePair, dt: float, projector: TwistProjector
     ) -> tuple[Array, Array]:
-        """Rows (k, 6) on the frame's twist, world axes, and their bounds (k,), rad/s or m/s.
+        """Rows (k, 6) on one frame's twist, world axes, and bounds (k,), rad/s or m/s, in dt s.
 
-        For one frame in a step of dt s. Values that T fixes need no row, so k may be 0.
+        Values that T fixes need no row, so k may be 0.
         """
         free = ~np.array(self.fixed(projector))
         rows, rooms = self.rows(pair, self.recovery_speed * dt)
@@ -178,6 +178,14 @@ class ToleranceBand(abc.ABC):
     def excess(self, pair: FramePair) -> float:
         """Violation of the band by one frame, rad or m; 0 inside."""
         return max(0.0, -float(self.margins(pair).min()))
+
+    def _named(self, what: str) -> str:
+        """For messages: the band with ``what`` it is of, its range and its frame."""
+        lower, upper = self.ranges[0]
+        ends = f"{lower:.6g}…{upper:.6g} m"
+        if self.unit == "rad":
+            ends = f"{math.degrees(lower):.6g}°…{math.degrees(upper):.6g}°"
+        return f"{type(self).__name__}({what}, {ends}, frame={self.frame!r})"
 
 
 def largest_excess(bands: Iterable[ToleranceBand], pair: FramePair) -> Array:
@@ -196,11 +204,7 @@ def keeps(projector: Projector, axis: Array) -> bool:
 def check_bands(
     name: str, bands: Sequence[ToleranceBand], projector: TwistProjector
 ) -> tuple[ToleranceBand, ...]:
-    """``bands`` of a task called ``name`` with the given T.
-
-    Raises:
-        InvalidInput: If one is not a band, or contradicts a value that T fixes.
-    """
+    """The bands of a task of this name; what is none, or contradicts a value of T, is refused."""
     if not isinstance(bands, (list, tuple)):
         raise InvalidInput(f"bands: expected a list of bands, got {bands!r}.", key=name)
     for band in bands:

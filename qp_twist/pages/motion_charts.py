@@ -91,10 +91,10 @@ def _errors(
             continue
         findings = [by_name[key] for key in (name, f"{name} between", name + OFF) if key in by_name]
         worst = max(findings, key=lambda finding: (not finding.passes, finding.value))
-        times, values = check.passing.times, scale * getattr(errors, kind)
-        between = scale * getattr(errors, f"{kind}_between")
+        of = getattr(errors, kind)
+        times, values = check.passing.times, scale * of.at
         for beside in (values[:-1], values[1:]):  # with what is between it and its neighbours
-            np.maximum(beside, between, out=beside)
+            np.maximum(beside, scale * of.between, out=beside)
         for part in check.astray:
             if part.moves:  # its own errors in place of those at the waypoints
                 kept = (times < part.times[0]) | (times > part.times[-1])

@@ -81,7 +81,7 @@ def _causes(path_task: PathTask, check: Check, begin: float, end: float) -> list
 def failing_intervals(path_task: PathTask, check: Check) -> Mask:
     """Which intervals between two waypoints have something that does not pass, (N − 1,)."""
     errors, tolerances, when = check.errors, check.tolerances, check.passing.times
-    off = (errors.position > tolerances.position) | (errors.axis > tolerances.axis)
+    off = ~tolerances.met(errors.position.at, errors.axis.at)
     bad: Mask = ~errors.kept(tolerances.position, tolerances.axis) | off[:-1] | off[1:]
     times, margins = joint_margins(JointRanges.of(path_task.model), check.motion)
     beyond = [times[margins.min(axis=1) < -1e-6]]

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.planning.bound import best_of_branches, settled_nearby
+from qp_twist.planning.bound import best_of_branches
 from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.levels import Grid, Roadmap
 from qp_twist.planning.objective import Objective
@@ -24,10 +24,8 @@ _GRID = np.radians(4.0)
 _VALLEY = 0.35
 """A grid configuration with less z than all others within this distance is a seed, rad or m: a
 little more than the distance of neighbours in the grid."""
-_MOST = 48
-"""Largest number of seeds."""
-_POLISHED = 6
-"""Number of seeds at a limit that are moved on along it."""
+_MOST, _POLISHED = 48, 6
+"""Largest number of seeds; and of those at a limit that are moved on along it."""
 _ALIKE = 0.02
 """Configurations whose limited joints differ by less count as one, rad or m."""
 _HALVINGS = 30
@@ -53,21 +51,20 @@ class CentralConfiguration:
 
 
 def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralConfiguration]:
-    """The local minima of z on a waypoint inside the limits, the least first.
+    """The local minima of z on a waypoint, from 0, inside the limits, the least first.
 
     For an industrial arm the seeds are all branches and whole turns on a grid of the free
     coordinate; for any other robot what its self-motion manifolds grow from. From each seed, steps
     in the null space descend to the minimum, the best of them along active limits.
-
-    Args:
-        path_task: The task.
-        index: The waypoint, from 0.
     """
-    task = _cut(path_task, index)
+    task = dataclasses.replace(
+        path_task, waypoints=path_task.waypoints[index : index + 1], durations=None,
+        projector=path_task.in_force[index], segments=(), flipped_waypoints=None, joint_moves=(),
+    )  # fmt: skip
     rows, ranges = PathRows(task), JointRanges.of(task.model)
-    roadmap = Roadmap(task, rows, Grid(_GRID, np.full(task.model.nv, 2.0 * _GRID)))
-    closed_form = roadmap.has_closed_form(0)
-    layer = roadmap.layer(0) if closed_form else roadmap.seeded(0)
+    roadmap = central_roadmap(task, rows)
+    closed_form = roadmap.rolls(0) is not None
+    layer = roadmap.layers([0])[0] if closed_form else roadmap.seeded(0)
     if not layer.solutions:
         closed_form, layer = False, roadmap.within_tolerance(0)
     valleys = _valleys(layer.q, ranges)
@@ -75,10 +72,8 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     q, held = _lowest_nearby(layer.q[valleys], at, rows, ranges)
     if rows.freedom[0] > 1:
         # With more than one free direction, some descents continue along limits and bands.
-        problem = Problem(
-            task, rows, motion_limits(task, ranges, None, fixed_start=False),
-            Objective.of(ranges, "centering"),
-        )  # fmt: skip
+        limits = motion_limits(task, ranges, hard=rows.hard)
+        problem = Problem(task, rows, limits, Objective.of(ranges, "centering"))
         for number in held[np.argsort(ranges.centring(q[held]))][:_POLISHED]:
             lower = refine(problem, q[number : number + 1])
             if lower.feasible:
@@ -91,14 +86,6 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
             branch = int(layer.branch[valleys[number]]) if closed_form else None
             found.append(CentralConfiguration(q[number], float(z[number]), branch))
     return found
-
-
-def _cut(path_task: PathTask, index: int) -> PathTask:
-    """The task at one waypoint alone."""
-    return dataclasses.replace(
-        path_task, waypoints=path_task.waypoints[index : index + 1], durations=None,
-        projector=path_task.in_force[index], segments=(), flipped_waypoints=None, joint_moves=(),
-    )  # fmt: skip
 
 
 def best_of_each_branch(
@@ -129,28 +116,22 @@ def least_mean_z(path_task: PathTask, waypoints: Sequence[int]) -> float:
 
 def _least_z(path_task: PathTask, waypoints: Sequence[int]) -> tuple[Array, Array]:
     """The least z of each waypoint, (N,), and its configuration, (N, nv); NaN if there is none."""
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    grid = Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID))
-    best = [
-        best_of_branches(layer, ranges.centring)
-        for layer in Roadmap(path_task, rows, grid).layers(waypoints)
-    ]
+    rows, ranges, nv = PathRows(path_task), JointRanges.of(path_task.model), path_task.model.nv
+    layers = central_roadmap(path_task, rows).layers(waypoints)
+    best = [best_of_branches(layer, ranges.centring) for layer in layers]
     of = np.repeat(np.arange(len(best)), [len(q) for q in best])
-    least, lowest = np.full(len(best), np.nan), np.full((len(best), path_task.model.nv), np.nan)
-    begin = np.concatenate([np.zeros((0, path_task.model.nv)), *best])
+    least, lowest = np.full(len(best), np.nan), np.full((len(best), nv), np.nan)
+    begin = np.concatenate([np.zeros((0, nv)), *best])
     q, _ = _lowest_nearby(begin, np.asarray(waypoints, dtype=np.intp)[of], rows, ranges)
     z = ranges.centring(q)
-    for number in np.argsort(-z, kind="stable"):  # the least comes last, and stays
-        least[of[number]], lowest[of[number]] = z[number], q[number]
+    order = np.argsort(-z, kind="stable")  # the least comes last, and stays
+    least[of[order]], lowest[of[order]] = z[order], q[order]
     return least, lowest
 
 
-def _inside(q: Array, at: Indices, rows: PathRows, ranges: JointRanges) -> Mask:
-    """Which of q (K, nv) on the waypoints ``at`` (K,) are inside the limits and hard bands."""
-    within: Mask = ranges.inside(q)
-    if rows.hard:
-        within &= rows.hard.inside(q, at)
-    return within
+def central_roadmap(path_task: PathTask, rows: PathRows) -> Roadmap:
+    """The layers in which central configurations are searched."""
+    return Roadmap(path_task, rows, Grid(_GRID, np.full(path_task.model.nv, 2.0 * _GRID)))
 
 
 def _lowest_nearby(
@@ -163,13 +144,17 @@ def _lowest_nearby(
     Returns:
         The configurations, and the indices of those at a limit or band.
     """
-    lower = settled_nearby(q, at, rows, ranges)
+
+    def inside(q: Array, at: Indices) -> Mask:
+        return ranges.inside(q) & rows.hard.inside(q, at)
+
+    lower = rows.descend(q, at, ranges)
     lowest = np.where(np.isfinite(lower), lower, q)
-    held = np.flatnonzero(~_inside(lowest, at, rows, ranges))
+    held = np.flatnonzero(~inside(lowest, at))
     near, far = q[held], lowest[held]
     for _ in range(_HALVINGS if len(held) else 0):
         middle, arrived = rows.correct(0.5 * (near + far), at[held])
-        ok = (arrived & _inside(middle, at[held], rows, ranges))[:, None]
+        ok = (arrived & inside(middle, at[held]))[:, None]
         near, far = np.where(ok, middle, near), np.where(ok, far, middle)
     lowest[held] = near
     return lowest, held
@@ -180,18 +165,14 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
     if not len(q):
         return np.zeros(0, dtype=np.intp)
     z = ranges.centring(q)
-    taken = np.zeros(len(z), dtype=bool)
-    tree = KDTree(q)
-    pairs = tree.query_pairs(_VALLEY, output_type="ndarray")
-    first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
-    # Drop configurations that have a neighbour of less z.
-    lowest = np.ones(len(z), dtype=bool)
-    lowest[first[z[last] < z[first]]] = False
+    tree, taken = KDTree(q), np.zeros(len(z), dtype=bool)
+    first, last = tree.query_pairs(_VALLEY, output_type="ndarray").T
+    # Configurations that have a neighbour of less z are none.
+    taken[first[z[last] < z[first]]] = True
+    taken[last[z[first] < z[last]]] = True
     found: list[int] = []
     for number in np.argsort(z, kind="stable"):
-        if len(found) == _MOST:
-            break
-        if lowest[number] and not taken[number]:
+        if not taken[number] and len(found) < _MOST:
             found.append(int(number))
             taken[tree.query_ball_point(q[number], _VALLEY)] = True
     return np.array(found, dtype=np.intp)

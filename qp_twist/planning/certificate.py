@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,14 +24,12 @@ class Certificate:
     """What a search has proven or found.
 
     Attributes:
-        kind: ``"path"``: there is a motion; ``"unreachable"``: waypoints that the arm does not
-            reach; ``"limits"``: waypoints with no configuration inside the joint limits;
-            ``"band"``: waypoints with no configuration inside both the joint limits and the hard
-            tolerance bands and constraints; ``"speed"``: two waypoints between which every
-            connection that was searched breaks the speed limits or the largest step; ``"move"``:
-            two waypoints between which no joint move was found, which is no proof. With a detail,
-            ``"limits"``, ``"band"`` and ``"speed"`` name only what the best motion found violates;
-            this is not a proof.
+        kind: ``"path"``: there is a motion; ``"unreachable"``, ``"limits"`` and ``"band"``:
+            waypoints that the arm does not reach, or with no configuration inside the joint limits,
+            or inside both these and the hard bands and constraints; ``"speed"``: two waypoints
+            between which every connection that was searched breaks the speed limits or the largest
+            step; ``"move"``: two between which no joint move was found, which is no proof. With a
+            detail, it names only what the best motion found violates, which is no proof either.
         waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
             outside the limits.
         joints: The joints whose limits exclude a motion.
@@ -61,32 +60,30 @@ class Certificate:
     def __str__(self) -> str:
         where = _listed(self.waypoints)
         joints, bands = " and ".join(self.joints), " and ".join(self.bands)
-        match self.kind:
-            case "path":
+        match self.kind, bool(self.detail):
+            case "path", _:
+                kinds = dict.fromkeys(re.split(r"[,\[]", name)[0] for name in self.bands)
                 text = "there is a motion inside all limits"
-                kinds = dict.fromkeys(
-                    name.partition(",")[0].partition("[")[0] for name in self.bands
-                )
                 text += "".join(f" and {'hard bands' if k == 'bands' else k}" for k in kinds)
-            case "unreachable":
+            case "unreachable", _:
                 text = f"the arm does not reach {where} in any configuration"
-            case "limits" if self.detail:
+            case "limits", True:
                 text = "no motion was found inside the joint limits"
-            case "limits":
+            case "limits", False:
                 text = f"no configuration at {where} is inside the limits"
                 text += f"; forbidden by {joints}" if joints else ""
-            case "band" if not self.detail:
-                text = f"no configuration at {where} is inside both the joint limits and {bands}"
-            case "band":
+            case "band", True:
                 text = f"no motion was found that keeps {bands}"
-            case "speed" if self.detail:
+            case "band", False:
+                text = f"no configuration at {where} is inside both the joint limits and {bands}"
+            case "speed", True:
                 text = f"no motion was found that keeps {self.step_limit}"
-            case "speed" if not self.covered:
-                text = f"between {where} no connection was found that keeps {self.step_limit}"
-            case "speed":
+            case "speed", False if self.covered:
                 text = f"between {where} every connection breaks {self.step_limit}"
                 text += f", of {joints} at least" if joints else ""
-            case "move":
+            case "speed", False:
+                text = f"between {where} no connection was found that keeps {self.step_limit}"
+            case _:
                 text = f"between {where} no joint move was found"
         text += f" ({self.grid})"
         text += "".join(f"; {part}" for part in (self.detail, self.note) if part)
@@ -114,10 +111,16 @@ def empty_layers(level: Level, covered: bool) -> Certificate:
     if unreached:
         at = tuple(index + 1 for index in unreached)
         return Certificate("unreachable", grid, at, (), sampled, roadmap.missed(unreached))
-    outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
+    outside = {index + 1: layer for index, layer in pairs if layer.outside}
     if outside:
-        joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
-        return Certificate("limits", grid, tuple(at for at, _ in outside), joints, sampled)
+        joints = tuple(dict.fromkeys(name for of in outside.values() for name in of.outside))
+        at, ranges = min(outside), roadmap.ranges
+        exceeded = " and ".join(
+            f"{ranges.names[j]} by {amount_of(outside[at].beyond[j], ranges.units[j])}"
+            for j in np.flatnonzero(outside[at].beyond > 0.0)
+        )
+        note = f"the nearest one to fit at waypoint {at} exceeds {exceeded}"
+        return Certificate("limits", grid, tuple(outside), joints, sampled, note=note)
     barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
     names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
     proven = covered and all(roadmap.covers(index) for index, _ in barred)
@@ -165,15 +168,16 @@ def violating_path(
     worst = problem.limits.worst(path.q)
     at = worst.waypoint + 1
     amount = amount_of(worst.excess, worst.unit)
-    if worst.kind == "band" and worst.between:
-        detail = (
-            f"between waypoints {at - 1} and {at}, where joints go straight, the best is outside "
-            f"by {amount} more than what is allowed there; put more waypoints there"
-        )
-        return Certificate("band", grid, (at - 1, at), (), covered, detail, (worst.name,))
     if worst.kind == "band":
+        where: tuple[int, ...] = (at,)
         detail = f"at waypoint {at} the best is outside by {amount}"
-        return Certificate("band", grid, (at,), (), covered, detail, (worst.name,))
+        if worst.between:
+            where = at - 1, at
+            detail = (
+                f"between waypoints {at - 1} and {at}, where joints go straight, the best is "
+                f"outside by {amount} more than what is allowed there; put more waypoints there"
+            )
+        return Certificate("band", grid, where, (), covered, detail, (worst.name,))
     if worst.kind == "position":
         detail = f"at waypoint {at} the best has {worst.name} outside by {amount}"
         return Certificate("limits", grid, (at,), (worst.name,), covered, detail)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.constraints import Clearance, Constraint, JointCouplings
+from qp_twist.constraints import Clearance, JointCouplings
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import FramePair, SerialChain, Stretch, ToleranceBand, check_bands
 from qp_twist.paths import PathTask, Waypoints
@@ -29,12 +29,9 @@ SHARES = (0.25, 0.5, 0.75)
 class HardConstraints:
     r"""The hard bands and the constraints of a path task, one column for each of their margins.
 
-    Soft bands are costs, which a plan ignores.
-
-    Each value φ of a band (its roll, its angle, its distances) has a margin
-    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, nonnegative inside. Values that the
-    projector in force fixes anyway have a margin of ∞ there. The constraints' margins follow those
-    of the bands.
+    Soft bands are costs, which a plan ignores. Each value φ of a band has a margin
+    :math:`\min(\varphi - lower,\; upper - \varphi)`, rad or m, nonnegative inside, and ∞ where the
+    projector in force fixes the value anyway. The constraints' margins follow those of the bands.
 
     Attributes:
         names: Name of each of the k margins in messages.
@@ -50,43 +47,36 @@ class HardConstraints:
     def __init__(
         self, path_task: PathTask, chain: SerialChain, path: Waypoints | None = None
     ) -> None:
-        """Read the bands of a task whose frame is moved by ``chain``.
-
-        At its waypoints, or at other points of its path (``PathTask.at``).
+        """Read the bands of a task whose frame is moved by ``chain``, at points of its path.
 
         Raises:
             InvalidInput: If a band contradicts a projector of the path, or has no width.
         """
-        hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
         self.chain, self._path_task = chain, path_task
+        hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
         self.constraints = tuple(c for c in path_task.stated_constraints if c.names)
         self.cuts = bool(self.bands) or not all(
             isinstance(constraint, JointCouplings) for constraint in self.constraints
         )
         self.lazy = not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
-        of_constraints = [
-            (f"{_label(k, constraint)}, {name}", unit)
-            for k, constraint in enumerate(self.constraints)
-            for name, unit in zip(constraint.names, constraint.units, strict=True)
-        ]
-        self.names = (
-            *(
-                f"bands[{k}], {band!r}"
-                + ("" if len(band.ranges) == 1 else f", along {'xyz'[axis]}")
-                for k, band in hard
-                for axis in range(len(band.ranges))
-            ),
-            *(name for name, _ in of_constraints),
-        )
-        self.units = (
-            *(band.unit for band in self.bands for _ in band.ranges),
-            *(unit for _, unit in of_constraints),
-        )
-        self.between_allowed: Array = np.array([BETWEEN[unit] for unit in self.units])
-        ranges = [range_ for band in self.bands for range_ in band.ranges]
-        widths = [0.5 * (r.upper - r.lower) for r in ranges]
-        self.halves: Array = np.array([*widths, *(np.inf for _ in of_constraints)])
+        names, units, widths = [], [], []
+        for k, band in hard:
+            several = len(band.ranges) > 1
+            for axis, range_ in zip("xyz", band.ranges, strict=False):
+                names.append(f"bands[{k}], {band!r}" + (f", along {axis}" if several else ""))
+                widths.append(0.5 * (range_.upper - range_.lower))
+                units.append(band.unit)
+        self._values = len(names)
+        for k, constraint in enumerate(self.constraints):
+            # A clearance is often not stated, but follows from the scene.
+            is_clearance = isinstance(constraint, Clearance)
+            label = constraint.kind if is_clearance else f"constraints[{k}]"
+            names += [f"{label}, {name}" for name in constraint.names]
+            units += constraint.units
+        self.names, self.units = tuple(names), tuple(units)
+        self.between_allowed: Array = np.array([BETWEEN[unit] for unit in units])
+        self.halves: Array = np.array(widths + [np.inf] * (len(names) - len(widths)))
         if not self:
             return
         path = path or path_task.at()
@@ -100,9 +90,9 @@ class HardConstraints:
                 )
         self._rotations, self._positions = path.rotations, path.positions
         self._intervals = Intervals(path.rotations, path.positions, fewer_rows(path.projectors))
-        self._fixed: Mask = np.zeros((len(path.projectors), len(self.names)), dtype=bool)
+        self._fixed: Mask = np.zeros((len(path.projectors), len(names)), dtype=bool)
         for fixed, T in zip(self._fixed, path.projectors, strict=True):
-            fixed[: len(ranges)] = [f for band in self.bands for f in band.fixed(T)]
+            fixed[: self._values] = [f for band in self.bands for f in band.fixed(T)]
 
     def __len__(self) -> int:
         return len(self.bands) + len(self.constraints)
@@ -122,7 +112,7 @@ class HardConstraints:
         if not self.bands:
             return np.zeros((len(at), 0))
         margins = self._of_bands(self._pair(rotations, positions, at))
-        return np.where(self._fixed[at][:, : margins.shape[1]], np.inf, margins)
+        return np.where(self._fixed[at][:, : self._values], np.inf, margins)
 
     def inside(self, q: Array, at: Indices) -> Mask:
         """Which configurations q (K, nv) are inside all bands and constraints, (K,)."""
@@ -198,7 +188,7 @@ class HardConstraints:
             sign = np.where(band.values(pair) < middle, 1.0, -1.0)
             rising.append(sign[:, :, None] * band.gradients(pair) @ J)
         outside = margins < -WITHIN
-        first = len(self.names) - sum(len(c.names) for c in self.constraints)
+        first = self._values
         for constraint in self.constraints:
             last = first + len(constraint.names)
             rising.append(constraint.gradients_of(q, outside[:, first:last]))
@@ -213,30 +203,23 @@ class HardConstraints:
         return np.where(outside[:, :, None], rows, 0.0), sides
 
     def may_keep_bands(self, ends: tuple[Poses, Poses], at: Indices, turn: float) -> Mask:
-        """Whether a frame that turns in place may be inside all bands during the turn, (K,).
+        """Whether a frame that turns in place by an angle may be inside all bands meanwhile, (K,).
 
-        Args:
-            ends: Rotations (K, 3, 3) and origins (K, 3) of the frame before and after.
-            at: Indices of the waypoints, (K,).
-            turn: Angle of the turn, at constant speed, rad.
+        ``ends`` are its rotations (K, 3, 3) and origins (K, 3) before and after, at waypoints (K,).
         """
         none = np.zeros(len(at))
         stretch = Stretch(none + turn, none, none, none, none, none)
         before, after = (self._pair(*poses, at) for poses in ends)
         held = [band.may_hold(before, after, stretch) for band in self.bands]
-        every = np.concatenate(held, axis=1)
-        return np.asarray((every | self._fixed[at][:, : every.shape[1]]).all(axis=1))
+        fixed = self._fixed[at][:, : self._values]
+        return np.asarray((np.concatenate(held, axis=1) | fixed).all(axis=1))
 
     def margins_between(self, begin: Array, end: Array, at: Indices, share: Array) -> Array:
         """Margins (K, k) at shares (K,) of intervals between waypoints, rad or m.
 
-        Args:
-            begin: Configurations at the waypoints, (K, nv).
-            end: Configurations at the next ones; the joints are interpolated linearly, and each
-                pose is compared with the place of the path that is nearest to it
-                (:class:`~qp_twist.referee.Intervals`).
-            at: Numbers of the waypoints, (K,).
-            share: Share of each interval, from 0 to 1.
+        The joints go straight from ``begin`` to ``end`` (K, nv) between waypoints of indices ``at``
+        and the next ones; each pose is compared with the place of the path that is nearest to it
+        (:class:`~qp_twist.referee.Intervals`).
         """
         q = begin + share[:, None] * (end - begin)
         return self._margins(self._on_the_way(*self.chain.poses(q), at, share), q)
@@ -249,14 +232,9 @@ class HardConstraints:
         violations: dict[str, float],
         shares: Sequence[float] = SHARES,
     ) -> Mask:
-        """Which motions keep all margins at some shares, but for violations allowed, (K,).
+        """Which motions of :meth:`margins_between` keep all margins at some shares, (K,).
 
-        Args:
-            begin: As in :meth:`margins_between`.
-            end: Likewise.
-            at: Likewise.
-            violations: Largest violation of a margin that is allowed, in rad and in m.
-            shares: Shares of each interval at which margins are evaluated.
+        But for ``violations``: the largest ones that are allowed, in rad and in m.
         """
         kept = np.ones(len(begin), dtype=bool)
         allowed = np.array([violations[unit] for unit in self.units])
@@ -267,7 +245,7 @@ class HardConstraints:
                 of_bands = self._of_bands(
                     self._on_the_way(*self.chain.poses(q), at[left], np.full(len(left), share))
                 )
-                kept[left] = (of_bands >= -allowed[: of_bands.shape[1]]).all(axis=1)
+                kept[left] = (of_bands >= -allowed[: self._values]).all(axis=1)
                 q, left = q[kept[left]], left[kept[left]]
             for constraint in self.constraints:
                 inside = constraint.inside(q, violations[constraint.units[0]])
@@ -278,7 +256,7 @@ class HardConstraints:
     def between(self, q: Array) -> tuple[Array, Array]:
         """Proven violation of a joint path (N, nv) between its waypoints, rad or m.
 
-        Joints are interpolated linearly. The measure and the proof are those of a check
+        Joints go straight; measure and proof are those of a check
         (:func:`~qp_twist.referee.constraints_left`).
 
         Returns:
@@ -315,8 +293,3 @@ class HardConstraints:
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
         """Frames and their waypoints, at rest."""
         return FramePair(rotations, positions, self._rotations[at], self._positions[at])
-
-
-def _label(number: int, constraint: Constraint) -> str:
-    """What messages call it; a clearance is often not stated, but follows from the scene."""
-    return constraint.kind if isinstance(constraint, Clearance) else f"constraints[{number}]"

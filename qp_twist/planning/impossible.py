@@ -42,8 +42,7 @@ def _find_unreached(problem: Problem) -> Certificate | None:
     configurations found at all waypoints are further seeds.
     """
     count, nv = len(problem.path_task.waypoints), problem.path_task.model.nv
-    grid = Grid(STAGES[-1].roll, np.full(nv, COARSEST))
-    roadmap = Roadmap(problem.path_task, problem.rows, grid)
+    roadmap = Roadmap(problem.path_task, problem.rows, Grid(STAGES[-1].roll, np.full(nv, COARSEST)))
     if roadmap.arm is not None or problem.freedom > COVERED:
         return None
     ranges, rng = problem.limits.ranges, np.random.default_rng(0)
@@ -58,9 +57,7 @@ def _find_unreached(problem: Problem) -> Certificate | None:
     seeds = Layer(known, np.zeros(len(known), dtype=np.intp), len(known))
     waypoints = _spread(missed)
     level = Level(roadmap, waypoints, [roadmap.seeded(index, seeds) for index in waypoints])
-    if not level.has_gaps:
-        return None
-    return empty_layers(level, covered=True)
+    return empty_layers(level, covered=True) if level.has_gaps else None
 
 
 def prove_gaps(problem: Problem, level: Level, levels: Levels) -> Certificate | None:
@@ -75,23 +72,20 @@ def prove_gaps(problem: Problem, level: Level, levels: Levels) -> Certificate | 
     finest = STAGES[-1]
     grid = Grid(finest.roll, np.full(problem.path_task.model.nv, finest.joints))
     roadmap = Roadmap(problem.path_task, problem.rows, grid)
-    proof = _reached(roadmap, _spread(np.array(skipped)))
+
+    def reached(waypoints: list[int]) -> Level:
+        """The layers, with what is within the tolerances of a check where nothing is exact."""
+        layers = zip(waypoints, roadmap.layers(waypoints), strict=True)
+        made = [of if of.solutions else roadmap.within_tolerance(index) for index, of in layers]
+        return Level(roadmap, waypoints, made)
+
+    proof = reached(_spread(np.array(skipped)))
     if proof.has_gaps:
         return empty_layers(proof, not problem.has_clearance)
     if any(layer.nearby for layer in proof.layers):  # so the others may be, too
-        proof = _reached(roadmap, skipped)
+        proof = reached(skipped)
     levels.found.update(zip(proof.waypoints, proof.layers, strict=True))
     return None
-
-
-def _reached(roadmap: Roadmap, waypoints: list[int]) -> Level:
-    """The layers, with what is within the tolerances of a check where nothing is exact."""
-    layers = zip(waypoints, roadmap.layers(waypoints), strict=True)
-    return Level(
-        roadmap,
-        waypoints,
-        [of if of.solutions else roadmap.within_tolerance(index) for index, of in layers],
-    )
 
 
 def _spread(indices: Indices) -> list[int]:

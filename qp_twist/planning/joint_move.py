@@ -36,11 +36,7 @@ _CORNER, _SMALLEST_CORNER = 0.5, 0.05
 
 
 class NoJointMove(InvalidInput):
-    """No joint move was found; the message says what is in the way.
-
-    Attributes:
-        why: The reason.
-    """
+    """No joint move was found; ``why`` says what is in the way."""
 
     def __init__(self, task: str, why: str) -> None:
         super().__init__(f"{task}: no joint move was found: {why}.")
@@ -81,8 +77,7 @@ class JointMoves:
     def nearest_turn(self, q: Array, to: Array) -> Array:
         """q (N, nv), its joints without a range turned as a whole to begin nearest to ``to``."""
         endless = self.ranges.hinge & ~np.isfinite(self.ranges.upper - self.ranges.lower)
-        turns = np.round((to - q[0]) / (2.0 * np.pi)) * endless
-        moved: Array = q + 2.0 * np.pi * turns
+        moved: Array = q + 2.0 * np.pi * np.round((to - q[0]) / (2.0 * np.pi)) * endless
         return moved
 
     def found(self, begin: Array, end: Array, effort: int = EFFORT) -> Array:
@@ -90,47 +85,39 @@ class JointMoves:
 
         The straight motion of the joints from row to row keeps ranges and constraints, proven. It
         also keeps the distance of pairs that a clearance ignores, such as tool and part, if they
-        have it at both ends.
-
-        Args:
-            begin: First configuration.
-            end: Last one.
-            effort: Largest number of random configurations.
+        have it at both ends. ``effort`` is the largest number of random configurations.
 
         Raises:
             NoJointMove: If there is none, with what is in the way.
         """
-        straight = np.array([begin, end])
-        kept = [*self.path_task.stated_constraints]
-        ignored = [
-            c.of_ignored(straight) for c in self.path_task.constraints if isinstance(c, Clearance)
-        ]
-        self._constraints = kept = [*kept, *(c for c in ignored if len(c.pairs))]
+        straight, task = np.array([begin, end]), self.path_task
+        clearances = [c for c in task.constraints if isinstance(c, Clearance)]
+        ignored = [clearance.of_ignored(straight) for clearance in clearances]
+        kept = [*task.stated_constraints, *(c for c in ignored if len(c.pairs))]
+        self._constraints = kept
         if self.free(straight).all():
             return _divided(straight)
         for q, which in ((begin, "begins"), (end, "ends")):
             violated = self._violated(q[None])
             if violated:
-                raise NoJointMove(self.path_task.name, f"where it {which}, {violated}")
-        for constraints in ([_roomier(c) for c in kept], kept) if kept else (kept,):
-            self._constraints = constraints
+                raise NoJointMove(task.name, f"where it {which}, {violated}")
+        for room in (_ROOM, 0.0) if kept else (0.0,):
+            self._constraints = [_roomier(c, room) for c in kept]
             if not self.free(np.array([begin, begin, end, end]))[[0, 2]].all():
                 continue  # the ends themselves have no more room
             corners = self._connected(begin, end, effort)
             if corners is not None:
                 return _divided(self._rounded(self._shortened(corners)))
-        self._constraints = kept
         raise NoJointMove(
-            self.path_task.name,
+            task.name,
             f"on the straight motion of the joints, {self._violated(_divided(straight))}, and "
             f"{effort} random configurations do not lead around it",
         )
 
-    # ------------------------------------------------------------------ free or not
-
     def free(self, q: Array) -> Mask:
         """Which straight pieces between consecutive rows of q (N, nv) are proven free, (N − 1,)."""
-        free: Mask = self._within(q[:-1]) & self._within(q[1:])
+        within = self._within(q)
+        free: Mask = within[:-1] & within[1:]
         for constraint in self._constraints:
             of = np.flatnonzero(free)
             free[of] = _kept(constraint, q[of], q[of + 1])
@@ -141,18 +128,16 @@ class JointMoves:
 
     def _violated(self, q: Array) -> str:
         """What the configurations q (N, nv) violate most, in words; empty if nothing."""
-        worst, text = 0.0, ""
+        worst, text = -_INSIDE, ""
         for constraint in self._constraints:
-            margins = constraint.margins(q)
-            row, k = np.unravel_index(int(np.argmin(margins)), margins.shape)
-            least = float(margins[row, k])
-            if least < min(worst, -_INSIDE):
-                worst = least
-                name, amount = constraint.names[k], amount_of(-least, constraint.units[k])
+            margins = constraint.margins(q).min(axis=0)
+            k = int(np.argmin(margins))
+            if margins[k] < worst:
+                worst = float(margins[k])
+                name, amount = constraint.names[k], amount_of(-worst, constraint.units[k])
                 text = f"{name} would be outside {constraint.kind} by {amount}"
         if not text and not self._within(q).all():
-            room = self.ranges.room(q)
-            joint = int(np.argmin(room.min(axis=0)))
+            joint = int(np.argmin(self.ranges.room(q).min(axis=0)))
             text = f"{self.ranges.names[joint]} would be outside its range"
         return text
 
@@ -162,16 +147,17 @@ class JointMoves:
         """Corners of a free motion, (N, nv), by two trees; ``None`` if they do not meet."""
         rng = np.random.default_rng(0)
         trees = [_Tree(begin), _Tree(end)]
-        low, high = self._box(begin, end)
+        high = np.minimum(np.maximum(begin, end) + _AROUND, self.ranges.upper)
+        low = np.maximum(np.minimum(begin, end) - _AROUND, self.ranges.lower)
         for count in range(effort):
             if count % 2:
                 target = self.ranges.random(1, rng)[0]
                 target = np.where(self.ranges.limited, target, 0.5 * (begin + end) + target)
             else:
-                target = rng.uniform(low, high)
-            _, reached = self._grown(trees[0], target, once=True)
+                target = rng.uniform(np.minimum(low, high), high)
+            reached = self._grown(trees[0], target, once=True)
             if reached is not None:
-                _, met = self._grown(trees[1], trees[0].q[reached], once=False)
+                met = self._grown(trees[1], trees[0].q[reached], once=False)
                 if met is not None and (trees[1].q[met] == trees[0].q[reached]).all():
                     ways = [trees[0].way(reached), trees[1].way(met)]
                     if trees[0].q[0] is not begin:
@@ -180,31 +166,24 @@ class JointMoves:
             trees.reverse()
         return None
 
-    def _box(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        low = np.maximum(np.minimum(begin, end) - _AROUND, self.ranges.lower)
-        high = np.minimum(np.maximum(begin, end) + _AROUND, self.ranges.upper)
-        return np.minimum(low, high), high
-
-    def _grown(self, tree: _Tree, target: Array, *, once: bool) -> tuple[int, int | None]:
+    def _grown(self, tree: _Tree, target: Array, *, once: bool) -> int | None:
         """Grow a tree towards a target by one edge, or until it is reached or blocked.
 
-        Returns:
-            The node nearest to the target before, and the last one added; ``None`` without any.
+        Returns the last node added, or that at the target; ``None`` without any.
         """
-        nodes = np.array(tree.q)
-        near = int(np.argmin((np.abs(nodes - target) / self.speeds).max(axis=1)))
-        here, last = near, None
+        here = int(np.argmin((np.abs(np.array(tree.q) - target) / self.speeds).max(axis=1)))
+        last = None
         while True:
             apart = float(self.seconds(np.array([tree.q[here], target]))[0])
             if apart == 0.0:
-                return near, here
+                return here
             step = min(1.0, _STEP / apart)
             q = target if step == 1.0 else tree.q[here] + step * (target - tree.q[here])
             if not self.free(np.array([tree.q[here], q]))[0]:
-                return near, last
+                return last
             here = last = tree.add(q, here)
             if once or step == 1.0:
-                return near, last
+                return last
 
     def _shortened(self, corners: Array) -> Array:
         """The motion with free shortcuts, (N, nv)."""
@@ -212,24 +191,17 @@ class JointMoves:
         for _ in range(_SHORTCUTS):
             if len(corners) < 3:
                 break
-            times = np.concatenate([[0.0], np.cumsum(self.seconds(corners))])
-            first, last = np.sort(rng.uniform(0.0, times[-1], 2))
-            i, j = (int(np.searchsorted(times, t, side="right")) - 1 for t in (first, last))
-            if i == j or j >= len(corners) - 1:
+            times = np.append(0.0, np.cumsum(self.seconds(corners)))
+            ends = np.sort(rng.uniform(0.0, times[-1], 2))
+            at = np.searchsorted(times, ends, side="right") - 1
+            if at[0] == at[1] or at[1] >= len(corners) - 1:
                 continue
-            shares = [
-                (t - times[k]) / (times[k + 1] - times[k]) for k, t in ((i, first), (j, last))
-            ]
-            cut = corners[[i, j]] + np.array(shares)[:, None] * (
-                corners[[i + 1, j + 1]] - corners[[i, j]]
-            )
-            if self.seconds(cut)[0] < last - first and self.free(cut).all():
-                corners = np.concatenate([corners[: i + 1], cut, corners[j + 1 :]])
-        return self._without_needless(corners)
-
-    def _without_needless(self, corners: Array) -> Array:
+            shares = (ends - times[at]) / (times[at + 1] - times[at])
+            cut = corners[at] + shares[:, None] * (corners[at + 1] - corners[at])
+            if self.seconds(cut)[0] < ends[1] - ends[0] and self.free(cut).all():
+                corners = np.concatenate([corners[: at[0] + 1], cut, corners[at[1] + 1 :]])
         k = 1
-        while k < len(corners) - 1:
+        while k < len(corners) - 1:  # without needless corners
             if self.free(corners[[k - 1, k + 1]])[0]:
                 corners = np.delete(corners, k, axis=0)
             else:
@@ -240,21 +212,20 @@ class JointMoves:
         """The motion with parabolas in place of its corners, as wide as they are free, (N, nv)."""
         rows = [corners[:1]]
         for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
-            share = _CORNER
+            share, curve = _CORNER, corner[None]
             while share >= _SMALLEST_CORNER:
                 begin, end = corner + share * (before - corner), corner + share * (after - corner)
                 size = np.abs([before - corner, after - corner]).max() * 2.0 * share
                 u = np.linspace(0.0, 1.0, 2 + int(np.ceil(size / _PIECE)))[:, None]
-                curve = (1.0 - u) ** 2 * begin + 2.0 * u * (1.0 - u) * corner + u**2 * end
-                if self.free(curve).all():
-                    rows.append(curve)
+                tried = (1.0 - u) ** 2 * begin + 2.0 * u * (1.0 - u) * corner + u**2 * end
+                if self.free(tried).all():
+                    curve = tried
                     break
                 share *= 0.5
-            else:
-                rows.append(corner[None])
+            rows.append(curve)
         found = np.concatenate([*rows, corners[-1:]])
-        kept = np.concatenate([[True], np.abs(np.diff(found, axis=0)).max(axis=1) > 1e-9])
-        rounded: Array = found[kept]
+        moves = np.abs(np.diff(found, axis=0)).max(axis=1) > 1e-9
+        rounded: Array = found[np.append(True, moves)]
         return rounded
 
 
@@ -299,12 +270,12 @@ def _kept(constraint: Constraint, begin: Array, end: Array) -> Mask:
     return kept
 
 
-def _roomier(constraint: Constraint) -> Constraint:
-    """A clearance with ``_ROOM`` more; other constraints as they are."""
-    if not isinstance(constraint, Clearance):
+def _roomier(constraint: Constraint, room: float) -> Constraint:
+    """A clearance with so much more distance, m; other constraints as they are."""
+    if not isinstance(constraint, Clearance) or not room:
         return constraint
     found = copy.copy(constraint)
-    found.distance = constraint.distance + _ROOM
+    found.distance = constraint.distance + room
     return found
 
 

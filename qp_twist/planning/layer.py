@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,6 +24,8 @@ class Layer:
         branch: Index of each one's branch, (K,).
         solutions: Number of configurations without limits, whole turns not counted.
         outside: Joints that exclude the waypoint, if no configuration is inside the limits.
+        beyond: By how much the configuration that is nearest to fit is outside them then, rad or m,
+            (nv,).
         bands: Hard bands that exclude it, if configurations are inside the limits but none inside
             the bands.
         nearby: Whether no configuration is exact, and these are within the tolerances of a check.
@@ -33,15 +35,24 @@ class Layer:
     branch: Indices
     solutions: int
     outside: tuple[str, ...] = ()
+    beyond: Array = field(default_factory=lambda: np.zeros(0))
     bands: tuple[str, ...] = ()
     nearby: bool = False
 
+    @classmethod
+    def alone(cls, q: Array) -> Layer:
+        """The layer of one configuration (nv,)."""
+        return cls(q[None], np.full(1, -1), 1)
+
+    def emptied(self, bands: tuple[str, ...]) -> Layer:
+        """Without its configurations, which these bands exclude."""
+        return replace(self, q=self.q[:0], branch=self.branch[:0], bands=bands)
+
 
 def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
-    """The layer of configurations (K, nv), with all their whole turns.
+    """The layer of configurations (K, nv), with all their whole turns inside the limits.
 
-    All combinations of whole turns inside the limits are added; hinges without limits stay within
-    half a turn.
+    Hinges without limits stay within half a turn.
     """
     every = centred(q, ranges)
     q, which = every, np.arange(len(every))
@@ -52,8 +63,14 @@ def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
             q, which = np.concatenate([q - turn, q, q + turn]), np.tile(which, 3)
         keep = (q[:, joint] >= ranges.lower[joint]) & (q[:, joint] <= ranges.upper[joint])
         q, which = q[keep], which[keep]
-    outside = _forbidding(every, ranges) if len(every) and not len(q) else ()
-    return Layer(q, branch[which], len(every), outside)
+    layer = Layer(q, branch[which], len(every))
+    if len(q) or not len(every):
+        return layer
+    beyond = -ranges.room(every)
+    nearest = beyond[np.argmin(beyond.max(axis=1))]
+    always = (beyond > 0.0).all(axis=0)
+    forbidding = np.flatnonzero(always if always.any() else nearest > 0.0)
+    return replace(layer, outside=tuple(ranges.names[j] for j in forbidding), beyond=nearest)
 
 
 def centred(q: Array, ranges: JointRanges) -> Array:
@@ -75,10 +92,7 @@ def boxed(q: Array, period: Array) -> Array:
 def empty_layer(q: Array, ranges: JointRanges, bands: HardConstraints, index: int) -> Layer:
     """The empty layer of a waypoint: no configuration q (K, nv) is inside limits and bands."""
     layer = inside_limits(q, np.zeros(len(q), dtype=np.intp), ranges)
-    forbidden: tuple[str, ...] = ()
-    if len(layer.q):
-        forbidden = forbidding_bands(layer.q, bands, index)[0]
-    return replace(layer, q=layer.q[:0], branch=layer.branch[:0], bands=forbidden)
+    return layer.emptied(forbidding_bands(layer.q, bands, index)[0] if len(layer.q) else ())
 
 
 def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tuple[str, ...], Array]:
@@ -93,12 +107,3 @@ def forbidding_bands(q: Array, bands: HardConstraints, index: int) -> tuple[tupl
     margins = bands.margins(q, np.full(len(q), index))
     nearest: Array = margins[np.argmax(margins.min(axis=1))]
     return tuple(bands.names[k] for k in np.flatnonzero(nearest < -WITHIN)), nearest
-
-
-def _forbidding(q: Array, ranges: JointRanges) -> tuple[str, ...]:
-    """The joints outside in every configuration, or else in the one with the least violation."""
-    beyond = -ranges.room(q)
-    always = np.flatnonzero((beyond > 0.0).all(axis=0))
-    if not len(always):
-        always = np.flatnonzero(beyond[np.argmin(beyond.max(axis=1))] > 0.0)
-    return tuple(ranges.names[dof] for dof in always)

@@ -82,26 +82,23 @@ class Grid:
 
 
 class Roadmap:
-    """The layers of a path, computed on request.
+    """The layers of a path on a ``grid``, made on request.
 
-    Attributes:
-        path_task: The path.
-        rows: Its task rows.
-        ranges: The joint ranges.
-        grid: Sampling of the free coordinates.
-        arm: The closed-form inverse kinematics, if the robot has one.
+    ``arm`` is the closed-form inverse kinematics, if the robot has one.
     """
 
     def __init__(self, path_task: PathTask, rows: PathRows, grid: Grid) -> None:
-        self.path_task = path_task
-        self.rows = rows
+        self.path_task, self.rows, self.grid = path_task, rows, grid
         self.ranges = JointRanges.of(path_task.model)
-        self.grid = grid
         self.arm = closed_form_arm(path_task)
         self._net = ManifoldNet(path_task, rows, grid.joints)
         self._rolls = (
             None if self.arm is None else RollGrid(path_task, self.arm, grid.roll, grid.joints)
         )
+
+    def rolls(self, index: int) -> RollGrid | None:
+        """The grid of rolls that is the layer of a waypoint, if it is one."""
+        return self._rolls if RollGrid.applies(self.path_task, index) else None
 
     def covers(self, index: int) -> bool:
         """Whether the layer of a waypoint is complete, to the grid's spacing.
@@ -109,32 +106,26 @@ class Roadmap:
         Hard bands may cut a self-motion manifold into pieces without a seed; for rolls the ends of
         the bands are found.
         """
-        if self.has_closed_form(index):
-            assert self._rolls is not None
-            return self._rolls.settled(index)
+        rolls = self.rolls(index)
+        if rolls is not None:
+            return rolls.settled(index)
         return self.samples_all(index) and not self.rows.hard.cuts
 
     def samples_all(self, index: int) -> bool:
-        """The same layers without hard bands."""
-        return self.has_closed_form(index) or int(self.rows.freedom[index]) <= COVERED
+        """The same for layers without hard bands."""
+        return self.rolls(index) is not None or int(self.rows.freedom[index]) <= COVERED
 
     def layers(
-        self, waypoints: Sequence[int], progress: Callable[[int], None] | None = None
+        self, waypoints: Sequence[int], progress: Callable[[int], None] = lambda done: None
     ) -> list[Layer]:
-        """The layers of some waypoints, in the order of the path."""
+        """The layers of some waypoints, in the order of the path: a net has seeds of the last."""
         found: list[Layer] = []
         for done, index in enumerate(waypoints, start=1):
-            found.append(self.layer(index, found[-1] if found else None))
-            if progress is not None:
-                progress(done)
+            rolls, before = self.rolls(index), found[-1] if found else None
+            layer = self._net.layer(index, before) if rolls is None else rolls.layer(index)
+            found.append(layer)
+            progress(done)
         return found
-
-    def layer(self, index: int, before: Layer | None = None) -> Layer:
-        """The layer of a waypoint; a net has seeds of another layer, too."""
-        if self.has_closed_form(index):
-            assert self._rolls is not None
-            return self._rolls.layer(index)
-        return self._net.layer(index, before)
 
     def seeded(self, index: int, seeds: Layer | None = None) -> Layer:
         """What a net at a waypoint would grow from: empty if no configuration is found there."""
@@ -161,20 +152,10 @@ class Roadmap:
     def _random(self) -> Array:
         return self.ranges.random(_NEAREST, np.random.default_rng(0))
 
-    def has_closed_form(self, index: int) -> bool:
-        """Whether the layer of a waypoint is a grid of rolls."""
-        return self._rolls is not None and RollGrid.applies(self.path_task, index)
-
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Layers at some waypoints of a path.
-
-    Attributes:
-        roadmap: What they are made by.
-        waypoints: The waypoints, from 0.
-        layers: Their layers.
-    """
+    """Layers at some waypoints of a path, from 0, and the roadmap that made them."""
 
     roadmap: Roadmap
     waypoints: list[int]
@@ -209,9 +190,7 @@ class Level:
 class Levels:
     """The levels of a problem without clearance, and what is known of their clearance.
 
-    Attributes:
-        problem: The problem, without clearance.
-        found: Layers of waypoints whose layers on coarser grids are empty.
+    ``found`` has layers of waypoints whose layers on coarser grids are empty.
     """
 
     def __init__(self, problem: Problem, progress: Progress) -> None:
@@ -223,10 +202,9 @@ class Levels:
         self._clear: dict[Layer, np.ndarray] = {}
 
     def selected(self, stage: SearchStage, steps: Array) -> list[int]:
-        """Waypoints of a stage.
+        """Waypoints of a stage: at its stride, the last, and where the projector changes.
 
-        Those at the stage's stride, the last, and those at which the projector changes. ``steps``
-        are the largest ones of the joints, (N − 1, nv).
+        ``steps`` are the largest ones of the joints, (N − 1, nv).
         """
         count, in_force = len(self.problem.path_task.waypoints), self.problem.path_task.in_force
         changes = {
@@ -236,20 +214,20 @@ class Levels:
 
     def at(self, stage: SearchStage, steps: Array, waypoints: list[int]) -> Level:
         """The level of a stage at some waypoints."""
-        grid = self.grid(stage, steps)
+        grid, start = self.grid(stage, steps), self.problem.start
         roadmap = Roadmap(self.problem.path_task, self.problem.rows, grid)
         key = (grid.roll, grid.joints.tobytes(), tuple(waypoints))
         if key not in self._made:
             layers = roadmap.layers(
                 waypoints, lambda done: self._progress(f"{grid}: layers", done / len(waypoints))
             )
-            if self.problem.start is not None and not all(map(roadmap.samples_all, waypoints)):
+            if start is not None and not all(map(roadmap.samples_all, waypoints)):
                 layers = [self._followed(k, of) for k, of in zip(waypoints, layers, strict=True)]
             self._made[key] = layers
         made = zip(waypoints, self._made[key], strict=True)
         layers = [self.found.get(index, layer) for index, layer in made]
-        if self.problem.start is not None and waypoints[0] == 0:
-            layers[0] = Layer(self.problem.start[None], np.full(1, -1), 1)
+        if start is not None and waypoints[0] == 0:
+            layers[0] = Layer.alone(start)
         return Level(roadmap, waypoints, layers)
 
     def grid(self, stage: SearchStage, steps: Array) -> Grid:
@@ -304,8 +282,7 @@ class Levels:
         path = np.full((len(self.problem.path_task.waypoints), len(start)), np.nan)
         path[0] = start
         for index in range(1, len(path)):
-            at = np.array([index])
-            q, inside = self.problem.rows.correct_inside(path[index - 1 : index], at)
+            q, inside = self.problem.rows.correct_inside(path[[index - 1]], np.array([index]))
             if not inside[0]:
                 break
             path[index] = q[0]

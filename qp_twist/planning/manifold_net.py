@@ -46,17 +46,14 @@ class ManifoldNet:
     more than two free degrees the net would be too large: its seeds are the layer, the most central
     of them if they are many.
 
-    Attributes:
-        spacing: Distance between neighbours that differ in one joint only, rad or m, (nv,): in
-            joints divided by it neighbours are one apart.
+    ``spacing`` (nv,) is the distance between neighbours that differ in one joint only, rad or m: in
+    joints divided by it neighbours are one apart.
     """
 
     def __init__(
         self, path_task: PathTask, rows: PathRows, spacing: float | Array, *, seeds: int = SEEDS
     ) -> None:
-        self.path_task = path_task
-        self.rows = rows
-        self._count = seeds
+        self.rows, self._count = rows, seeds
         self.spacing: Array = np.broadcast_to(spacing, path_task.model.nv).astype(np.float64)
         self.ranges = JointRanges.of(path_task.model)
         self.seeds = Seeds(path_task, rows, self.spacing, np.random.default_rng(0))
@@ -68,6 +65,8 @@ class ManifoldNet:
         """
         freedom = int(self.rows.freedom[index])
         seeds, covered = self._begun(index, freedom, before), self.seeds.cover(index)
+        lower, upper = self.ranges.lower, self.ranges.upper
+        inset = np.minimum(_INSET * (upper - lower), 0.01)
         for _ in range(1 + _AGAIN):
             q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
             q = centred(q[arrived], self.ranges)
@@ -76,7 +75,8 @@ class ManifoldNet:
                 break
             # The next seeds are those at the nearest place inside the limits, and others.
             covered = False
-            seeds = np.vstack([self._clipped(q)[:_CLIPPED], self.seeds.random(self._count)])
+            clipped = np.clip(q, lower + inset, upper - inset)[:_CLIPPED]
+            seeds = np.vstack([clipped, self.seeds.random(self._count)])
         else:
             return empty_layer(q, self.ranges, self.rows.hard, index)
         nodes = self._thinned(centred(nodes, self.ranges))
@@ -94,27 +94,16 @@ class ManifoldNet:
         inside = self.ranges.inside(solved)
         if inside.any():
             solved = solved[inside]
+        # What a narrow passage, or speed limits, leave of one layer goes on in the next.
+        begun = [] if before is None else [centred(before.q, self.ranges)]
         if self.seeds.cover(index):
-            # What a narrow passage, or speed limits, leave of one layer goes on in the next.
-            if before is None or freedom > 1:
-                return solved
-            return np.vstack([centred(before.q, self.ranges), solved])
+            return solved if freedom > 1 else np.vstack([*begun, solved])
         if self.rows.hard:  # many corrections into narrow bands would take long
             within = self.rows.hard.inside(solved, np.full(len(solved), index))
             solved = np.vstack([solved[within], solved[~within][:: 1 + len(solved) // self._count]])
         few = freedom <= COVERED or self.rows.hard
         count = self._count if few else _SCATTERED if not self.seeds.arms else 0
-        begun = [solved, self.seeds.random(count)]
-        if before is not None:
-            begun.insert(0, centred(before.q, self.ranges))
-        return np.concatenate(begun)
-
-    def _clipped(self, q: Array) -> Array:
-        """Configurations (K, nv) moved into the limits, joint by joint."""
-        lower, upper = self.ranges.lower, self.ranges.upper
-        inset = np.minimum(_INSET * (upper - lower), 0.01)
-        moved: Array = np.clip(q, lower + inset, upper - inset)
-        return moved
+        return np.concatenate([*begun, solved, self.seeds.random(count)])
 
     def _grown(self, nodes: Array, index: int, freedom: int) -> Array:
         directions = _directions(freedom)

@@ -59,7 +59,16 @@ class Objective:
             InvalidInput: If it is neither; if there is no such joint, its weight is negative, or
                 the margin is to be weighted.
         """
-        joints = _weights(ranges, joint_weights)
+        joints = np.ones(len(ranges.names))
+        for name, weight in (joint_weights or {}).items():
+            if name not in ranges.names:
+                raise InvalidInput(
+                    f"joint_weights: no joint is called {name!r}"
+                    f"{did_you_mean(name, ranges.names)} The joints are "
+                    f"{', '.join(ranges.names)}."
+                )
+            dof = ranges.names.index(name)
+            joints[dof] = number(f"joint_weights[{name!r}]", weight, at_least=0.0)
         if joint_weights:
             if objective == "margin":
                 raise InvalidInput(
@@ -68,25 +77,17 @@ class Objective:
                 )
             own = {field.name: getattr(ranges, field.name) for field in fields(JointRanges)}
             ranges = _WeightedRanges(**own, joints=joints)
-        if isinstance(objective, str) and objective in OBJECTIVES:
-            return cls(
-                ranges,
-                joints,
-                centering=float(objective == "centering"),
-                travel=float(objective == "travel"),
-                margin=objective == "margin",
-            )
-        if isinstance(objective, Mapping) and objective and set(objective) <= set(OBJECTIVES[:2]):
-            weights = {
+        if objective == "margin":
+            return cls(ranges, joints, margin=True)
+        weights = {objective: 1.0} if isinstance(objective, str) else objective
+        if isinstance(weights, Mapping) and set(weights) <= {"centering", "travel"}:
+            checked = {
                 name: number(f"objective[{name!r}]", weight, at_least=0.0)
-                for name, weight in objective.items()
+                for name, weight in weights.items()
             }
-            if any(weights.values()):
+            if any(checked.values()):
                 return cls(
-                    ranges,
-                    joints,
-                    centering=weights.get("centering", 0.0),
-                    travel=weights.get("travel", 0.0),
+                    ranges, joints, checked.get("centering", 0.0), checked.get("travel", 0.0)
                 )
         raise InvalidInput(
             f"objective: expected one of {', '.join(OBJECTIVES)}, or positive weights such as "
@@ -97,10 +98,8 @@ class Objective:
         """Value of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
         if self.margin:
             return float(self.margins(q).min())
-        step = (self.joints * np.abs(np.diff(q, axis=0))).sum()
-        return self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(
-            np.degrees(step)
-        )
+        way = np.degrees((self.joints * np.abs(np.diff(q, axis=0))).sum())
+        return self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(way)
 
     @property
     def penalty(self) -> float:
@@ -114,8 +113,7 @@ class Objective:
 
     def margins(self, q: Array) -> Array:
         """Distance of each configuration (…, nv) from the nearest limit, degrees, (…,)."""
-        room = self.ranges.room(q)
-        margins: Array = np.degrees(room.min(axis=-1, initial=np.inf))
+        margins: Array = np.degrees(self.ranges.room(q).min(axis=-1, initial=np.inf))
         return margins
 
 
@@ -129,16 +127,3 @@ class _WeightedRanges(JointRanges):
     def weight(self) -> Array:
         """Diagonal of √w W, 1/rad or 1/m, (nv,)."""
         return read_only(np.sqrt(self.joints) * super().weight)
-
-
-def _weights(ranges: JointRanges, given: Mapping[str, float] | None) -> Array:
-    """The weight of each joint, 1 unless given, (nv,)."""
-    weights = np.ones(len(ranges.names))
-    for name, weight in (given or {}).items():
-        if name not in ranges.names:
-            raise InvalidInput(
-                f"joint_weights: no joint is called {name!r}{did_you_mean(name, ranges.names)} "
-                f"The joints are {', '.join(ranges.names)}."
-            )
-        weights[ranges.names.index(name)] = number(f"joint_weights[{name!r}]", weight, at_least=0.0)
-    return read_only(weights)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
@@ -20,10 +21,6 @@ from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import HardConstraints
 from qp_twist.referee import Tolerances
 
-Newton = tuple[int, float, float, float, float, float, float]
-"""The settings of :func:`~qp_twist.kernel.path_kernel.correct`."""
-Descent = tuple[int, float, float]
-"""Largest number of rounds, largest step, smallest gain."""
 ON_TASK = 1e-9
 """Task error at which a correction onto a waypoint ends, m and rad."""
 REACHED = Tolerances()
@@ -36,12 +33,14 @@ _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
 _TORN = 1e-6
 """Error of couplings up to which they count as kept in the nearest configuration, rad or m."""
-_INSET = 1e-6
-"""Distance inside a band to which configurations are corrected, rad or m."""
-_RETURNS = 12
-"""Largest number of steps into the bands."""
+_INSET, _RETURNS = 1e-6, 12
+"""Distance inside a band to which configurations are corrected, rad or m, and steps at most."""
 _ROUNDING = 1e-12
 """Damping as a share of the trace of AAᵀ: singular values below its root are not inverted."""
+_ROUNDS, _LONGEST_DESCENT, _RESTARTS = 20, 0.2, 20
+"""Steps of a descent of z, the largest of them, rad or m, and how often it may be restarted."""
+SETTLED = 1e-9
+"""A descent ends when a step would reduce z by less, to first order."""
 
 
 class Missed(NamedTuple):
@@ -64,9 +63,8 @@ class Missed(NamedTuple):
 class PathRows:
     """Residuals, Newton corrections and null spaces along a path.
 
-    Joint couplings of the model are equality rows, like those of the task, and remove as many
-    degrees of freedom; as narrow bands no random search would hit them. Dependent couplings are
-    left out.
+    Joint couplings of the model are equality rows, like those of the task: as narrow bands no
+    random search would hit them. Dependent couplings are left out.
 
     Attributes:
         chain: The serial chain up to the controlled frame.
@@ -97,35 +95,49 @@ class PathRows:
     def _kernel(self) -> tuple[Arm, Rows, Couplings]:
         """The rows as the kernel reads them."""
         rows = rows_of(self._projectors, self._which, self._rotations, self._positions)
-        return arm_of(self.chain), rows, _coupled_rows(self.couplings, self._coupled)
+        couplings, which = self.couplings, self._coupled
+        dofs = np.column_stack([couplings.first[which], couplings.second[which]]).astype(np.int64)
+        coupled = Couplings(dofs, couplings.start[which], couplings.coefficients[which])
+        return arm_of(self.chain), rows, coupled
 
     def correct(
-        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
+        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS, near: float = _NEAR
     ) -> tuple[Array, Mask]:
-        """Newton steps of least norm onto the waypoints.
+        """Newton steps of least norm from q (K, nv) onto the waypoints at indices (K,).
 
-        Where they do not converge, but come near, the task error is minimised: an arm of four or
-        five joints whose model has rounded angles misses the task by as little as these, or reaches
-        it exactly only far away in a joint that hardly changes the error.
-
-        Args:
-            q: Configurations, (K, nv).
-            at: Index of each one's waypoint, (K,).
-            iterations: Largest number of steps.
+        Where they do not converge, but come ``near`` (m and rad), the task error is minimised: an
+        arm of four or five joints whose model has rounded angles misses the task by as little as
+        these, or reaches it exactly only far away in a joint that hardly changes the error.
 
         Returns:
             The corrected configurations, (K, nv), and whether each one's task error is below
             :data:`ON_TASK`, or else within :data:`REACHED`.
         """
         q = np.array(q, order="C")
-        return q, path_kernel.correct(*self._kernel, q, at, newton(iterations))
+        return q, path_kernel.correct(*self._kernel, q, at, _newton(iterations, near))
 
-    def descend(self, q: Array, at: Indices, ranges: JointRanges, descent: Descent) -> Array:
-        """Gauss-Newton steps of z from q (K, nv) along the null space; NaN where they fail."""
-        q = np.array(q, order="C")
-        path_kernel.centred_nearby(
-            *self._kernel, q, at, ranges.weight, ranges.middle, newton(), descent
-        )
+    def descend(
+        self, q: Array, at: Indices, ranges: JointRanges, settled: float = SETTLED
+    ) -> Array:
+        """Local minima of z near q (K, nv), by Gauss-Newton steps along the null space, (K, nv).
+
+        Restarted until they have converged. Joint limits are not enforced; NaN where a
+        configuration has not reached its waypoint.
+        """
+        q, moving = np.array(q, order="C"), np.arange(len(q))
+        before = np.full(len(q), np.inf)
+        for _ in range(_RESTARTS):
+            there = q[moving]
+            path_kernel.centred_nearby(
+                *self._kernel, there, at[moving], ranges.weight, ranges.middle, _newton(),
+                (_ROUNDS, _LONGEST_DESCENT, settled),
+            )  # fmt: skip
+            q[moving] = there
+            z = ranges.centring(there)
+            gained = z < before - settled  # false for NaN
+            moving, before = moving[gained], z[gained]
+            if not len(moving):
+                break
         return q
 
     def correct_inside(
@@ -158,44 +170,22 @@ class PathRows:
 
     def projected(self, rotations: Array, positions: Array, index: int) -> tuple[Array, Array]:
         """Poses (K, 3, 3), (K, 3) moved onto a waypoint by their task error, in what T leaves."""
-        _, errors = resolved_twist_error(
-            rotations,
-            positions,
-            np.broadcast_to(self._rotations[index], rotations.shape),
-            np.broadcast_to(self._positions[index], positions.shape),
-            self._projectors[self._which[index]],
-        )
+        targets = (self._rotations[index], self._positions[index])
+        R_d, p_d = map(np.broadcast_to, targets, (rotations.shape, positions.shape))
+        projector = self._projectors[self._which[index]]
+        errors = resolved_twist_error(rotations, positions, R_d, p_d, projector)[1]
         turned: Array = Rotation.from_rotvec(errors[:, 3:]).as_matrix() @ rotations
         return turned, positions + errors[:, :3]
-
-    def shortest(self, q: Array, at: Indices) -> Array:
-        """The least-norm step that satisfies the rows at the waypoints, rad or m, (K, nv)."""
-        steps = np.zeros(q.shape)
-        for which, rows, errors in self._groups(q, at):
-            steps[which] = _shortest(rows, errors)
-        return steps
-
-    def errors(self, q: Array, at: Indices) -> Array:
-        """Norms of the task errors, m and rad, (K,)."""
-        norms = np.zeros(len(q))
-        for which, _, errors in self._groups(q, at):
-            norms[which] = np.linalg.norm(errors, axis=1)
-        return norms
 
     def nearest(self, index: int, q: Array) -> Missed:
         """The configuration nearest to a waypoint that is found from some (K, nv).
 
         Nearest is the one whose larger error is the least, relative to :data:`REACHED`.
         """
-        q, at = np.array(q, order="C"), np.full(len(q), index)
-        path_kernel.correct(*self._kernel, q, at, newton(near=np.inf))
+        at = np.full(len(q), index)
+        q, _ = self.correct(q, at, near=np.inf)
         [(_, _, errors)] = self._groups(q, at)
-        projector = self._projectors[self._which[index]]
-        split, end = projector.linear.rank, projector.rank
-        linear, angular, torn = (
-            np.linalg.norm(part, axis=1)
-            for part in (errors[:, :split], errors[:, split:end], errors[:, end:])
-        )
+        linear, angular, torn = self._norms(errors, index)
         shares = np.array([linear / REACHED.position, angular / REACHED.axis, torn / _TORN])
         best = int(np.argmin(shares.max(axis=0)))
         return Missed(q[best], float(linear[best]), float(angular[best]), shares[:, best])
@@ -221,26 +211,27 @@ class PathRows:
                 smallest[which] = np.linalg.svd(rows, compute_uv=False)[:, -1]
         return smallest
 
-    def multipliers(self, q: Array, at: Indices, gradient: Array) -> tuple[Array, Array, Array]:
+    def multipliers(self, q: Array, at: Indices, gradient: Array) -> Array:
         """Sensitivity of a function with a gradient (K, nv) to the task error, at its minimum.
 
         Lengths of the linear and the angular multipliers and of those of couplings,
-        (AAᵀ)⁻¹A · gradient with the rows A, in units of the function per m and rad, (K,) each.
+        (AAᵀ)⁻¹A · gradient with the rows A, in units of the function per m and rad, (3, K).
         """
-        linear, angular, coupled = np.zeros((3, len(q)))
+        lengths = np.zeros((3, len(q)))
         for which, rows, _ in self._groups(q, at):
             inverse = np.linalg.pinv(rows.transpose(0, 2, 1), rcond=1e-9)
-            found = (inverse @ gradient[which][:, :, None])[:, :, 0]
-            projector = self._projectors[self._which[at[which[0]]]]
-            split, end = projector.linear.rank, projector.rank
-            linear[which] = np.linalg.norm(found[:, :split], axis=1)
-            angular[which] = np.linalg.norm(found[:, split:end], axis=1)
-            coupled[which] = np.linalg.norm(found[:, end:], axis=1)
-        return linear, angular, coupled
+            multipliers = (inverse @ gradient[which][:, :, None])[:, :, 0]
+            lengths[:, which] = self._norms(multipliers, int(at[which[0]]))
+        return lengths
 
-    def _groups(self, q: Array, at: Indices) -> list[tuple[Indices, Array, Array]]:
+    def _norms(self, rows: Array, index: int) -> Array:
+        """Norms of the linear, angular and coupling part of rows (K, r) of a waypoint, (3, K)."""
+        projector = self._projectors[self._which[index]]
+        parts = np.split(rows, [projector.linear.rank, projector.rank], axis=1)
+        return np.array([np.linalg.norm(part, axis=1) for part in parts])
+
+    def _groups(self, q: Array, at: Indices) -> Iterator[tuple[Indices, Array, Array]]:
         """For each projector: its waypoints, and A and b of UᵀJ, UᵀΔt and the couplings."""
-        found = []
         slopes = self.couplings.slopes(q)[:, self._coupled]
         torn = -self.couplings.residuals(q)[:, self._coupled]
         for number, projector in enumerate(self._projectors):
@@ -248,32 +239,15 @@ class PathRows:
             if not len(which):
                 continue
             rotations, positions, jacobians = self.chain.poses_and_jacobians(q[which])
-            world, errors = resolved_twist_error(
-                rotations,
-                positions,
-                self._rotations[at[which]],
-                self._positions[at[which]],
-                projector,
-            )
+            targets = self._rotations[at[which]], self._positions[at[which]]
+            world, errors = resolved_twist_error(rotations, positions, *targets, projector)
             transposed = world.basis.swapaxes(-1, -2)
-            found.append(
-                (
-                    which,
-                    np.concatenate([transposed @ jacobians, slopes[which]], axis=1),
-                    np.hstack([(transposed @ errors[:, :, None])[:, :, 0], torn[which]]),
-                )
-            )
-        return found
+            rows = np.concatenate([transposed @ jacobians, slopes[which]], axis=1)
+            yield which, rows, np.hstack([(transposed @ errors[:, :, None])[:, :, 0], torn[which]])
 
 
-def _coupled_rows(couplings: JointCouplings, which: Indices) -> Couplings:
-    """The independent couplings, as the kernel reads them."""
-    dofs = np.column_stack([couplings.first[which], couplings.second[which]]).astype(np.int64)
-    return Couplings(dofs, couplings.start[which], couplings.coefficients[which])
-
-
-def newton(iterations: int = _ITERATIONS, near: float = _NEAR) -> Newton:
-    """Settings of Newton's method in the kernel."""
+def _newton(iterations: int = _ITERATIONS, near: float = _NEAR) -> tuple[int, *tuple[float, ...]]:
+    """Settings of :func:`~qp_twist.kernel.path_kernel.correct`."""
     return iterations, ON_TASK, _LONGEST, _ROUNDING, near, REACHED.position, REACHED.axis
 
 

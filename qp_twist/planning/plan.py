@@ -44,16 +44,15 @@ class Plan:
 
     Attributes:
         path_task: The task.
-        q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits and the
+        q: The motion, (N, nq), every configuration on its waypoint, inside the joint limits, the
             hard tolerance bands and constraints, and no step longer than allowed; ``None`` if there
-            is none. Between two waypoints, with linearly interpolated joints, violations are proven
-            to be at most 0.05° or 0.1 mm, the tolerance of a check
-            (``planning.hard_constraints.BETWEEN``).
+            is none. Between waypoints violations are proven to be at most 0.05° or 0.1 mm, the
+            tolerance of a check.
         value: Value of the objective: mean z (centering), degrees (travel, margin), or the weighted
             sum; NaN if there is no motion.
-        bound: Bound of the value over all motions, each waypoint taken for itself (for what is
-            proved see ``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration,
-            and for centering and margin if one leaves more than three degrees free.
+        bound: Bound of the value over all motions, each waypoint taken for itself
+            (``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration, and for
+            centering and margin if one leaves more than three degrees free.
         certificate: Why there is a motion or none, as a sentence and as data.
         objective: The objective, as passed.
         joint_weights: Weights of joints in the objective, as passed.
@@ -61,6 +60,8 @@ class Plan:
             all constraints.
         s: Parameter of the path at each row (``PathTask.at``), (N,), where there are further
             rows inside joint moves; ``None``: a row for each waypoint.
+
+    What needs the motion raises :class:`~qp_twist.InvalidInput` with the reason if there is none.
     """
 
     path_task: PathTask
@@ -80,60 +81,37 @@ class Plan:
 
     @property
     def start(self) -> Array:
-        """The first configuration, (nq,).
-
-        Raises:
-            InvalidInput: If there is no motion; the message says why.
-        """
+        """The first configuration, (nq,)."""
         start: Array = self.motion()[0]
         return start
 
     def motion(self) -> Array:
-        """The motion, (N, nq).
-
-        Raises:
-            InvalidInput: If there is none; the message says why.
-        """
+        """The motion, (N, nq), which there has to be."""
         if self.q is None:
             raise InvalidInput(f"{self.path_task.name}: no plan: {self.certificate}")
         return self.q
 
     @property
     def at_waypoints(self) -> Array:
-        """The configurations at the waypoints, (N, nq).
-
-        Raises:
-            InvalidInput: If there is no motion; the message says why.
-        """
+        """The configurations at the waypoints, (N, nq)."""
         q = self.motion()
         return q if self.s is None else q[self.s == np.floor(self.s)]
 
     @cached_property
     def between(self) -> PathErrors:
-        """Proven deviation between the waypoints, with linearly interpolated joints.
-
-        Largest values found, and bounds for every instant: of position and axis error, m and rad,
-        and of violations of hard tolerance bands and constraints.
-
-        Raises:
-            InvalidInput: If there is no motion; the message says why.
-        """
+        """Proven deviation between the waypoints, with linearly interpolated joints."""
         return straight_errors(self.path_task, self.motion(), self.s)
 
     @property
     def promise(self) -> str:
-        """What was proven about the motion, at and between the waypoints, in a sentence.
-
-        Raises:
-            InvalidInput: If there is no motion; the message says why.
-        """
+        """What was proven about the motion, at and between the waypoints, in a sentence."""
         found = self.between
-        if not len(found.position_between):
+        if not len(found.position.between):
             return "on the path at its one waypoint"
         text = (
             "on the path at the waypoints; between them, the joints moving straight, within "
-            f"{1e3 * found.position_bound.max():.3g} mm and "
-            f"{np.degrees(found.axis_bound.max()):.3g}° of it"
+            f"{1e3 * found.position.bound.max():.3g} mm and "
+            f"{np.degrees(found.axis.bound.max()):.3g}° of it"
         )
         kinds = {
             "hard bands": self.path_task.bands,
@@ -141,9 +119,9 @@ class Plan:
         }
         what = " and ".join(name for name, given in kinds.items() if given)
         for unit, scale, name in (("m", 1e3, " mm"), ("rad", 180.0 / np.pi, "°")):
-            columns = [b for b, of in enumerate(found.band_units) if of == unit]
-            if columns:
-                excess = scale * found.bands_bound[:, columns].max()
+            bounds = [of.bound.max() for of in found.bands if of.unit == unit]
+            if bounds:
+                excess = scale * max(bounds)
                 text += f", outside {what} by at most {excess:.3g}{name}"
         return text
 
@@ -153,11 +131,7 @@ class Plan:
         Timed by the task's feed, if it has one. Where it does not pass between waypoints, the
         trajectory needs further rows: follow the plan and use :func:`~qp_twist.refine_trajectory`.
 
-        Args:
-            tolerances: Largest task errors that pass; 0.1 mm and 0.05° if ``None``.
-
-        Raises:
-            InvalidInput: If there is no motion; the message says why.
+        ``tolerances`` are the largest task errors that pass; 0.1 mm and 0.05° if ``None``.
         """
         task, q = self.path_task, self.motion()
         s = np.arange(len(q), dtype=np.float64) if self.s is None else self.s
@@ -240,14 +214,12 @@ def make_plan(
             f"plan: {path_task.name}'s joints have no ranges, so that objective {objective!r} says "
             "nothing; use objective='travel'."
         )
-    first = None if start is None else finite_array("start", start, (path_task.model.nq,))
-    limits = motion_limits(path_task, ranges, max_step_deg, fixed_start=first is not None)
-    if first is not None:
-        outside = (first < ranges.lower - 1e-9) | (first > ranges.upper + 1e-9)
-        if outside.any():
-            name = ranges.names[int(np.argmax(outside))]
-            raise InvalidInput(f"plan: the start is outside the limits of {name}.")
-        _check_inside_bands(limits, first)
+    rows = PathRows(path_task)
+    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard)
+    first = None
+    if start is not None:
+        first = finite_array("start", start, (path_task.model.nq,))
+        _check_start(ranges, rows, first)
 
     def slower(factor: float) -> PathConstraints:
         task = replace(
@@ -255,12 +227,13 @@ def make_plan(
             velocity_limits=factor * path_task.velocity_limits,
             acceleration_limits=factor**2 * path_task.acceleration_limits,
         )
-        return motion_limits(task, ranges, max_step_deg, fixed_start=first is not None)
+        return motion_limits(task, ranges, max_step_deg, rows.hard)
 
-    problem = Problem(path_task, PathRows(path_task), limits, goal, first)
-    timed = path_task.durations is not None
     found = PlanSearch(
-        problem, runs, progress or (lambda what, share: None), slower if timed else None
+        Problem(path_task, rows, limits, goal, first),
+        runs,
+        progress or (lambda what, share: None),
+        None if path_task.durations is None else slower,
     ).run()
     path = found.path
     return Plan(
@@ -275,15 +248,16 @@ def make_plan(
     )
 
 
-def _check_inside_bands(limits: PathConstraints, start: Array) -> None:
-    """Refuse a given start (nv,) outside a hard band."""
-    assert limits.hard is not None
-    margins = limits.hard.margins(start[None], np.zeros(1, dtype=np.intp))[0]
-    outside = np.flatnonzero(margins < -WITHIN)
-    if len(outside):
-        k = int(outside[0])
+def _check_start(ranges: JointRanges, rows: PathRows, start: Array) -> None:
+    """Refuse a given start (nv,) outside the joint limits or a hard band."""
+    outside = ranges.room(start) < -1e-9
+    if outside.any():
+        name = ranges.names[int(np.argmax(outside))]
+        raise InvalidInput(f"plan: the start is outside the limits of {name}.")
+    margins = rows.hard.margins(start[None], np.zeros(1, dtype=np.intp))[0]
+    for k in np.flatnonzero(margins < -WITHIN):
         raise InvalidInput(
-            f"plan: the start on the first waypoint is outside {limits.hard.names[k]} by "
-            f"{amount_of(-margins[k], limits.hard.units[k])}; give one inside, or none "
+            f"plan: the start on the first waypoint is outside {rows.hard.names[k]} by "
+            f"{amount_of(-margins[k], rows.hard.units[k])}; give one inside, or none "
             "(start=None) to have it found."
         )

@@ -45,16 +45,18 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
     this axis only. It is bounded for all rolls by subdivision, and may change by the task errors
     that a check lets pass.
     """
-    carrier = _carriers(path_task)[clearance.pairs]
+    model = path_task.model
+    welded = model.body_weldid[model.geom_bodyid[clearance.pairs]]
+    still = welded == 0
+    moves = ~still & (welded == welded_to(model, path_task.frame_name, path_task.frame_type))
     # A plane has no radius about the axis; MuJoCo's planes stand still, too.
-    planes = path_task.model.geom_type[clearance.pairs] == mujoco.mjtGeom.mjGEOM_PLANE
-    moving_plane = (planes & (carrier == 1)).any(axis=1)
-    between = (carrier.min(axis=1) == 0) & (carrier.max(axis=1) == 1)
-    chosen = np.flatnonzero(between & ~moving_plane)
+    planes = model.geom_type[clearance.pairs] == mujoco.mjtGeom.mjGEOM_PLANE
+    chosen = np.flatnonzero((moves & ~planes).any(axis=1) & still.any(axis=1))
     at = [k for k in range(len(path_task.waypoints)) if RollGrid.applies(path_task, k)]
     if not len(chosen) or not at:
         return None
-    tool = _Tool(path_task, clearance, clearance.pairs[chosen], carrier[chosen])
+    moving = clearance.pairs[chosen][moves[chosen]]
+    tool = _Tool(path_task, clearance.pairs[chosen], moving, clearance.distance)
     half = np.pi / _ROLLS
     rolls = np.linspace(half - np.pi, np.pi - half, _ROLLS)
     open_ = [k for k in at if not any((tool.margins(k, roll) >= 0.0).all() for roll in rolls)]
@@ -71,18 +73,14 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
 class _Tool:
     """The moving geoms of some pairs, at any waypoint and roll.
 
-    Attributes:
-        slack: Change of each distance by the task errors that a check lets pass, m, (P,).
+    ``slack`` is the change of each distance by the task errors that a check lets pass, m, (P,).
     """
 
-    def __init__(
-        self, path_task: PathTask, clearance: Clearance, pairs: Indices, carrier: Indices
-    ) -> None:
-        self._task, self._pairs, self._asked = path_task, pairs, clearance.distance
+    def __init__(self, path_task: PathTask, pairs: Indices, moving: Indices, asked: float) -> None:
+        self._task, self._pairs, self._asked = path_task, pairs, asked
         configuration = mink.Configuration(path_task.model)
         R, p = frame_pose(configuration, path_task.frame_name, path_task.frame_type)
         self._data = data = configuration.data
-        moving = np.where(carrier[:, 0] == 1, pairs[:, 0], pairs[:, 1])
         #: Pose of each moving geom in the frame.
         self._poses = {
             geom: (R.T @ data.geom_xmat[geom].reshape(3, 3), R.T @ (data.geom_xpos[geom] - p))
@@ -99,13 +97,11 @@ class _Tool:
 
     def margins(self, index: int, roll: float) -> Array:
         """Distances less the clearance, with the slack, at a roll of a waypoint, m, (P,)."""
-        waypoint = self._task.waypoints[index]
-        turn = Rotation.from_rotvec(roll * _axis(self._task, index)).as_matrix()
+        model, data, waypoint = self._task.model, self._data, self._task.waypoints[index]
+        turn = Rotation.from_rotvec(roll * self._axis(index)).as_matrix()
         R, p = waypoint.rotation().as_matrix() @ turn, waypoint.translation()
         for geom, (turned, place) in self._poses.items():
-            self._data.geom_xmat[geom] = (R @ turned).ravel()
-            self._data.geom_xpos[geom] = p + R @ place
-        model, data = self._task.model, self._data
+            data.geom_xmat[geom], data.geom_xpos[geom] = (R @ turned).ravel(), p + R @ place
         distances = [
             mujoco.mj_geomDistance(model, data, a, b, _FARTHEST, None)
             for a, b in self._pairs.tolist()
@@ -114,32 +110,21 @@ class _Tool:
 
     def is_blocked(self, index: int, rolls: Array, half: float) -> bool:
         """Whether at every roll a pair is too near, proven; the rolls are ``half`` to each side."""
-        beside = np.cross(self._corners, _axis(self._task, index))
+        beside = np.cross(self._corners, self._axis(index))
         radius = np.linalg.norm(beside, axis=2).max(axis=1)
         for _ in range(_HALVINGS):
-            left = []
-            for roll in rolls:
-                margins = self.margins(index, roll)
-                if (margins >= 0.0).all():
-                    return False
-                if (margins + half * radius >= 0.0).all():
-                    left += [roll - 0.5 * half, roll + 0.5 * half]
-            if not left:
+            margins = np.array([self.margins(index, roll) for roll in rolls])
+            if (margins >= 0.0).all(axis=1).any():
+                return False
+            left = rolls[(margins + half * radius >= 0.0).all(axis=1)]
+            if not len(left):
                 return True
-            rolls, half = np.array(left), 0.5 * half
+            half *= 0.5
+            rolls = np.concatenate([left - half, left + half])
         return False
 
-
-def _carriers(path_task: PathTask) -> Indices:
-    """Of each geom: 1 if it moves with the task's frame, 0 if it stands still, else 2."""
-    model = path_task.model
-    welded = model.body_weldid[model.geom_bodyid]
-    own = welded_to(model, path_task.frame_name, path_task.frame_type)
-    return np.where(welded == 0, 0, np.where(welded == own, 1, 2))
-
-
-def _axis(path_task: PathTask, index: int) -> Array:
-    """The axis of the roll in the frame; any where it is prescribed, too."""
-    if path_task.in_force[index].angular.kind is ProjectorKind.FULL:
-        return np.array([0.0, 0.0, 1.0])
-    return RollGrid.axis(path_task, index)
+    def _axis(self, index: int) -> Array:
+        """The axis of the roll in the frame; any where it is prescribed, too."""
+        if self._task.in_force[index].angular.kind is ProjectorKind.FULL:
+            return np.array([0.0, 0.0, 1.0])
+        return RollGrid.axis(self._task, index)

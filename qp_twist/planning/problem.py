@@ -12,7 +12,7 @@ from scipy import sparse
 
 from qp_twist.checks import Array, Indices, Mask, number
 from qp_twist.errors import InvalidInput
-from qp_twist.kinematics import JointRanges, SerialChain
+from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import SHARES, WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN
@@ -41,7 +41,7 @@ class Margins(NamedTuple):
     names: tuple[str, ...]
     """Names of the joints, bands or constraints, (k)."""
     units: tuple[str, ...]
-    """Units of the margins, ``"rad"`` or ``"m"``, (k)."""
+    """``"rad"`` or ``"m"``, (k)."""
     values: Array
     """Margins at each waypoint, nonnegative inside, ∞ without a constraint, (N, k)."""
     between: bool = False
@@ -55,11 +55,10 @@ class Margins(NamedTuple):
 
 
 class Violation(NamedTuple):
-    """The largest violation of a joint path."""
+    """The largest violation of a joint path, in a joint, band or constraint of that ``name``."""
 
     kind: Kind
     name: str
-    """Name of the joint, band or constraint."""
     waypoint: int
     """The waypoint, from 0; for a step, or between two waypoints, the second one."""
     excess: float
@@ -73,8 +72,7 @@ class Violation(NamedTuple):
 class PathConstraints:
     """Constraints at and between the waypoints.
 
-    The task's own rows are not included: every path has been corrected onto its waypoints by
-    :meth:`~qp_twist.planning.path_rows.PathRows.correct`.
+    Not the task's own rows: every path has been corrected onto its waypoints.
 
     Attributes:
         ranges: The joint ranges.
@@ -83,8 +81,7 @@ class PathConstraints:
         speed_changes: Largest change of velocity at each waypoint but the first and last, rad/s or
             m/s, (N − 2, nv); infinite without acceleration limits.
         durations: Time between consecutive waypoints, s, (N − 1,).
-        fixed_start: Whether the first configuration is fixed.
-        hard: The hard bands and the constraints of the task, if there are any.
+        hard: The hard bands and the constraints of the task.
         points: Points between waypoints at which these are evaluated: indices and shares of
             intervals, (K,) each.
         step_limit: What limits ``steps``, in words.
@@ -94,8 +91,7 @@ class PathConstraints:
     steps: Array
     speed_changes: Array
     durations: Array
-    fixed_start: bool
-    hard: HardConstraints | None = None
+    hard: HardConstraints
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
     step_limit: str = "the speed limits"
 
@@ -246,9 +242,12 @@ def block_diagonal(blocks: Array) -> sparse.csr_matrix:
 
 
 def motion_limits(
-    path_task: PathTask, ranges: JointRanges, max_step_deg: float | None, *, fixed_start: bool
+    path_task: PathTask,
+    ranges: JointRanges,
+    max_step_deg: float | None = None,
+    hard: HardConstraints | None = None,
 ) -> PathConstraints:
-    """Constraints of a joint path along the task, at and between its waypoints."""
+    """Constraints of a joint path along the task; ``hard`` are those that are already known."""
     count = len(path_task.waypoints)
     given = path_task.durations
     if given is not None and len(given) != count:
@@ -274,11 +273,8 @@ def motion_limits(
     # Velocities are constant between waypoints, and change at the waypoints.
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]
-    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    bands = HardConstraints(path_task, chain)
-    return PathConstraints(
-        ranges, steps, speed_changes, durations, fixed_start, bands, step_limit=step_limit
-    )
+    hard = PathRows(path_task).hard if hard is None else hard
+    return PathConstraints(ranges, steps, speed_changes, durations, hard, step_limit=step_limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,12 +302,7 @@ class JudgedPath:
 class Problem:
     """A path, its constraints, and the objective of its motion.
 
-    Attributes:
-        path_task: The path.
-        rows: Its task rows.
-        limits: Constraints at and between the waypoints.
-        objective: The objective.
-        start: The first configuration, on the first waypoint, (nv,), or ``None``.
+    ``start`` is the first configuration, on the first waypoint, (nv,), if it is fixed.
     """
 
     path_task: PathTask

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Indices, Mask
+from qp_twist.checks import Array, Mask
 from qp_twist.constraints import JointCouplings
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
@@ -19,10 +19,9 @@ FINEST = 16
 """Largest number of parts of a grid interval in which the joints move fast."""
 _HINGES = 6
 """Number of joints of an arm with closed-form inverse kinematics."""
-_HALVINGS = 12
-"""Number of times that a grid interval with a possible end of a band is halved."""
-_MOST_STRETCHES = 20_000
-"""Beyond this number of intervals, no interval is halved."""
+_HALVINGS, _MOST_STRETCHES = 12, 20_000
+"""Number of times that a grid interval with a possible end of a band is halved, and the number of
+intervals beyond which none is."""
 
 
 def closed_form_arm(path_task: PathTask) -> ParametrisedArm | None:
@@ -41,6 +40,16 @@ def closed_form_arm(path_task: PathTask) -> ParametrisedArm | None:
     return exact[0] if exact else None
 
 
+def rolled(path_task: PathTask, index: int, rolls: Array) -> tuple[Array, Array]:
+    """Poses (K, 3, 3) and (K, 3) of the frame at a waypoint with rolls (K,), if they are free."""
+    waypoint = path_task.waypoints[index]
+    rotations = np.tile(waypoint.rotation().as_matrix(), (len(rolls), 1, 1))
+    if path_task.in_force[index].angular.kind is ProjectorKind.PLANE:
+        turns = Rotation.from_rotvec(rolls[:, None] * RollGrid.axis(path_task, index))
+        rotations = rotations @ turns.as_matrix()
+    return rotations, np.tile(waypoint.translation(), (len(rolls), 1))
+
+
 class RollGrid:
     """All branches of the inverse kinematics at every roll of a grid.
 
@@ -54,14 +63,10 @@ class RollGrid:
     def __init__(
         self, path_task: PathTask, arm: ParametrisedArm, spacing: float, joints: Array
     ) -> None:
-        """Prepare.
+        """Lay the grid, with rolls at most ``spacing`` apart, rad.
 
-        Args:
-            path_task: The task.
-            arm: Its arm.
-            spacing: Spacing of the rolls, rad.
-            joints: Change of each joint between two rolls above which the interval is divided, rad,
-                (6,): near a straight wrist the joints move faster than the roll.
+        An interval in which a joint changes by more than ``joints`` (6,), rad, is divided: near a
+        straight wrist they move faster than the roll.
         """
         self.path_task = path_task
         self.arm = arm
@@ -82,25 +87,32 @@ class RollGrid:
             ProjectorKind.PLANE,
         )
 
+    @staticmethod
+    def axis(path_task: PathTask, index: int) -> Array:
+        """Axis of the roll at a waypoint, in the axes of the frame, (3,)."""
+        projector = path_task.in_force[index]
+        axis = projector.angular.axis
+        assert axis is not None
+        if projector.frame == "world":
+            axis = path_task.waypoints[index].rotation().as_matrix().T @ axis
+        return axis
+
     def layer(self, index: int) -> Layer:
         """The configurations at a waypoint."""
-        if self.path_task.in_force[index].angular.kind is ProjectorKind.FULL:
-            return self._inside(index, np.zeros(1), self._branches(index, np.zeros(1)))
-        grid = self.branches(index)
-        change = np.diff(grid, axis=0, append=grid[:1])
-        change -= TURN * np.round(change / TURN)
-        times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
-        parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
-        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        rolls = np.repeat(self.rolls, parts) + self.spacing * number / np.repeat(parts, parts)
-        found = np.repeat(grid, parts, axis=0)
-        between = number > 0
-        found[between] = self._branches(index, rolls[between])
-        if self.hard.bands:
-            edges, _ = self._edges(index)
-            rolls = np.concatenate([rolls, edges])
-            found = np.concatenate([found, self._branches(index, edges)])
-        return self._inside(index, rolls, found)
+        rolls = np.zeros(1)
+        found = self._branches(index, rolls)
+        if self.path_task.in_force[index].angular.kind is not ProjectorKind.FULL:
+            rolls, found = self._divided(index)
+        inside = self._margins(index, rolls) >= -WITHIN
+        reached = np.isfinite(found).all(axis=2)
+        row, branch = np.nonzero(reached & inside[:, None])
+        layer = inside_limits(found[row, branch], branch, self.ranges)
+        if self.hard.constraints:
+            kept = self.hard.inside(layer.q, np.full(len(layer.q), index))
+            layer = replace(layer, q=layer.q[kept], branch=layer.branch[kept])
+        if self.hard and not len(layer.q):
+            return empty_layer(found[reached], self.ranges, self.hard, index)
+        return layer
 
     def settled(self, index: int) -> bool:
         """Whether all rolls of a waypoint are covered in spite of hard bands and constraints.
@@ -115,27 +127,25 @@ class RollGrid:
         """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
         return self._branches(index, self.rolls)
 
-    @staticmethod
-    def axis(path_task: PathTask, index: int) -> Array:
-        """Axis of the roll at a waypoint, in the axes of the frame, (3,)."""
-        projector = path_task.in_force[index]
-        axis = projector.angular.axis
-        assert axis is not None
-        if projector.frame == "world":
-            axis = path_task.waypoints[index].rotation().as_matrix().T @ axis
-        return axis
+    def _branches(self, index: int, rolls: Array) -> Array:
+        return self.arm.branches(*rolled(self.path_task, index, rolls))
 
-    def _inside(self, index: int, rolls: Array, found: Array) -> Layer:
-        inside = self._margins(index, rolls) >= -WITHIN
-        reached = np.isfinite(found).all(axis=2)
-        row, branch = np.nonzero(reached & inside[:, None])
-        layer = inside_limits(found[row, branch], branch, self.ranges)
-        if self.hard.constraints:
-            kept = self.hard.inside(layer.q, np.full(len(layer.q), index))
-            layer = replace(layer, q=layer.q[kept], branch=layer.branch[kept])
-        if self.hard and not len(layer.q):
-            return empty_layer(found[reached], self.ranges, self.hard, index)
-        return layer
+    def _divided(self, index: int) -> tuple[Array, Array]:
+        """The grid, with more rolls where joints move fast and bands end: rolls and branches."""
+        grid = self.branches(index)
+        change = np.diff(grid, axis=0, append=grid[:1])
+        change -= TURN * np.round(change / TURN)
+        times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
+        parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
+        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        rolls = np.repeat(self.rolls, parts) + self.spacing * number / np.repeat(parts, parts)
+        found = np.repeat(grid, parts, axis=0)
+        between = number > 0
+        found[between] = self._branches(index, rolls[between])
+        if not self.hard.bands:
+            return rolls, found
+        edges, _ = self._edges(index)
+        return np.append(rolls, edges), np.concatenate([found, self._branches(index, edges)])
 
     def _edges(self, index: int) -> tuple[Array, bool]:
         """The rolls just inside the bands' ends, and whether all others are classified.
@@ -170,36 +180,17 @@ class RollGrid:
 
     def _margins(self, index: int, rolls: Array) -> Array:
         """Least margin of the bands at some rolls, rad or m, (K,)."""
-        margins: Array = self.hard.band_margins(*self._poses(index, rolls)).min(
-            axis=1, initial=np.inf
-        )
-        return margins
+        at = np.full(len(rolls), index)
+        margins = self.hard.band_margins(*rolled(self.path_task, index, rolls), at)
+        least: Array = margins.min(axis=1, initial=np.inf)
+        return least
 
     def _open(self, index: int, ends: Array, inside: Mask, width: float) -> Mask:
         """Which intervals of rolls, with ends (2, C), contain or may contain an end of a band."""
         open_: Mask = inside[0] != inside[1]
         outside = ~inside.any(axis=0)
-        if not outside.any():
-            return open_
-        before, after = (self._poses(index, rolls) for rolls in ends[:, outside])
-        open_[outside] = self.hard.may_keep_bands((before[:2], after[:2]), before[2], width)
+        if outside.any():
+            poses = [rolled(self.path_task, index, rolls) for rolls in ends[:, outside]]
+            at = np.full(int(outside.sum()), index)
+            open_[outside] = self.hard.may_keep_bands((poses[0], poses[1]), at, width)
         return open_
-
-    def _poses(self, index: int, rolls: Array) -> tuple[Array, Array, Indices]:
-        position = self.path_task.waypoints[index].translation()
-        positions = np.broadcast_to(position, (len(rolls), 3))
-        return self._rotations(index, rolls), positions, np.full(len(rolls), index)
-
-    def _branches(self, index: int, rolls: Array) -> Array:
-        rotations = self._rotations(index, rolls)
-        position = self.path_task.waypoints[index].translation()
-        return self.arm.branches(rotations, np.broadcast_to(position, (len(rolls), 3)))
-
-    def _rotations(self, index: int, rolls: Array) -> Array:
-        """Rotations of the frame at a waypoint with additional rolls, (K, 3, 3)."""
-        rotation = self.path_task.waypoints[index].rotation().as_matrix()
-        if self.path_task.in_force[index].angular.axis is None:
-            return rotation[None]
-        turns = Rotation.from_rotvec(rolls[:, None] * self.axis(self.path_task, index))
-        turned: Array = rotation @ turns.as_matrix()
-        return turned

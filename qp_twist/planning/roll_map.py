@@ -69,25 +69,27 @@ class RollMap:
         grid = RollGrid(path_task, arm, np.radians(spacing_deg), np.full(6, np.inf))
         count = len(path_task.waypoints)
         waypoints = np.unique(np.linspace(0, count - 1, min(columns, count)).round().astype(int))
-        q = np.array([centred(grid.branches(index), ranges) for index in waypoints])
+        rolls = _wrapped(grid.rolls)
+        order = np.argsort(rolls)
+        q = np.array([centred(grid.branches(index)[order], ranges) for index in waypoints])
         room = ranges.room(q).min(axis=3)
-        steps = motion_limits(path_task, ranges, None, fixed_start=False).steps
+        steps = motion_limits(path_task, ranges).steps
         stuck = np.zeros(room.shape, dtype=bool)
         for k, (a, b) in enumerate(itertools.pairwise(waypoints)):
             stuck[k] = ~_connected(q[k], q[k + 1], steps[a:b].sum(axis=0), grid.spacing)
-        rolls = _wrapped(grid.rolls)
-        order = np.argsort(rolls)
+        sigma_min, reached = np.full(room.shape, np.nan), np.isfinite(q).all(axis=3)
+        at = np.broadcast_to(waypoints[:, None, None], reached.shape)
+        sigma_min[reached] = PathRows(path_task).sigma_min(q[reached], at[reached])
+        touched, pairs, inside = np.full(room.shape, -1), list[str](), room >= 0.0
+        for clearance in path_task.clearances:
+            first = clearance.first_violated(q[inside])
+            new = (touched[inside] < 0) & (first >= 0)
+            touched[inside] = np.where(new, len(pairs) + first, touched[inside])
+            pairs += clearance.names
         return cls(
-            path_task,
-            arm,
-            waypoints,
-            rolls[order],
-            np.degrees(room[:, order]),
-            _sigma_min(path_task, q, waypoints)[:, order],
-            stuck[:, order],
-            _touched(path_task, q, room >= 0.0)[:, order],
-            tuple(name for clearance in path_task.clearances for name in clearance.names),
-        )
+            path_task, arm, waypoints, rolls[order], np.degrees(room), sigma_min, stuck, touched,
+            tuple(pairs),
+        )  # fmt: skip
 
     def in_the_way(self, branches: Sequence[int] = range(8)) -> dict[str, int]:
         """Pairs that are too near in some branches, with the number of nodes, most frequent first.
@@ -115,10 +117,9 @@ class RollMap:
         apart -= TURN * np.round(apart / TURN)
         distance = np.where(np.isfinite(apart), np.abs(apart), np.inf).max(axis=2)
         rolls = np.full(len(q), np.nan)
-        for k, (rotation, waypoint) in enumerate(
-            zip(rotations, self.path_task.waypoints, strict=True)
+        for k, (rotation, target) in enumerate(
+            zip(rotations, self.path_task.poses[0], strict=True)
         ):
-            target = waypoint.rotation().as_matrix()
             axis = RollGrid.axis(self.path_task, k)
             if (rotation @ axis) @ (target @ axis) > np.cos(np.radians(1.0)):
                 rolls[k] = twist_angle(target.T @ rotation, axis)
@@ -127,39 +128,17 @@ class RollMap:
 
 def roll_arm(path_task: PathTask) -> ParametrisedArm | None:
     """The arm of a task whose roll is free everywhere, if it has closed-form kinematics."""
-    count = len(path_task.waypoints)
-    if not all(
-        RollGrid.applies(path_task, k) and path_task.in_force[k].angular.kind is ProjectorKind.PLANE
-        for k in range(count)
-    ):
-        return None
-    return closed_form_arm(path_task)
+    free = all(
+        RollGrid.applies(path_task, k) and projector.angular.kind is ProjectorKind.PLANE
+        for k, projector in enumerate(path_task.in_force)
+    )
+    return closed_form_arm(path_task) if free else None
 
 
 def _wrapped(angles: Array) -> Array:
     """Angles in [−π, π)."""
     wrapped: Array = np.mod(angles + np.pi, TURN) - np.pi
     return wrapped
-
-
-def _sigma_min(path_task: PathTask, q: Array, waypoints: Indices) -> Array:
-    """σ_min of configurations (W, R, 8, 6) at their waypoints, (W, R, 8)."""
-    found = np.full(q.shape[:3], np.nan)
-    reached = np.isfinite(q).all(axis=3)
-    at = np.broadcast_to(waypoints[:, None, None], reached.shape)
-    found[reached] = PathRows(path_task).sigma_min(q[reached], at[reached])
-    return found
-
-
-def _touched(path_task: PathTask, q: Array, inside: Mask) -> Indices:
-    """Index of the first violated pair of all clearances at q (W, R, 8, 6), or −1, (W, R, 8)."""
-    found = np.full(inside.shape, -1)
-    free, before = q[inside], 0
-    for clearance in path_task.clearances:
-        first = clearance.first_violated(free)
-        found[inside] = np.where((found[inside] < 0) & (first >= 0), before + first, found[inside])
-        before += len(clearance.names)
-    return found
 
 
 def _connected(q: Array, after: Array, step: Array, spacing: float) -> Mask:

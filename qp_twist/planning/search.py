@@ -23,7 +23,6 @@ from qp_twist.planning.layer import Layer, forbidding_bands
 from qp_twist.planning.level_search import ABOUT, STRICTNESS, LevelSearch, search_windows
 from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
-from qp_twist.planning.pace import with_pace
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
 from qp_twist.planning.smooth import ITERATIONS, smooth
 
@@ -34,8 +33,8 @@ Trials = Callable[[PathTask, Array | None], list[Array]]
 
 _ROUNDED, _ROUNDED_TRAVEL = 0.02, 0.3
 """Possible loss by the grid, as a share of the objective: travel includes its zigzag."""
-_TRIAL = 4, 4
-"""Iterations after which a seed far from the best value is dropped, and then one not near it."""
+_TRIAL = 4
+"""Iterations after which a seed far from the best value is dropped; as many follow for others."""
 _FAR = 0.1
 """Loss above which a value counts as far, as a share of the objective."""
 _SAME = 0.1
@@ -48,6 +47,9 @@ _DETOUR = 0.05
 """Loss by a detour up to which no finer grid is searched for a shorter one."""
 _LOOKS = 10
 """How often a path is searched with further places on its edges where one has met something."""
+_SLOWER, _HALVINGS = (3.0, 30.0), 2
+"""How many times slower a path is tried that has no motion in its time; how often the range between
+the two is halved, in which the least such factor lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +103,8 @@ class PlanSearch:
     ) -> None:
         """Prepare.
 
-        Args:
-            problem: The problem.
-            runs: Returns the paths of other methods, as further initial paths.
-            progress: Called with the current phase and its share done.
-            slower: Returns the constraints of a slower path, to see whether its speed alone
-                prevents a motion.
+        ``runs`` returns the paths of other methods, ``slower`` the constraints of a slower path, to
+        see whether its speed alone prevents a motion.
         """
         self.problem, self.runs, self.slower, self.progress = problem, runs, slower, progress
         self.levels = Levels(problem.free, progress)
@@ -139,18 +137,43 @@ class PlanSearch:
             if by_now is None:
                 raise
             return by_now
-        slower, problem = self.slower, self.problem
-        if result.path is not None or result.certificate.kind != "speed" or slower is None:
+        if result.path is not None or result.certificate.kind != "speed" or self.slower is None:
             return result
-
-        def find(times: float) -> JudgedPath | None:
-            return self._searched(replace(problem, limits=slower(times))).path
-
         try:
-            certificate = with_pace(result.certificate, problem.limits, find)
+            return replace(result, certificate=self._with_pace(result.certificate, self.slower))
         except KeyboardInterrupt:  # the result itself is known
             return result
-        return replace(result, certificate=certificate)
+
+    def _with_pace(self, certificate: Certificate, slower: Slower) -> Certificate:
+        """The certificate of a path that is too fast, with how much slower it has a motion."""
+
+        def find(times: float) -> JudgedPath | None:
+            return self._searched(replace(self.problem, limits=slower(times))).path
+
+        without, limits = 1.0, self.problem.limits
+        for times in _SLOWER:
+            path = find(times)
+            if path is not None:
+                break
+            without = times
+        else:
+            note = f"nor was one found for the path {without:g} times slower"
+            return replace(certificate, note=note)
+        needed, number, joint = limits.pace(path.q)
+        for _ in range(_HALVINGS):
+            times = float(np.sqrt(without * needed))
+            path = find(times)
+            if path is None:
+                without = times
+            else:
+                needed, number, joint = limits.pace(path.q)
+        note = (
+            f"only its speed prevents one: {needed:.3g} times slower the path has a motion, which "
+            f"needs that after waypoint {number + 1}, for {joint}"
+        )
+        if without > 1.0:
+            note += f"; {without:.3g} times slower none was found"
+        return replace(certificate, slower=needed, note=note)
 
     def _searched(self, problem: Problem) -> SearchResult:
         certificate = find_impossible(problem, self.levels)
@@ -189,17 +212,9 @@ class PlanSearch:
     def _stage(self, problem: Problem, stage: SearchStage, best: JudgedPath | None) -> _Found:
         """The best path of a stage's level, or why there is none."""
         waypoints = self.levels.selected(stage, problem.limits.steps)
-        for first, last in self._ends if problem.has_clearance else ():
-            near = [index for index in waypoints if first <= index <= last]
-            if len(near) < 2:
-                continue
-            level = self.levels.at(stage, problem.limits.steps, near)
-            part = LevelSearch(
-                problem, self.levels, level, False, stage.most, self._shares, self.progress
-            )
-            way = part.best(_attainable(problem, None), ())
-            if not level.has_gaps and len(way.nodes) < len(near):
-                return self._ended(part, way, best)
+        ended = self._ended_again(problem, stage, waypoints, best)
+        if ended is not None:
+            return ended
         level = self.levels.at(stage, problem.limits.steps, waypoints)
         covered = not problem.has_clearance and level.covers
         if level.has_gaps:
@@ -209,14 +224,12 @@ class PlanSearch:
         coarse = stage is not STAGES[-1]
         again = _LOOKS if problem.has_clearance and not coarse else 0
         for attempt in range(len(STRICTNESS) + again):
-            search = LevelSearch(
-                problem, self.levels, level, attempt > 0, stage.most, self._shares, self.progress
-            )
+            search = self._search(problem, level, stage, strict=attempt > 0)
             way = search.best(_attainable(problem, best))
             if len(way.nodes) < len(level.layers):
                 if self._shares and nearest is not None:  # its violation says more
                     break
-                return self._ended(search, way, best)
+                return self._ended(problem, level, way, best)
             if way.nodes == before:  # what failed
                 break
             of_grid = way.value if before is None else of_grid
@@ -224,7 +237,10 @@ class PlanSearch:
             path = problem.interpolated(level.corners(way.nodes), waypoints)
             if path is None:
                 continue
-            found = self._off_the_grid(problem, path, coarse=coarse)
+            soon = coarse and problem.freedom < COVERED  # layers are made in less time
+            found = self._smooth(problem, path, only_near=soon)
+            if not found.feasible and coarse:
+                found = self._mended(problem, found) or found
             if found.feasible:
                 return _Found(level, Certificate("path", level.grid), found, of_grid)
             if again and attempt:
@@ -233,9 +249,33 @@ class PlanSearch:
                 nearest = found
         return _Found(level, violating_path(problem, nearest, level.grid, covered))
 
-    def _ended(self, search: LevelSearch, way: LayerPath, best: JudgedPath | None) -> _Found:
+    def _ended_again(
+        self, problem: Problem, stage: SearchStage, waypoints: list[int], best: JudgedPath | None
+    ) -> _Found | None:
+        """The verdict if a stretch that no path passed on a coarser grid has none again."""
+        for first, last in self._ends if problem.has_clearance else ():
+            near = [index for index in waypoints if first <= index <= last]
+            if len(near) < 2:
+                continue
+            level = self.levels.at(stage, problem.limits.steps, near)
+            way = self._search(problem, level, stage, strict=False).best(
+                _attainable(problem, None), ()
+            )
+            if not level.has_gaps and len(way.nodes) < len(near):
+                return self._ended(problem, level, way, best)
+        return None
+
+    def _search(
+        self, problem: Problem, level: Level, stage: SearchStage, *, strict: bool
+    ) -> LevelSearch:
+        return LevelSearch(
+            problem, self.levels, level, strict, stage.most, self._shares, self.progress
+        )
+
+    def _ended(
+        self, problem: Problem, level: Level, way: LayerPath, best: JudgedPath | None
+    ) -> _Found:
         """The verdict where no path goes on, from the layers alone if clearance empties one."""
-        problem, level = search.problem, search.level
         if best is not None:  # the grid has no better path
             return _Found(level, Certificate("path", level.grid), best)
         if way.nodes:
@@ -243,29 +283,18 @@ class PlanSearch:
             first = level.waypoints[way.first] if way.first else before - ABOUT
             self._ends.append((first, after + ABOUT))
         covered = not problem.has_clearance and level.covers
-        cleared = [
-            self._cleared(problem, layer, index)
-            for layer, index in zip(level.layers, level.waypoints, strict=True)
-        ]
-        cleared_level = replace(level, layers=cleared)
-        if cleared_level.has_gaps:
-            return _Found(cleared_level, empty_layers(cleared_level, covered))
+
+        def cleared(layer: Layer, index: int) -> Layer:
+            """The layer, or an empty one that names what none of its configurations keeps."""
+            if not problem.has_clearance or not self.levels.is_blocked(problem, layer):
+                return layer
+            return layer.emptied(forbidding_bands(layer.q, problem.rows.hard, index)[0])
+
+        layers = list(map(cleared, level.layers, level.waypoints))
+        without = replace(level, layers=layers)
+        if without.has_gaps:
+            return _Found(without, empty_layers(without, covered))
         return _Found(level, ended_path(problem, level, way, covered))
-
-    def _cleared(self, problem: Problem, layer: Layer, index: int) -> Layer:
-        """The layer, or an empty one that names what none of its configurations keeps."""
-        if not problem.has_clearance or not self.levels.is_blocked(problem, layer):
-            return layer
-        bands = forbidding_bands(layer.q, problem.rows.hard, index)[0]
-        return replace(layer, q=layer.q[:0], branch=layer.branch[:0], bands=bands)
-
-    def _off_the_grid(self, problem: Problem, path: Array, *, coarse: bool) -> JudgedPath:
-        """The grid's path (N, nv) corrected into the limits, if that is worth a try."""
-        soon = coarse and problem.freedom < COVERED  # layers are made in less time
-        found = self._smooth(problem, path, only_near=soon)
-        if not found.feasible and coarse:
-            found = self._mended(problem, found) or found
-        return found
 
     def _smooth(
         self, problem: Problem, q: Array, iterations: int = ITERATIONS, *, only_near: bool = False
@@ -274,17 +303,17 @@ class PlanSearch:
 
         ``only_near``: not from where a program seldom leads inside.
         """
-        progress = None
-        if iterations == ITERATIONS:
-            progress = lambda share: self.progress("off the grid", share)  # noqa: E731
+
+        def progress(share: float) -> None:
+            if iterations == ITERATIONS:
+                self.progress("off the grid", share)
+
         for of in (problem.free, problem) if problem.has_clearance else (problem,):
             most = _HOPELESS_CLEARANCE if of.has_clearance else _HOPELESS
             if only_near and of.judged(q).excess > most:
                 continue
-            path = smooth(
-                of, q, iterations=iterations, progress=progress,
-                keep=lambda path: self._kept.update(last=path),
-            )  # fmt: skip
+            keep = lambda path: self._kept.update(last=path)  # noqa: E731
+            path = smooth(of, q, iterations=iterations, progress=progress, keep=keep)
             if of is problem:
                 return path
             found = problem.judged(path.q)
@@ -300,8 +329,6 @@ class PlanSearch:
         beyond, share = problem.limits.beyond_between(path)
         for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
             self._shares[at] = (float(share[at]), *self._shares.get(at, CLOSE))
-
-    # ------------------------------------------------------------------ windows
 
     def _mended(self, problem: Problem, path: JudgedPath) -> JudgedPath | None:
         """Search the path again on the finest grid around the waypoints where it violates limits.
@@ -319,7 +346,7 @@ class PlanSearch:
                 best = found
         return best
 
-    # ------------------------------------------------------------------ other methods, the bound
+    # ------------------------------------------------------------------ other methods
 
     def _tried(
         self, problem: Problem, start: Array | None, best: JudgedPath | None = None
@@ -333,13 +360,13 @@ class PlanSearch:
             on_path, arrived = problem.rows.correct(run, at)
             if arrived.all():
                 on_path[0] = run[0]
-                trial = self._smooth(problem, on_path, _TRIAL[0])
+                trial = self._smooth(problem, on_path, _TRIAL)
                 if (
                     best is None
                     or _alike(trial.value, best.value, _FAR)
                     or problem.objective.better(trial.value, best.value)
                 ):
-                    tried.append(self._smooth(problem, trial.q, _TRIAL[1]))
+                    tried.append(self._smooth(problem, trial.q, _TRIAL))
         return tried
 
     def _better(self, a: JudgedPath | None, b: JudgedPath | None) -> JudgedPath | None:
@@ -360,10 +387,8 @@ class PlanSearch:
             return None
         level = self._level
         grid = self.levels.grid(STAGES[0], problem.limits.steps) if level is None else level.grid
-        certificate = Certificate(
-            "path", grid, bands=problem.rows.hard.names,
-            detail="the search was interrupted: this is the best motion by then",
-        )  # fmt: skip
+        detail = "the search was interrupted: this is the best motion by then"
+        certificate = Certificate("path", grid, bands=problem.rows.hard.names, detail=detail)
         bound = np.nan
         try:
             if level is not None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, ParametrisedArm
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import TURN, boxed, centred
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.roll_grid import RollGrid, rolled
 
 _FEWEST, _MOST = 150, 4000
 """Numbers of poses and parameters between which a grid's spacing is that of the net."""
@@ -32,29 +31,22 @@ class Seeds:
     of translations and of two free rotations there is none: roll and joints are then random, or the
     free part of the pose is that of a random configuration.
 
-    At random for any other arm; Newton's method brings them onto the waypoint.
-
-    Attributes:
-        arms: The choices of given joints; empty for any other arm.
+    At random for any other arm, which has no ``arms``; Newton's method brings them onto the
+    waypoint.
     """
 
     def __init__(
         self, path_task: PathTask, rows: PathRows, spacing: Array, rng: np.random.Generator
     ) -> None:
-        self.path_task = path_task
-        self.rows = rows
-        self.ranges = JointRanges.of(path_task.model)
+        self.path_task, self.rows, self.spacing, self._rng = path_task, rows, spacing, rng
+        self.ranges = ranges = JointRanges.of(path_task.model)
         self.arms = rows.closed_forms
-        width = self.ranges.upper - self.ranges.lower
+        width = ranges.upper - ranges.lower
         #: Joints whose whole turns do not matter.
-        self._period = np.where(self.ranges.hinge & ~(width < TURN), TURN, 0.0)
-        self.spacing = spacing
-        self._rng = rng
-        lower, upper, half = (
-            self.ranges.lower, self.ranges.upper, np.where(self.ranges.hinge, np.pi, 1.0)
-        )  # fmt: skip
-        self._lower = np.where(np.isfinite(lower), lower, -half)
-        self._upper = np.where(np.isfinite(upper), upper, half)
+        self._period = np.where(ranges.hinge & ~(width < TURN), TURN, 0.0)
+        half = np.where(ranges.hinge, np.pi, 1.0)
+        self._lower = np.where(np.isfinite(ranges.lower), ranges.lower, -half)
+        self._upper = np.where(np.isfinite(ranges.upper), ranges.upper, half)
 
     def tree(self, q: Array) -> KDTree:
         """Nearest neighbours among q (K, nv)."""
@@ -74,65 +66,67 @@ class Seeds:
         On a grid, where joints move fast from one point to the next, or a branch ends between them,
         those between are added, unless there are others nearby.
         """
-        if not self.regular(index):
-            drawn = [self._drawn(index, arm) for arm in self.arms]
-            return _finite(drawn, len(self._lower))
-        grids: list[_Grid] = []
-        for arm in self.arms:
-            grids.append(_Grid(self, index, arm))
-            for _ in range(_HALVINGS if arm is self.arms[0] else 0):
-                every = np.concatenate([grid.near_solutions() for grid in grids])
-                if not 0 < len(every) < _LARGEST or not grids[-1].halve(self.tree(every)):
-                    break
-        return _finite([grid.q for grid in grids], len(self._lower))
+        found = [np.zeros((0, self.path_task.model.nv))]
+        if self.regular(index):
+            grids: list[_Grid] = []
+            for arm in self.arms:
+                grids.append(_Grid(self, index, arm))
+                for _ in range(_HALVINGS if arm is self.arms[0] else 0):
+                    every = np.concatenate([grid.q[grid.near] for grid in grids])
+                    if not 0 < len(every) < _LARGEST or not grids[-1].halve(self.tree(every)):
+                        break
+            found += [grid.q for grid in grids]
+        else:  # random poses on the waypoint and values of the given joints
+            for arm in self.arms:
+                q = self.random(_DRAWN)
+                poses = self.rows.projected(*self.rows.chain.poses(q), index)
+                found.append(arm.branches(*poses, q[:, list(arm.parameters)]))
+        q = np.concatenate([part.reshape(-1, found[0].shape[1]) for part in found])
+        finite: Array = q[np.isfinite(q).all(axis=1)]
+        return finite
 
     def regular(self, index: int) -> bool:
         """Whether the solutions of a waypoint are on a grid."""
         if not self.arms or not RollGrid.applies(self.path_task, index):
             return False
-        return len(self.arms[0].parameters) + self.free_roll(index) <= 2
+        return len(self.arms[0].parameters) + self._rolls(index) <= 2
 
     def cover(self, index: int) -> bool:
         """Whether the solutions of a waypoint cover its manifolds, so that no net has to grow."""
         exact = all(arm.exact for arm in self.arms) and not self.rows.couplings.names
         return exact and not self.rows.hard and self.regular(index)
 
-    def _drawn(self, index: int, arm: ParametrisedArm) -> Array:
-        """Solutions for random poses on a waypoint and values of the given joints, (K, 8, nv)."""
-        q = self.random(_DRAWN)
-        rotations, positions = self.rows.projected(*self.rows.chain.poses(q), index)
-        return arm.branches(rotations, positions, q[:, list(arm.parameters)])
+    def box(self, index: int, arm: ParametrisedArm) -> tuple[Array, Indices, Indices, int]:
+        """A grid of the roll, if it is free, and the given joints of an arm: points (K, d).
 
-    def free_roll(self, index: int) -> bool:
-        """Whether a waypoint leaves the roll free."""
-        return self.path_task.in_force[index].angular.axis is not None
-
-    def box(self, index: int, arm: ParametrisedArm) -> tuple[Array, Array, Array]:
-        """Lower and upper ends of the roll, if it is free, and the given joints; spacing, (d,)."""
-        rolls, given = int(self.free_roll(index)), list(arm.parameters)
+        Also the pairs of neighbours, (E,) each, and the number of rolls, 0 or 1.
+        """
+        rolls, given = self._rolls(index), list(arm.parameters)
         lower = np.append(np.zeros(rolls), self._lower[given])
         upper = np.append(np.full(rolls, TURN), self._upper[given])
-        return lower, upper, np.append(np.full(rolls, self.spacing.max()), self.spacing[given])
+        spacing = np.append(np.full(rolls, self.spacing.max()), self.spacing[given])
+        return *_box(lower, upper, spacing, rolls), rolls
 
     def at(self, index: int, arm: ParametrisedArm, points: Array) -> Array:
         """Solutions at points (K, d) of the roll, if it is free, and the given joints."""
-        waypoint, rolls = self.path_task.waypoints[index], int(self.free_roll(index))
-        rotations = np.tile(waypoint.rotation().as_matrix(), (len(points), 1, 1))
-        if rolls:
-            rolled = points[:, :1] * RollGrid.axis(self.path_task, index)
-            rotations = rotations @ Rotation.from_rotvec(rolled).as_matrix()
-        positions = np.tile(waypoint.translation(), (len(points), 1))
-        return arm.branches(rotations, positions, points[:, rolls:])
+        rolls = self._rolls(index)
+        roll = points[:, 0] if rolls else np.zeros(len(points))
+        return arm.branches(*rolled(self.path_task, index, roll), points[:, rolls:])
 
     def near(self, q: Array) -> Mask:
         """Which of q (…, nv) are inside the limits, or less than the spacing outside."""
         return np.asarray((self.ranges.room(centred(q, self.ranges)) >= -self.spacing).all(axis=-1))
 
     def apart(self, a: Array, b: Array) -> Array:
-        """Differences of configurations, the shorter way round, (…, nv)."""
+        """Differences of configurations, the shorter way round, in units of the spacing."""
         apart = b - a
-        shorter: Array = apart - np.where(self.ranges.hinge, TURN * np.round(apart / TURN), 0.0)
-        return shorter
+        apart -= np.where(self.ranges.hinge, TURN * np.round(apart / TURN), 0.0)
+        scaled: Array = apart / self.spacing
+        return scaled
+
+    def _rolls(self, index: int) -> int:
+        """Number of rolls that a waypoint leaves free, 0 or 1."""
+        return int(self.path_task.in_force[index].angular.axis is not None)
 
 
 class _Grid:
@@ -140,42 +134,35 @@ class _Grid:
 
     Attributes:
         q: The solutions, (K, 8, nv).
+        near: Which of them are inside the limits or near them, (K, 8).
     """
 
     def __init__(self, seeds: Seeds, index: int, arm: ParametrisedArm) -> None:
         self.seeds, self.index, self.arm = seeds, index, arm
-        lower, upper, spacing = seeds.box(index, arm)
-        rolls = int(seeds.free_roll(index))
-        points, self._first, self._second = _box(lower, upper, spacing, rolls)
+        points, self._first, self._second, rolls = seeds.box(index, arm)
         self._begin, self._end = points[self._first], points[self._second]
         if rolls:  # the last roll is next to the first
             self._end[:, 0] += np.where(self._end[:, 0] < self._begin[:, 0] - 1e-9, TURN, 0.0)
         self.q = seeds.at(index, arm, points)
-        self._near = seeds.near(self.q)
-
-    def near_solutions(self) -> Array:
-        """Those inside the limits or near them, (K, nv)."""
-        return self.q[self._near]
+        self.near = seeds.near(self.q)
 
     def halve(self, net: KDTree) -> bool:
         """Halve the intervals on which a branch moves far or ends; whether there were any."""
         a, b = self.q[self._first], self.q[self._second]
-        near = self._near[self._first] | self._near[self._second]
+        near = self.near[self._first] | self.near[self._second]
         # Where a branch ends, it turns into another one, which ends there, too.
         ends = near & (np.isnan(a[:, :, 0]) != np.isnan(b[:, :, 0]))
         other = b.copy()
         for k in np.flatnonzero(ends.any(axis=1)):
             last = np.where(np.isnan(a[k]), b[k], a[k])
             which = np.flatnonzero(ends[k])
-            apart = np.linalg.norm(
-                self.seeds.apart(last[which, None], last[which]) / self.seeds.spacing, axis=2
-            )
+            apart = np.linalg.norm(self.seeds.apart(last[which, None], last[which]), axis=2)
             np.fill_diagonal(apart, np.inf)
             a[k], other[k, which] = last, last[which[np.argmin(apart, axis=1)]]
         apart = self.seeds.apart(a, other)
-        far = near & (((apart / self.seeds.spacing) ** 2).sum(axis=2) > _FAR**2)
+        far = near & ((apart**2).sum(axis=2) > _FAR**2)
         row, branch = np.nonzero(far)
-        between = a[row, branch] + 0.5 * apart[row, branch]
+        between = a[row, branch] + 0.5 * self.seeds.spacing * apart[row, branch]
         distance, _ = net.query(self.seeds.scaled(between), distance_upper_bound=_COVERED)
         far[row, branch] = ~np.isfinite(distance)
         open_ = far.any(axis=1)
@@ -186,17 +173,10 @@ class _Grid:
         middle, new = 0.5 * (begin + end), len(self.q) + np.arange(len(first))
         found = self.seeds.at(self.index, self.arm, middle)
         self.q = np.concatenate([self.q, found])
-        self._near = np.concatenate([self._near, self.seeds.near(found)])
+        self.near = np.concatenate([self.near, self.seeds.near(found)])
         self._first, self._second = np.append(first, new), np.append(new, second)
         self._begin, self._end = np.vstack([begin, middle]), np.vstack([middle, end])
         return True
-
-
-def _finite(branches: list[Array], nv: int) -> Array:
-    """The solutions among some branches (…, nv), NaN where there is none, (K, nv)."""
-    q = np.concatenate([np.zeros((0, nv)), *(found.reshape(-1, nv) for found in branches)])
-    finite: Array = q[np.isfinite(q).all(axis=1)]
-    return finite
 
 
 def _box(lower: Array, upper: Array, spacing: Array, around: int) -> tuple[Array, Indices, Indices]:
@@ -214,10 +194,10 @@ def _box(lower: Array, upper: Array, spacing: Array, around: int) -> tuple[Array
         a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(lower, upper, shape, strict=True)
     ]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
-    number, first, second = np.arange(len(points)).reshape(shape), [], []
+    number = np.arange(len(points)).reshape(shape)
+    first, second = [], []
     for axis in range(len(axes)):
-        kept = slice(None, None if axis < around else shape[axis] - 1)
-        ahead = np.roll(number, -1, axis=axis)
-        first.append(np.take(number, range(*kept.indices(shape[axis])), axis=axis).ravel())
-        second.append(np.take(ahead, range(*kept.indices(shape[axis])), axis=axis).ravel())
+        kept = np.arange(shape[axis] if axis < around else shape[axis] - 1)
+        first.append(np.take(number, kept, axis=axis).ravel())
+        second.append(np.take(np.roll(number, -1, axis=axis), kept, axis=axis).ravel())
     return points, np.concatenate(first), np.concatenate(second)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import qpsolvers
 from scipy import sparse
 
 from qp_twist.checks import Array
-from qp_twist.kinematics import JointRanges
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem, block_diagonal
+from qp_twist.planning.problem import JudgedPath, Problem, block_diagonal
 
 _TIE_BREAK = 1e-6
 """Weight of the mean z as a tie-breaker of the objective."""
@@ -149,133 +149,70 @@ def _step(
 
     ``settle``: its steps are the shortest ones to a path inside, whatever the objective.
     """
-    at, fixed_start = np.arange(len(here.q)), problem.limits.fixed_start
+    at = np.arange(len(here.q))
     basis = problem.rows.motions(here.q, at)
-    if fixed_start:
+    if problem.start is not None:
         basis[0] = 0.0
-    u = _solved(here.q, basis, problem.limits, problem.objective, radius, settle)
+    u = _solved(problem, here.q, basis, radius, settle)
     if u is None:
         return None
     moved, arrived = problem.rows.correct(here.q + (basis @ u[:, :, None])[:, :, 0], at)
-    if fixed_start:
+    if problem.start is not None:
         moved[0] = here.q[0]
     return problem.judged(moved) if arrived.all() else None
 
 
-def _solved(
-    q: Array,
-    basis: Array,
-    limits: PathConstraints,
-    objective: Objective,
-    radius: float,
-    settle: bool,
-) -> Array | None:
-    """The solution u (N, d) of the program at a path q (N, nv)."""
-    count, nv = q.shape
-    free = basis.shape[2]
+def _solved(problem: Problem, q: Array, basis: Array, radius: float, settle: bool) -> Array | None:
+    """The solution u (N, d) of the sparse program at a path q (N, nv).
+
+    Its unknowns are u, further unknowns t, and the largest violation σ.
+    """
+    objective, (count, nv), free = problem.objective, q.shape, basis.shape[2]
+    size, largest = count * free, radius * np.sqrt(free)
     move = block_diagonal(basis)
-    program = _Program(count * free, radius * np.sqrt(free))
-    weight = np.tile(objective.ranges.weight**2, count) / count
-    if settle:
-        program.quadratic(sparse.eye(count * free, format="csr"), np.zeros(count * free))
-    else:
-        offset = (q - objective.ranges.middle).ravel()
+    # Rows G u + E t + s σ ≤ g as [G, E, s], and their sides g. Bounds are rows, too: a backend
+    # would make rows of infinite ones and take them out again.
+    whole = sparse.identity(size, format="csr")
+    rows: list[list[Any]] = [[whole, None, None], [-whole, None, None]]
+    sides = [np.full(size, largest), np.full(size, largest)]
+    rows.append([None, None, -np.ones((1, 1))])
+    sides.append(np.zeros(1))
+    P, c, costs = whole, np.zeros(size), np.zeros(0)
+    if not settle:
+        weight = np.tile(objective.ranges.weight**2, count) / count
         share = objective.centering or _TIE_BREAK
-        program.quadratic(share * (move.T @ sparse.diags(weight) @ move),
-                          share * (move.T @ (weight * offset)))  # fmt: skip
-        if objective.travel:
-            program.least_sum(
-                move[nv:] - move[:-nv],
-                np.diff(q, axis=0).ravel(),
-                np.tile(np.degrees(objective.travel * objective.joints), count - 1),
-            )
-        if objective.margin:
-            program.least_largest(move, objective.ranges, q)
-    for G, g in limits.rows(q):
-        program.soft_rows(G @ move, g)
-    x = program.solution(objective.penalty)
-    return None if x is None else x[: count * free].reshape(count, free)
-
-
-class _Program:
-    """A sparse program in (u, further unknowns, σ), assembled block by block."""
-
-    def __init__(self, size: int, radius: float) -> None:
-        self.size, self.radius = size, radius
-        self.P = sparse.csr_matrix((size, size))
-        self.c = np.zeros(size)
-        self.rows: list[tuple[sparse.csr_matrix, sparse.csr_matrix, Array, bool]] = []
-        self.more: list[Array] = []
-        # Bounds as rows: a backend would make rows of infinite ones, too, and take them out again.
-        whole, none = sparse.identity(size, format="csr"), sparse.csr_matrix((size, 0))
-        self.rows += [(sign * whole, none, np.full(size, radius), False) for sign in (1.0, -1.0)]
-        self.soft_rows(sparse.csr_matrix((1, size)), np.zeros(1))  # 0 ≤ σ
-
-    def quadratic(self, P: sparse.csr_matrix, c: Array) -> None:
-        """Add ½uᵀPu + cᵀu."""
-        self.P, self.c = self.P + P, self.c + c
-
-    def soft_rows(self, G: sparse.csr_matrix, g: Array) -> None:
-        """Add G u − σ ≤ g; rows that no u within the radius can reach are left out."""
-        reach = self.radius * np.asarray(abs(G).sum(axis=1)).ravel()
-        near = np.flatnonzero(g <= reach)
-        self.rows.append((G[near], sparse.csr_matrix((len(near), self._added)), g[near], True))
-
-    def least_sum(self, G: sparse.csr_matrix, g: Array, weights: Array) -> None:
-        """Add Σ weight × |G u + g|, with one unknown for each absolute value."""
-        count, before = len(g), self._added
-        self.more.append(weights)
-        bound = sparse.hstack(
-            [sparse.csr_matrix((count, before)), -sparse.eye(count)], format="csr"
-        )
-        self.rows += [(G, bound, -g, False), (-G, bound, g, False)]
-
-    def least_largest(self, move: sparse.csr_matrix, ranges: JointRanges, q: Array) -> None:
-        """Subtract the margin in degrees: its unknown t is at most each joint's margin."""
-        before = self._added
-        self.more.append(np.full(1, -np.degrees(1.0)))
-        for sign, ends in ((1.0, ranges.upper), (-1.0, -ranges.lower)):
-            room = (ends - sign * q).ravel()
-            near = np.flatnonzero(room < room.min() + 4.0 * self.radius + 1e-3)
-            one = np.zeros((len(near), before + 1))
-            one[:, -1] = 1.0
-            self.rows.append((sign * move[near], sparse.csr_matrix(one), room[near], False))
-
-    def solution(self, penalty: float) -> Array | None:
-        """The minimiser, or ``None``."""
-        n = self.size + self._added + 1
-        # Build from all entries at once: stacking blocks takes longer than solving the program.
-        at, columns, entries = [], [], []
-        before = 0
-        for G, more, g, soft in self.rows:
-            for block, first in ((G.tocoo(), 0), (more.tocoo(), self.size)):
-                at.append(before + block.row)
-                columns.append(first + block.col)
-                entries.append(block.data)
-            if soft:
-                at.append(np.arange(before, before + len(g)))
-                columns.append(np.full(len(g), n - 1))
-                entries.append(np.full(len(g), -1.0))
-            before += len(g)
-        inequalities = sparse.csc_matrix(
-            (np.concatenate(entries), (np.concatenate(at), np.concatenate(columns))),
-            shape=(before, n),
-        )
-        P = sparse.csc_matrix(self.P)
-        P = sparse.csc_matrix(
-            (P.data, P.indices, np.append(P.indptr, np.full(n - self.size, P.nnz))), shape=(n, n)
-        )
-        problem = qpsolvers.Problem(
-            P,
-            np.concatenate([self.c, *self.more, [penalty]]),
-            inequalities,
-            np.concatenate([row[2] for row in self.rows]),
-        )
-        solution = qpsolvers.solve_problem(problem, solver="clarabel")
-        if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
-            return None
-        return np.asarray(solution.x)
-
-    @property
-    def _added(self) -> int:
-        return sum(len(block) for block in self.more)
+        P = share * (move.T @ sparse.diags(weight) @ move)
+        c = share * (move.T @ (weight * (q - objective.ranges.middle).ravel()))
+        if objective.travel:  # t are the absolute values of the changes
+            G, change = move[nv:] - move[:-nv], np.diff(q, axis=0).ravel()
+            less = -sparse.identity(len(change))
+            rows += [[G, less, None], [-G, less, None]]
+            sides += [-change, change]
+            costs = np.tile(np.degrees(objective.travel * objective.joints), count - 1)
+        if objective.margin:  # t is the margin, at most that of each joint
+            costs = np.full(1, -np.degrees(1.0))
+            for sign, ends in ((1.0, objective.ranges.upper), (-1.0, -objective.ranges.lower)):
+                room = (ends - sign * q).ravel()
+                near = np.flatnonzero(room < room.min() + 4.0 * largest + 1e-3)
+                rows.append([sign * move[near], np.ones((len(near), 1)), None])
+                sides.append(room[near])
+    for G, g in problem.limits.rows(q):
+        on_u = G @ move
+        # Rows that no u within the radius can reach are left out.
+        near = np.flatnonzero(g <= largest * np.asarray(abs(on_u).sum(axis=1)).ravel())
+        if len(near):
+            rows.append([on_u[near], None, -np.ones((len(near), 1))])
+            sides.append(g[near])
+    if not len(costs):
+        rows = [[G, violation] for G, _, violation in rows]
+    further = np.append(costs, objective.penalty)
+    program = qpsolvers.Problem(
+        sparse.block_diag([P, sparse.csc_matrix((len(further),) * 2)], format="csc"),
+        np.concatenate([c, further]),
+        sparse.bmat(rows, format="csc"),
+        np.concatenate(sides),
+    )
+    solution = qpsolvers.solve_problem(program, solver="clarabel")
+    if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+        return None
+    return np.asarray(solution.x[:size]).reshape(count, free)

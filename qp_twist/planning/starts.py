@@ -1,27 +1,26 @@
-"""Starts of a path: searched on the first waypoint, corrected onto it, or why there is none.
-
-:func:`qp_twist.find_starts` runs the whole path from each start.
-"""
+"""Starts of a path: searched on the first waypoint, corrected onto it, or why there is none."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 
 import mink
 import numpy as np
 
 from qp_twist import closed_form
-from qp_twist.checks import Array
+from qp_twist.checks import Array, clause
 from qp_twist.constraints import BindingLimit, Clearance, PositionLimit, refuse_never_apart
 from qp_twist.control import Controller
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import Projector, ProjectorKind, TwistProjector
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import PathTask, twist_task
-from qp_twist.planning.central import CentralConfiguration, central_configurations
-from qp_twist.planning.certificate import amount_of
-from qp_twist.planning.layer import centred, forbidding_bands
+from qp_twist.planning.central import (
+    CentralConfiguration,
+    central_configurations,
+    central_roadmap,
+)
+from qp_twist.planning.certificate import empty_layers
+from qp_twist.planning.levels import Level
 from qp_twist.planning.path_rows import REACHED, PathRows
 
 START_ITERATIONS = 200
@@ -29,11 +28,6 @@ START_ITERATIONS = 200
 _AT_A_TIME = 300
 """Number of random configurations that are corrected onto the first waypoint."""
 _TIMES = 10
-_SEEDS = 300
-_CLIPPED = 8
-"""How often configurations are moved into the limits and corrected onto the waypoint again."""
-_NAMED = 4
-"""Largest number of constraints that a message names."""
 _STALLED = 20
 """Number of steps after which a correction that comes no nearer is given up."""
 
@@ -111,14 +105,13 @@ def corrected_start(
     that holds the limits also holds them here, and moves the start inside the constraints if
     possible; other methods ignore both.
     """
-    if task is None:
-        task = twist_task(path_task, path_task.in_force[0])
+    task = twist_task(path_task, path_task.in_force[0]) if task is None else task
     start = path_task.start if start is None else start
     configuration = mink.Configuration(path_task.model, start)
     task.set_target(waypoint)
     controller: Controller | None = None
     if holds_limits:
-        _refuse_pairs_never_apart(path_task, configuration.q)
+        _refuse_never_apart(path_task, configuration.q)
         limits = [PositionLimit(path_task.model), *path_task.constraints]
         controller = Controller(path_task.model, [task], limits=limits)
         controller.smooth = False
@@ -126,12 +119,14 @@ def corrected_start(
     on_waypoint: Array | None = None
     least, nearest_at = np.inf, 0
     for iteration in range(START_ITERATIONS):
-        if on_waypoint is None and reached(path_task, task, configuration, held=False):
-            on_waypoint = configuration.q.copy()
-        if reached(path_task, task, configuration, held=holds_limits):
-            q: Array = configuration.q.copy()
+        left = missed_by(path_task, task, configuration)
+        q: Array = configuration.q.copy()
+        if on_waypoint is None and left <= 1.0:
+            on_waypoint = q
+        if holds_limits:
+            left = max(left, _outside(path_task, configuration))
+        if left <= 1.0:
             return q
-        left = _left_to_correct(path_task, task, configuration, held=holds_limits)
         if left < 0.99 * least:
             least, nearest_at = left, iteration
         elif iteration - nearest_at >= _STALLED:
@@ -146,14 +141,13 @@ def corrected_start(
         configuration.integrate_inplace(dq, 1.0)
     if on_waypoint is not None:  # outside a constraint; the run that follows reports it
         return on_waypoint
-    error = task.state(configuration).error
-    off = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-    if off[0] <= REACHED.position and off[1] <= REACHED.axis:
+    linear, angular = np.linalg.norm(task.state(configuration).error.reshape(2, 3), axis=1)
+    if linear <= REACHED.position and angular <= REACHED.axis:
         nearest_one: Array = configuration.q.copy()
         return nearest_one
     raise InvalidInput(
         f"follow: the start cannot be corrected onto the first waypoint; after "
-        f"{iteration + 1} steps it is {off[0]:.3g} m and {np.degrees(off[1]):.3g} degrees away. "
+        f"{iteration + 1} steps it is {linear:.3g} m and {np.degrees(angular):.3g} degrees away. "
         "Give a start nearer to it, or move the path into the robot's reach."
         + (f" In the way: {', '.join(map(str, binding))}." if binding else "")
         + (
@@ -162,6 +156,13 @@ def corrected_start(
             else ""
         )
     )
+
+
+def _refuse_never_apart(path_task: PathTask, q: Array) -> None:
+    """Refuse a clearance that no motion could keep; it is asked only if a start q violates it."""
+    for clearance in path_task.clearances:
+        if clearance.margins(q[None]).min() < 0.0:
+            refuse_never_apart(path_task.name, clearance)
 
 
 def reached(
@@ -173,151 +174,36 @@ def reached(
     """
     if missed_by(path_task, task, configuration) > 1.0:
         return False
-    if not held or not path_task.stated_constraints:
-        return True
-    most = path_task.tolerances.band
-    return bool(path_task.constraint_excess(configuration.q[None]).max() <= most)
-
-
-def _left_to_correct(
-    path_task: PathTask, task: TwistTask, configuration: mink.Configuration, *, held: bool
-) -> float:
-    """Task error, and with ``held`` violation of constraints, relative to their tolerances."""
-    left = missed_by(path_task, task, configuration)
-    if held and path_task.stated_constraints:
-        excess = float(path_task.constraint_excess(configuration.q[None]).max())
-        left = max(left, excess / path_task.tolerances.band)
-    return left
-
-
-def _refuse_pairs_never_apart(path_task: PathTask, q: Array) -> None:
-    """Refuse a clearance that no motion could keep; it is asked only if a start q violates it.
-
-    Raises:
-        InvalidInput: If pairs are nearer than its distance in every random configuration.
-    """
-    for clearance in path_task.constraints:
-        if not isinstance(clearance, Clearance) or not len(clearance.pairs):
-            continue
-        if clearance.margins(q[None]).min() >= 0.0:
-            continue
-        refuse_never_apart(path_task.name, clearance)
+    return not held or _outside(path_task, configuration) <= 1.0
 
 
 def missed_by(path_task: PathTask, task: TwistTask, configuration: mink.Configuration) -> float:
     """The task error relative to its tolerance, the larger of the linear and the angular one."""
-    error = task.state(configuration).error
-    errors = np.linalg.norm(error[:3]), np.linalg.norm(error[3:])
-    return float((np.array(errors) / path_task.iteration.tolerances).max())
+    errors = np.linalg.norm(task.state(configuration).error.reshape(2, 3), axis=1)
+    return float((errors / path_task.iteration.tolerances).max())
+
+
+def _outside(path_task: PathTask, configuration: mink.Configuration) -> float:
+    """The largest violation of a constraint relative to its tolerance."""
+    if not path_task.stated_constraints:
+        return 0.0
+    excess = float(path_task.constraint_excess(configuration.q[None]).max())
+    return excess / path_task.tolerances.band
 
 
 # ---------------------------------------------------------------- none
 
 
 def what_forbids(path_task: PathTask, index: int = 0) -> str:
-    """Why a waypoint has no configuration: its distance, its orientation, limits, or bands.
-
-    Based on random configurations, so distances are upper bounds.
-
-    Args:
-        path_task: The task; no configuration of the waypoint was found inside the limits.
-        index: The waypoint, from 0.
-    """
-    rows, ranges = PathRows(path_task), JointRanges.of(path_task.model)
-    seeds = ranges.random(_SEEDS, np.random.default_rng(0))
-    at = np.full(_SEEDS, index)
-    q, arrived = rows.correct(seeds, at)
-    where = f"waypoint {index + 1}"
-    if not arrived.any():
-        return _out_of_reach(path_task, q, index)
-    q = _towards_limits(rows, ranges, centred(q[arrived], ranges), index)
-    beyond = -ranges.room(q)
-    nearest = int(np.argmin(beyond.max(axis=1)))
-    over = np.flatnonzero(beyond[nearest] > 0.0)
-    if not len(over):
-        return _outside_bands(rows, q[ranges.inside(q)], index)
-    always = np.flatnonzero((beyond > 0.0).all(axis=0))
-    violations = " and ".join(
-        f"{ranges.names[dof]} by {amount_of(beyond[nearest, dof], ranges.units[dof])}"
-        for dof in over
-    )
-    text = (
-        f"the arm reaches {where}, but in no configuration inside its limits; in the one that is "
-        f"nearest to fit they are exceeded by {violations}"
-    )
-    if len(always):
-        names = " and ".join(ranges.names[dof] for dof in always)
-        text += f", and in every one that was found by {names}"
-    return text
-
-
-def _towards_limits(rows: PathRows, ranges: JointRanges, q: Array, index: int) -> Array:
-    """Configurations q (K, nv) on a waypoint, and others nearer to the limits if none is inside."""
-    last = q
-    for _ in range(_CLIPPED):
-        if not len(last) or ranges.inside(q).any():
-            break
-        clipped = np.clip(last, ranges.lower, ranges.upper)
-        last, arrived = rows.correct(clipped, np.full(len(clipped), index))
-        last = centred(last[arrived], ranges)
-        q = np.vstack([q, last])
-    return q
-
-
-def _outside_bands(rows: PathRows, q: Array, index: int) -> str:
-    """The sentence for a waypoint with configurations q (K, nv) inside the limits."""
-    forbidding, margins = forbidding_bands(q, rows.hard, index) if rows.hard else ((), None)
-    if margins is None or not forbidding:
+    """Why a waypoint, from 0, has no configuration, as the certificate of a plan says it."""
+    roadmap = central_roadmap(path_task, PathRows(path_task))
+    level = Level(roadmap, [index], roadmap.layers([index]))
+    if not level.has_gaps:
         return (
             f"waypoint {index + 1} has configurations inside the limits, but the search for the "
             "most central ones found none"
         )
-    outside = sorted(
-        (margin, name, unit)
-        for name, unit, margin in zip(rows.hard.names, rows.hard.units, margins, strict=True)
-        if name in forbidding
-    )
-    violations = " and ".join(
-        f"{name} by {amount_of(-margin, unit)}" for margin, name, unit in outside[:_NAMED]
-    )
-    if len(outside) > _NAMED:
-        violations += f" and {len(outside) - _NAMED} more"
-    what = "the hard tolerance bands" if rows.hard.bands else "the constraints"
-    if rows.hard.bands and rows.hard.constraints:
-        what += " and constraints"
-    touching = any(name.startswith("clearance, ") for name in forbidding)
+    certificate = empty_layers(level, level.covers)
+    touching = any(name.startswith("clearance, ") for name in certificate.bands)
     hint = " (a pair that may touch belongs into ignore of [clearance])" if touching else ""
-    return (
-        f"no configuration that was found at waypoint {index + 1} is inside both the joint limits "
-        f"and {what}; the nearest one inside the limits is outside {violations}{hint}"
-    )
-
-
-def _out_of_reach(path_task: PathTask, q: Array, index: int) -> str:
-    """The sentence for a waypoint that no seed reached, from where the seeds ended.
-
-    The distance ignores joint limits.
-    """
-    where = f"waypoint {index + 1}"
-    position = path_task.waypoints[index].translation()
-    shown = ", ".join(f"{value:.3g}" for value in position)
-    if path_task.in_force[index].linear.kind is ProjectorKind.FULL:
-        linear = TwistProjector(
-            linear=path_task.operational.linear, angular=Projector.none(),
-            frame=path_task.operational.frame,
-        )  # fmt: skip
-        alone = dataclasses.replace(path_task, projector=linear, segments=(), bands=())
-        distance = PathRows(alone).nearest(index, q).linear
-        if distance > REACHED.position:
-            return (
-                f"{where} at ({shown}) m is out of the arm's reach by {1e3 * distance:.3g} mm, "
-                "joint limits not counted"
-            )
-    rows = PathRows(path_task)
-    coupled = rows.couplings.names
-    also = f" and {', '.join(coupled)} coupled" if coupled else ""
-    return (
-        f"the arm reaches the position ({shown}) m of {where}, but not with the orientation that "
-        f"the task asks for{also}: the nearest configuration misses it by "
-        f"{rows.nearest(index, q)}, joint limits not counted"
-    )
+    return clause(certificate) + hint

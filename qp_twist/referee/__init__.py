@@ -26,7 +26,7 @@ from .motion_limits import MotionLimits as MotionLimits
 from .motion_limits import motion_limits as motion_limits
 from .motion_limits import speeds_or_default as speeds_or_default
 from .motion_limits import with_default_accelerations as with_default_accelerations
-from .path_errors import PROVEN as PROVEN
+from .path_errors import Deviation as Deviation
 from .path_errors import Outside as Outside
 from .path_errors import PathErrors as PathErrors
 from .path_errors import constraints_left as constraints_left
@@ -36,3 +36,4 @@ from .path_errors import sampled_errors as sampled_errors
 from .path_errors import straight_errors as straight_errors
 from .path_errors import task_errors as task_errors
 from .row_verdict import RowVerdict as RowVerdict
+from .subdivision import PROVEN as PROVEN

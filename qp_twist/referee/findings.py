@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array
 from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -16,7 +16,14 @@ from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_speeds
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
-from qp_twist.referee.path_errors import PROVEN, Left, PathErrors, constraint_left, path_errors
+from qp_twist.referee.path_errors import (
+    Deviation,
+    Left,
+    PathErrors,
+    constraint_left,
+    path_errors,
+)
+from qp_twist.referee.subdivision import PROVEN
 
 EXCEEDED = 1e-6
 """Share by which a speed or an acceleration has to exceed its limit to count."""
@@ -31,8 +38,8 @@ BEFORE, AFTER = " before the path", " after the path"
 """Ends of the names of findings about the motion before the first and after the last waypoint."""
 OFF = " off the path"
 """The same of findings about parts that do not follow the path."""
-_ERRORS = (("position", 1e3, "mm"), ("axis", 180.0 / np.pi, "°"))
-"""Task errors, and the unit in which a finding states them."""
+_SHOWN = {"position": (1e3, "mm"), "axis": (180.0 / np.pi, "°")}
+"""Factor and unit in which findings state a task error."""
 _IGNORED = "pairs that are ignored elsewhere"
 _LOOKED_AT = 21
 """Places between two waypoints at which it is looked for what is violated most."""
@@ -135,8 +142,7 @@ def examine(
         tolerances: What passes; those of the task if ``None``.
         passing: Times at the waypoints; if ``None``, rows and waypoints correspond, and times are
             seconds if the task has a feed.
-        errors: Result of :func:`~qp_twist.trajectories.path_errors` for these tolerances, times and
-            ``fastest_progress``, if already known.
+        errors: Result of :func:`errors_of`, if already known.
         limits: Of the joints' speeds and accelerations; ``None``: those of
             :func:`~qp_twist.referee.motion_limits`.
         astray: The parts that do not follow the path, from
@@ -156,21 +162,21 @@ def examine(
     passing = passing or Passing(motion.times, path_task.durations is not None, by_row=True)
     if errors is None:
         errors = errors_of(path_task, motion, tolerances, passing)
+    job = path_task, motion, tolerances, passing
     findings = [
         *_of_parts(astray, tolerances, passing),
         *_of_errors(errors, tolerances),
         *_of_bands(path_task, errors, tolerances),
-        *_of_constraints(path_task, motion, errors, tolerances, passing),
-        *_of_joint_moves(path_task, motion, tolerances, passing),
-        *_off_the_path(path_task, motion, tolerances, passing),
+        *_of_constraints(*job, errors),
+        *_of_joint_moves(*job),
+        *_off_the_path(*job),
         *_of_positions(ranges, motion, tolerances, passing),
     ]
     if passing.timed:
         limits = limits or motion_limits(path_task)
         findings += _of_speeds(limits, ranges, motion, passing)
         findings += _of_braking(limits, ranges, motion, tolerances)
-        met = tolerances.met(errors.position, errors.axis)
-        findings += _of_feed(path_task, errors, passing, met)
+        findings += _of_feed(path_task, errors, passing, tolerances)
     return tuple(findings)
 
 
@@ -178,23 +184,12 @@ def errors_of(
     path_task: PathTask, motion: JointMotion, tolerances: Tolerances, passing: Passing
 ) -> PathErrors:
     """The task errors of a motion as :func:`examine` needs them."""
-    return path_errors(
-        path_task,
-        motion,
-        passing.times,
-        tolerances=(tolerances.position, tolerances.axis),
-        fastest=_fastest(path_task, passing),
-    )
-
-
-def _fastest(path_task: PathTask, passing: Passing) -> Array | None:
-    """Largest progress between a waypoint and the next, 1/s, (N − 1,)."""
-    if path_task.durations is None or not passing.timed:
-        return None
-    durations = _at_feed(path_task, len(passing.times))
-    with np.errstate(divide="ignore"):
-        most: Array = _rushed(passing) / durations
-    return most
+    fastest = None
+    if path_task.durations is not None and passing.timed:
+        with np.errstate(divide="ignore"):
+            fastest = RUSHED * _allowed(passing) / _at_feed(path_task, len(passing.times))
+    proven = tolerances.position, tolerances.axis
+    return path_errors(path_task, motion, passing.times, tolerances=proven, fastest=fastest)
 
 
 def _at_feed(path_task: PathTask, count: int) -> Array:
@@ -205,42 +200,27 @@ def _at_feed(path_task: PathTask, count: int) -> Array:
     return durations
 
 
-def _rushed(passing: Passing) -> float:
-    return RUSHED * (1.0 + (FASTER if passing.by_row else FASTER_MATCHED))
+def _allowed(passing: Passing) -> float:
+    """The share of the feed that does not count as exceeded."""
+    return 1.0 + (FASTER if passing.by_row else FASTER_MATCHED)
 
 
-def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
-    found = []
-    for kind, scale, unit in _ERRORS:
-        limit, at = getattr(tolerances, kind), getattr(errors, kind)
-        k = int(np.argmax(at))
-        passes, value = bool(at[k] <= limit), scale * float(at[k])
-        name = f"{kind} error"
-        found.append(Finding(name, value, scale * limit, unit, f"waypoint {k + 1}", passes))
-        between, bound = getattr(errors, f"{kind}_between"), getattr(errors, f"{kind}_bound")
-        if len(between):
-            found.append(_between(f"{name} between", between, bound, limit, scale, unit))
-    return found
+# ---------------------------------------------------------------- errors, bands, constraints
 
 
-def _of_parts(astray: Sequence[Astray], tolerances: Tolerances, passing: Passing) -> list[Finding]:
-    """The largest errors where the motion is off the path."""
-    parts, found = [part for part in astray if part.moves], []
-    for kind, scale, unit in _ERRORS if parts else ():
-        part = max(parts, key=lambda one: float(getattr(one, kind).max()))
-        limit, values = getattr(tolerances, kind), getattr(part, kind)
-        k = int(np.argmax(values))
-        where = f"{passing.moment(float(part.times[k]))}, {part.place}"
-        value = float(values[k])
-        passes, name = value <= limit, f"{kind} error{OFF}"
-        found.append(Finding(name, scale * value, scale * limit, unit, where, passes))
-    return found
+def _at_waypoints(
+    name: str, of: Deviation, limit: float, scale: float, unit: str, what: str = ""
+) -> Finding:
+    """The largest value at a waypoint; ``what`` is violated there."""
+    k = int(np.argmax(of.at))
+    where = f"{what}waypoint {k + 1}"
+    value = float(of.at[k])
+    return Finding(name, scale * value, scale * limit, unit, where, value <= limit)
 
 
 def _between(
     name: str,
-    values: Array,
-    bound: Array,
+    of: Deviation,
     limit: float,
     scale: float,
     unit: str,
@@ -250,75 +230,85 @@ def _between(
 
     ``what`` is violated, or nearest to it; a function names it for the motion after waypoint k.
     """
-    kept = bound <= (1.0 + PROVEN) * limit
-    exceeded = values > limit
-    k = int(np.argmax(values if kept.all() or exceeded.any() else bound))
-    named = what if isinstance(what, str) else what(k)
+    kept, exceeded = of.kept(limit), of.between > limit
+    k = int(np.argmax(of.between if kept.all() or exceeded.any() else of.bound))
     return Finding(
-        name,
-        scale * float(values[k]),
+        f"{name} between",
+        scale * float(of.between[k]),
         scale * limit,
         unit,
-        ", ".join(filter(None, (named, f"waypoints {k + 1} to {k + 2}"))),
+        f"{what if isinstance(what, str) else what(k)}waypoints {k + 1} to {k + 2}",
         bool(kept.all() and not exceeded.any()),
-        scale * float(bound.max()),
+        scale * float(of.bound.max()),
     )
+
+
+def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
+    found = []
+    for kind, (scale, unit) in _SHOWN.items():
+        name, of, limit = f"{kind} error", getattr(errors, kind), getattr(tolerances, kind)
+        found.append(_at_waypoints(name, of, limit, scale, unit))
+        if len(of.between):
+            found.append(_between(name, of, limit, scale, unit))
+    return found
+
+
+def _of_parts(astray: Sequence[Astray], tolerances: Tolerances, passing: Passing) -> list[Finding]:
+    """The largest errors where the motion is off the path."""
+    parts, found = [part for part in astray if part.moves], []
+    for kind, (scale, unit) in _SHOWN.items() if parts else ():
+        part = max(parts, key=lambda one: float(getattr(one, kind).max()))
+        limit, values = getattr(tolerances, kind), getattr(part, kind)
+        k = int(np.argmax(values))
+        where, value = f"{passing.moment(float(part.times[k]))}, {part.place}", float(values[k])
+        name = f"{kind} error{OFF}"
+        found.append(Finding(name, scale * value, scale * limit, unit, where, value <= limit))
+    return found
 
 
 def _of_bands(path_task: PathTask, errors: PathErrors, tolerances: Tolerances) -> list[Finding]:
     """Violation of the hard bands at the waypoints, and between them."""
     hard = [band for band in path_task.bands if band.weight is None]
-    if not hard:
-        return []
-    worst = errors.bands[:, : len(hard)].max(axis=1)
-    k = int(np.argmax(worst))
-    limit = tolerances.band
-    passes = bool(worst[k] <= limit)
-    found = [
-        Finding("outside a band", float(worst[k]), limit, "rad, m", f"waypoint {k + 1}", passes)
+    of_bands = list(zip(hard, errors.bands, strict=False))
+    name, found, between = "outside a band", list[Finding](), list[Finding]()
+    for band, of in of_bands:
+        found.append(_at_waypoints(name, of, tolerances.band, 1.0, "rad, m"))
+        if len(of.between):
+            limit, what = tolerances.between(of.unit), f"{band.kind} band, "
+            between.append(_between(name, of, limit, 1.0, of.unit, what))
+    # Bands of lengths and of angles: failures first, then the largest ratio to the tolerance.
+    return [
+        max(each, key=lambda f: (not f.passes, f.value / (f.limit or 1.0)))
+        for each in (found, between)
+        if each
     ]
-    between = []
-    for column, (band, unit) in enumerate(zip(hard, errors.band_units, strict=False)):
-        values, bound = errors.bands_between[:, column], errors.bands_bound[:, column]
-        limit = tolerances.between(unit)
-        if len(values):
-            name = "outside a band between"
-            between.append(_between(name, values, bound, limit, 1.0, unit, f"{band.kind} band"))
-    if between:
-        # Compare bands of lengths and of angles: failures first, then the largest ratio to the
-        # tolerance.
-        found.append(max(between, key=lambda f: (not f.passes, f.value / (f.limit or 1.0))))
-    return found
 
 
 def _of_constraints(
     path_task: PathTask,
     motion: JointMotion,
-    errors: PathErrors,
     tolerances: Tolerances,
     passing: Passing,
+    errors: PathErrors,
 ) -> list[Finding]:
     """Violation of each of the task's constraints at the waypoints, and between them."""
     found: list[Finding] = []
-    first = len(errors.band_units) - len(path_task.stated_constraints)  # after the hard bands
-    for column, constraint in enumerate(path_task.stated_constraints, start=first):
-        excess, unit = errors.bands[:, column], errors.band_units[column]
-        k = int(np.argmax(excess))
-        margins = constraint.margins(motion.at(passing.times[k : k + 1]).q)[0]
-        where = f"{constraint.names[int(np.argmin(margins))]}, waypoint {k + 1}"
-        name = f"outside {constraint.kind}"
-        passes = bool(excess[k] <= tolerances.band)
-        found.append(Finding(name, float(excess[k]), tolerances.band, unit, where, passes))
-        if len(errors.bands_between):
-            limit = tolerances.between(unit)
-            between = errors.bands_between[:, column], errors.bands_bound[:, column]
+    constraints = path_task.stated_constraints
+    for constraint, of in zip(constraints, errors.bands[-len(constraints) :], strict=False):
 
-            def nearest(k: int, constraint: Constraint = constraint) -> str:
-                times = np.linspace(passing.times[k], passing.times[k + 1], _LOOKED_AT)
-                margins = constraint.margins(motion.at(times).q).min(axis=0)
-                return constraint.names[int(np.argmin(margins))]
+        def nearest(times: Array, constraint: Constraint = constraint) -> str:
+            margins = constraint.margins(motion.at(times).q).min(axis=0)
+            return f"{constraint.names[int(np.argmin(margins))]}, "
 
-            found.append(_between(f"{name} between", *between, limit, 1.0, unit, nearest))
+        def after(k: int, nearest: Callable[[Array], str] = nearest) -> str:
+            return nearest(np.linspace(passing.times[k], passing.times[k + 1], _LOOKED_AT))
+
+        name, k = f"outside {constraint.kind}", int(np.argmax(of.at))
+        what = nearest(passing.times[k : k + 1])
+        found.append(_at_waypoints(name, of, tolerances.band, 1.0, of.unit, what))
+        if len(of.between):
+            limit = tolerances.between(of.unit)
+            found.append(_between(name, of, limit, 1.0, of.unit, after))
     return found
 
 
@@ -327,14 +317,13 @@ def _of_joint_moves(
 ) -> list[Finding]:
     """Pairs that the clearances ignore, on joint moves that begin and end clear of them."""
     found: list[Finding] = []
-    limits = tolerances.position, tolerances.axis
     for first, last in joint_move_ends(path_task):
         if last >= len(passing.times):
             break
         begin, end = passing.times[[first, last]].tolist()
         where = f"waypoints {first + 1} to {last + 1}, {_IGNORED}"
         for clearance in _ignored(path_task, motion, begin, end):
-            left = constraint_left(path_task, clearance, motion, begin, end, limits)
+            left = constraint_left(path_task, clearance, motion, begin, end, tolerances)
             found.append(_way("outside clearance on joint moves", left, "m", tolerances, where))
     # One line for all of them.
     return [max(found, key=lambda f: (not f.passes, f.value))] if found else []
@@ -349,7 +338,6 @@ def _off_the_path(
     too, where these are clear at both ends.
     """
     found: list[Finding] = []
-    limits = tolerances.position, tolerances.axis
     ends = *motion.times[[0, -1]].tolist(), *passing.times[[0, -1]].tolist()
     for side, begin, end in ((BEFORE, ends[0], ends[2]), (AFTER, ends[3], ends[1])):
         if not end > begin:
@@ -357,12 +345,12 @@ def _off_the_path(
         parts = [(constraint, "") for constraint in path_task.stated_constraints]
         parts += [(ignored, _IGNORED) for ignored in _ignored(path_task, motion, begin, end)]
         for constraint, remark in parts:
-            left = constraint_left(path_task, constraint, motion, begin, end, limits)
+            left = constraint_left(path_task, constraint, motion, begin, end, tolerances)
             where = ", ".join(filter(None, (left.name, passing.place(left.time), remark)))
             name, unit = f"outside {constraint.kind}{side}", constraint.units[0]
-            finding = _way(name, left, unit, tolerances, where)
-            if not remark or not finding.passes:
-                found.append(finding)
+            of = _way(name, left, unit, tolerances, where)
+            if not remark or not of.passes:
+                found.append(of)
     return found
 
 
@@ -382,6 +370,9 @@ def _ignored(path_task: PathTask, motion: JointMotion, begin: float, end: float)
     return [clearance for clearance in ignored if len(clearance.pairs)]
 
 
+# ---------------------------------------------------------------- joints
+
+
 def joint_margins(ranges: JointRanges, motion: JointMotion) -> tuple[Array, Array]:
     """Margins of the joints at the rows and, the least exactly, between them.
 
@@ -393,12 +384,7 @@ def joint_margins(ranges: JointRanges, motion: JointMotion) -> tuple[Array, Arra
     between = np.minimum(ranges.margins(lowest), ranges.margins(highest))
     # Rows first: a least margin at a row is reported there, not for the piece that ends there.
     margins = np.vstack([ranges.margins(motion.q), between])
-    return np.concatenate([motion.times, _middles(motion)]), margins
-
-
-def _middles(motion: JointMotion) -> Array:
-    middles: Array = 0.5 * (motion.times[:-1] + motion.times[1:])
-    return middles
+    return np.concatenate([motion.times, motion.middles]), margins
 
 
 def _of_positions(
@@ -409,11 +395,10 @@ def _of_positions(
         return []
     times, margins = joint_margins(ranges, motion)
     lowest, highest = motion.extremes()
-    k, joint = np.unravel_index(int(np.argmin(margins)), margins.shape)
     outside = float(np.maximum(ranges.lower - lowest, highest - ranges.upper).max())
-    where = f"{ranges.names[joint]}, {passing.place(times[k])}"
-    value, passes = float(margins[k, joint]), outside <= tolerances.joint_range
-    return [Finding("smallest joint margin", value, 0.0, "", where, passes, least=True)]
+    least = _largest("smallest joint margin", -margins, ranges.names, times, passing)
+    passes = outside <= tolerances.joint_range
+    return [replace(least, value=-least.value, limit=0.0, passes=passes, least=True)]
 
 
 def _of_braking(
@@ -430,13 +415,11 @@ def _of_braking(
         ("range before the first row", 0, -velocities[0]),
         ("range after the last row", -1, velocities[1]),
     ):
-        rest = motion.q[row] + v * np.abs(v) / (2.0 * limits.acceleration)
-        outside = np.maximum(ranges.lower - rest, rest - ranges.upper)
+        outside = -ranges.room(motion.q[row] + v * np.abs(v) / (2.0 * limits.acceleration))
         joint = int(np.argmax(outside))
         if outside[joint] > tolerances.joint_range and v[joint] != 0.0:
-            where = f"{ranges.names[joint]}, at rest"
-            value, unit = float(outside[joint]), ranges.units[joint]
-            found.append(Finding(name, value, 0.0, unit, where, passes=False))
+            where, unit = f"{ranges.names[joint]}, at rest", ranges.units[joint]
+            found.append(Finding(name, float(outside[joint]), 0.0, unit, where, passes=False))
     return found
 
 
@@ -446,7 +429,7 @@ def velocity_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
     Returns:
         Middles between the rows, s, (N − 1,), and the shares, (N − 1, nv); 0 without a limit.
     """
-    return _middles(motion), largest_speeds(motion) / limits
+    return motion.middles, largest_speeds(motion) / limits
 
 
 def acceleration_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
@@ -465,73 +448,74 @@ def _of_speeds(
 ) -> list[Finding]:
     """Largest shares of the velocity and acceleration limits; the speeds if there are none."""
     found = []
-    if np.isfinite(limits.velocity).any():
-        middles, use = velocity_use(motion, limits.velocity)
-        found.append(_share("velocity", use, ranges.names, middles, passing))
-    else:
-        speeds = largest_speeds(motion)
-        k, joint = np.unravel_index(int(np.argmax(speeds)), speeds.shape)
-        where = f"{ranges.names[joint]}, {passing.place(_middles(motion)[k])}"
-        unit = f"{ranges.units[joint]}/s"
-        found.append(Finding("joint speed", float(speeds[k, joint]), None, unit, where, True))
-    if np.isfinite(limits.acceleration).any():
-        times, use = acceleration_use(motion, limits.acceleration)
-        if len(use):
-            found.append(_share("acceleration", use, ranges.names, times, passing))
+    for kind, most, use_of in (
+        ("velocity", limits.velocity, velocity_use),
+        ("acceleration", limits.acceleration, acceleration_use),
+    ):
+        if np.isfinite(most).any():
+            times, use = use_of(motion, most)
+            if len(use):
+                share = _largest(f"{kind} limits", 100.0 * use, ranges.names, times, passing)
+                passes = share.value <= 100.0 * (1.0 + EXCEEDED)
+                found.append(replace(share, limit=100.0, unit="%", passes=passes))
+        elif kind == "velocity":
+            times, speeds = motion.middles, largest_speeds(motion)
+            speed = _largest("joint speed", speeds, ranges.names, times, passing)
+            unit = ranges.units[int(np.argmax(speeds)) % speeds.shape[1]]
+            found.append(replace(speed, unit=f"{unit}/s"))
     return found
 
 
-def _share(kind: str, use: Array, names: Sequence[str], times: Array, passing: Passing) -> Finding:
-    k, joint = divmod(int(np.argmax(use)), use.shape[1])
-    value = 100.0 * float(use[k, joint])
-    where = f"{names[joint]}, {passing.place(times[k])}"
-    return Finding(f"{kind} limits", value, 100.0, "%", where, value <= 100.0 * (1.0 + EXCEEDED))
+def _largest(
+    name: str, values: Array, joints: Sequence[str], times: Array, passing: Passing
+) -> Finding:
+    """The largest of values (K, nv) at times (K,), s, without a limit."""
+    k, joint = divmod(int(np.argmax(values)), values.shape[1])
+    where = f"{joints[joint]}, {passing.place(times[k])}"
+    return Finding(name, float(values[k, joint]), None, "", where, passes=True)
 
 
-def _of_feed(path_task: PathTask, errors: PathErrors, passing: Passing, met: Mask) -> list[Finding]:
+# ---------------------------------------------------------------- feed
+
+
+def _of_feed(
+    path_task: PathTask, errors: PathErrors, passing: Passing, tolerances: Tolerances
+) -> list[Finding]:
     """Feed at the waypoints, between them, and over the whole path.
 
     Two waypoints of which one is missed have no time from one to the other. Without two successive
     ones that are met there is no feed at the waypoints; the errors there do not pass then.
     """
-    times = passing.times
+    times, met = passing.times, tolerances.met(errors.position.at, errors.axis.at)
     if path_task.durations is None or len(times) < 2:
         return []
     durations = _at_feed(path_task, len(times))
     took = np.maximum(np.diff(times), CLOCK)  # a motion at rest may meet two waypoints at once
     both = met[:-1] & met[1:]
     use = np.where(both, durations / took, 0.0)
-    k = int(np.argmax(use))
-    at_waypoints: list[Finding] = []
+    found: list[Finding] = []
     if both.any():
-        passes = bool(use[k] <= _rushed(passing) / RUSHED)
-        where = f"waypoints {k + 1} to {k + 2}"
-        at_waypoints = [Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes)]
+        k = int(np.argmax(use))
+        passes, where = bool(use[k] <= _allowed(passing)), f"waypoints {k + 1} to {k + 2}"
+        found.append(Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes))
     # The mean is part of it: what is shorter than the tolerated errors is not slower for that.
     between = np.maximum(durations * errors.rate, np.minimum(use, RUSHED))
-    exceeded = between > _rushed(passing)
+    exceeded = between > RUSHED * _allowed(passing)
     slow = exceeded.any() or errors.rate_kept.all()
     j = int(np.argmax(between if slow else ~errors.rate_kept))
-    total = float(times[-1] - times[0])
+    passes, where = (
+        bool(errors.rate_kept.all() and not exceeded.any()),
+        f"waypoints {j + 1} to {j + 2}",
+    )
+    value, most = 100.0 * float(between[j]), 100.0 * RUSHED
+    found.append(Finding("feed between", value, most, "%", where, passes))
     whole = "whole path" if met.all() else "not the whole path"
-    at_feed = f"{whole}, {float(durations.sum()):.4g} s at the feed"
+    where = f"{whole}, {float(durations.sum()):.4g} s at the feed"
+    found.append(Finding("time", float(times[-1] - times[0]), None, "s", where, passes=True))
     moves = in_joint_moves(path_task, len(times))
-    in_the_air: list[Finding] = []
     if moves.any():
         count = int(moves[0]) + int((moves[1:] & ~moves[:-1]).sum())
         many = f"{count} joint moves" if count > 1 else "1 joint move"
         air = float(np.diff(times)[moves].sum())
-        in_the_air = [Finding("time of joint moves", air, None, "s", many, True)]
-    return [
-        *at_waypoints,
-        Finding(
-            "feed between",
-            100.0 * float(between[j]),
-            100.0 * RUSHED,
-            "%",
-            f"waypoints {j + 1} to {j + 2}",
-            bool(errors.rate_kept.all() and not exceeded.any()),
-        ),
-        Finding("time", total, None, "s", at_feed, True),
-        *in_the_air,
-    ]
+        found.append(Finding("time of joint moves", air, None, "s", many, passes=True))
+    return found

@@ -106,6 +106,12 @@ class JointMotion:
         """``"linear"`` (constant speed from row to row), ``"cubic"`` or ``"quintic"``."""
         return _NAMES[self.degree]
 
+    @property
+    def middles(self) -> Array:
+        """Times in the middle between rows, s, (N − 1,)."""
+        middles: Array = 0.5 * (self.times[:-1] + self.times[1:])
+        return middles
+
     def at(self, t: npt.ArrayLike) -> State:
         """The joints at a time or at many, s; before the first row and after the last they rest.
 

@@ -160,7 +160,7 @@ def largest_accelerations(motion: JointMotion) -> tuple[Array, Array]:
     if motion.accelerations is not None:
         stated = np.abs(motion.accelerations) - rounding.acceleration
         _raise(found, 1, np.maximum(stated[:-1], stated[1:]))
-    return 0.5 * (times[:-1] + times[1:]), found
+    return motion.middles, found
 
 
 def _raise(found: Array, pieces: int, values: Array) -> None:

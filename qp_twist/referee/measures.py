@@ -1,12 +1,12 @@
 """Measures of a motion: their values at poses, and bounds between poses.
 
-Each measure has nonnegative values at many instants, and bounds for the motion of joints, frame and
-target from one instant to the next. So constraints can be proven between waypoints.
+Each has nonnegative values at many instants, and bounds for the motion of joints, frame and target
+from one instant to the next. So constraints can be proven between waypoints.
 """
 
 from __future__ import annotations
 
-import abc
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -37,119 +37,95 @@ class Passage(NamedTuple):
     """Bound of its second derivative, likewise."""
 
 
-class Measure(abc.ABC):
-    """Quantities to be bounded.
-
-    Attributes:
-        unit: ``"m"`` or ``"rad"``.
-        width: Number of quantities.
-    """
+class Measure(NamedTuple):
+    """Quantities to be bounded."""
 
     unit: str
-    width = 1
-
-    @abc.abstractmethod
-    def at(self, poses: Poses) -> Array:
-        """Their values at each pose, at least 0, (K, width)."""
-
-    @abc.abstractmethod
-    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """Upper bounds from each pose to the next, (K, width)."""
+    """``"m"`` or ``"rad"``."""
+    width: int
+    """Their number."""
+    at: Callable[[Poses], Array]
+    """Their values at each pose, at least 0, (K, width)."""
+    most: Callable[[Poses, Poses, Passage], Array]
+    """Upper bounds from each pose to the next, (K, width)."""
 
 
-class PositionError(Measure):
-    r"""Length of the linear task error ‖M_v (p_d − p)‖, m."""
+def position_error(projector: TwistProjector) -> Measure:
+    """Length of the linear task error ‖M_v (p_d − p)‖, m."""
+    kind, basis = projector.linear.kind, projector.linear.basis
+    # A rotation of the rows has no effect on full or empty rows.
+    whole = kind in (ProjectorKind.FULL, ProjectorKind.NONE)
+    frame = "world" if whole else projector.frame
 
-    unit = "m"
-
-    def __init__(self, projector: TwistProjector) -> None:
-        self.projector = projector
-        # A rotation of the rows has no effect on full or empty rows.
-        kind = projector.linear.kind
-        whole = kind in (ProjectorKind.FULL, ProjectorKind.NONE)
-        self._frame = "world" if whole else projector.frame
-
-    def at(self, poses: Poses) -> Array:
-        """‖M_v (p_d − p)‖, m, (K, 1)."""
+    def at(poses: Poses) -> Array:
         pair = poses.pair
         apart = (pair.target_position - pair.position)[:, None]
-        seen = apart @ pair.axes(self._frame) @ self.projector.linear.basis
-        norm: Array = np.linalg.norm(seen, axis=2)
+        norm: Array = np.linalg.norm(apart @ pair.axes(frame) @ basis, axis=2)
         return norm
 
-    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """The larger end plus the error's deviation from its chord."""
-        if self.projector.linear.kind is ProjectorKind.NONE:
+    def most(before: Poses, after: Poses, passage: Passage) -> Array:
+        if kind is ProjectorKind.NONE:
             return np.zeros((len(before.q), 1))
         ends, stretch = (before.pair, after.pair), passage.stretch
-        away = stretch.off_chord(*ends, self._frame)
-        if self._frame == "target":
-            away = away + stretch.slipped(*ends, self._frame)
-        return np.maximum(self.at(before), self.at(after)) + away[:, None]
+        away = stretch.off_chord(*ends, frame)
+        if frame == "target":
+            away = away + stretch.slipped(*ends, frame)
+        return np.maximum(at(before), at(after)) + away[:, None]
+
+    return Measure("m", 1, at, most)
 
 
-class AxisError(Measure):
-    r"""Length of the angular task error, rad.
+def axis_error(projector: TwistProjector) -> Measure:
+    """Length of the angular task error, rad.
 
     The whole error and the swing are angles θ between a frame and its target, or an axis of each.
     Their chord 2 sin(θ/2) is the length of a vector.
     """
+    angular = projector.angular
 
-    unit = "rad"
-
-    def __init__(self, projector: TwistProjector) -> None:
-        self.projector = projector
-
-    def at(self, poses: Poses) -> Array:
-        """The length, rad, (K, 1)."""
-        if not self.projector.angular.rank:
+    def at(poses: Poses) -> Array:
+        if not angular.rank:
             return np.zeros((len(poses.q), 1))
-        error = resolved_twist_error(*poses.pair[:4], self.projector)[1]
+        error = resolved_twist_error(*poses.pair[:4], projector)[1]
         norm: Array = np.linalg.norm(error[:, 3:], axis=1, keepdims=True)
         return norm
 
-    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """The larger end plus the error's deviation from its chord."""
-        if not self.projector.angular.rank:
+    def most(before: Poses, after: Poses, passage: Passage) -> Array:
+        if not angular.rank:
             return np.zeros((len(before.q), 1))
-        if self.projector.angular.kind is ProjectorKind.LINE:
-            axis, frame, poses = self.projector.angular.axis, self.projector.frame, before.pair
-            assert axis is not None
-            begin, end, away = turn_about(axis, frame, poses, after.pair, passage.stretch)
+        if angular.kind is ProjectorKind.LINE:
+            assert angular.axis is not None
+            ends = before.pair, after.pair
+            turned = turn_about(angular.axis, projector.frame, *ends, passage.stretch)
+            begin, end, away = turned
             return np.minimum(np.maximum(np.abs(begin), np.abs(end)) + away, np.pi)[:, None]
-        ends = np.maximum(self.at(before), self.at(after))
+        largest = np.maximum(at(before), at(after))
         off = passage.stretch.off_chord_of_angle(target=True)
-        return angle_of_chord(2.0 * np.sin(0.5 * ends) + off[:, None])
+        return angle_of_chord(2.0 * np.sin(0.5 * largest) + off[:, None])
+
+    return Measure("rad", 1, at, most)
 
 
-class BandExcess(Measure):
-    """Violation of a band, rad or m."""
+def band_excess(band: ToleranceBand) -> Measure:
+    """Violation of a band, rad or m; 0 inside."""
 
-    def __init__(self, band: ToleranceBand) -> None:
-        self.band, self.unit, self.width = band, band.unit, len(band.ranges)
+    def most(before: Poses, after: Poses, passage: Passage) -> Array:
+        return np.maximum(-band.least(before.pair, after.pair, passage.stretch), 0.0)
 
-    def at(self, poses: Poses) -> Array:
-        """Violations of the margins, 0 inside."""
-        return np.maximum(-self.band.margins(poses.pair), 0.0)
+    def at(poses: Poses) -> Array:
+        return np.maximum(-band.margins(poses.pair), 0.0)
 
-    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """Violations of the lower bounds of the margins, 0 inside."""
-        least = self.band.least(before.pair, after.pair, passage.stretch)
+    return Measure(band.unit, len(band.ranges), at, most)
+
+
+def constraint_excess(constraint: Constraint) -> Measure:
+    """Violation of a constraint, rad or m; 0 inside."""
+
+    def at(poses: Poses) -> Array:
+        return np.maximum(-constraint.bounded(poses.q, 0.0), 0.0)
+
+    def most(before: Poses, after: Poses, passage: Passage) -> Array:
+        least = constraint.least(before.q, after.q, passage.travel, passage.curve)
         return np.maximum(-least, 0.0)
 
-
-class ConstraintExcess(Measure):
-    """Violation of a constraint, rad or m."""
-
-    def __init__(self, constraint: Constraint) -> None:
-        self.constraint = constraint
-        self.unit, self.width = constraint.units[0], len(constraint.names)
-
-    def at(self, poses: Poses) -> Array:
-        """Violations of the margins, 0 inside."""
-        return np.maximum(-self.constraint.bounded(poses.q, 0.0), 0.0)
-
-    def most(self, before: Poses, after: Poses, passage: Passage) -> Array:
-        """Violations of the lower bounds of the margins, 0 inside."""
-        least = self.constraint.least(before.q, after.q, passage.travel, passage.curve)
-        return np.maximum(-least, 0.0)
+    return Measure(constraint.units[0], len(constraint.names), at, most)

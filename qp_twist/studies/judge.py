@@ -57,7 +57,7 @@ class Judge:
     def __init__(self, path_task: PathTask) -> None:
         self.ranges = JointRanges.of(path_task.model)
         self._tolerances = path_task.tolerances
-        self._steps = motion_limits(path_task, self.ranges, None, fixed_start=False).steps
+        self._steps = motion_limits(path_task, self.ranges).steps
         self._before: Array | None = None
         self._waypoint = 1
 

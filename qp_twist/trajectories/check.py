@@ -208,13 +208,13 @@ def check_trajectory(
     by_row = len(rows.q) == count
     if by_row:
         errors = errors_of(path_task, motion, tolerances, passing)
-    if not by_row or not tolerances.met(errors.position, errors.axis).all():
+    if not by_row or not tolerances.met(errors.position.at, errors.axis.at).all():
         times = times_at_waypoints(path_task, motion, tolerances)
         searched = Passing(times, timed, by_row=False)
         nearest = errors_of(path_task, motion, tolerances, searched)
-        if not by_row or tolerances.met(nearest.position, nearest.axis).all():
+        if not by_row or tolerances.met(nearest.position.at, nearest.axis.at).all():
             errors, passing = nearest, searched
-    met = tolerances.met(errors.position, errors.axis)
+    met = tolerances.met(errors.position.at, errors.axis.at)
     astray: tuple[Astray, ...] = ()
     if not passing.by_row:
         astray = astray_parts(path_task, motion, passing.times, met)

@@ -131,8 +131,8 @@ class TimedPath:
             rows += [
                 ("stretches slower than the feed", len(self.slowed)),
                 ("stops between the ends", len(self.stops)),
-                ("position error at rows, mm", 1e3 * float(self.errors.position.max())),
-                ("… between them, mm", 1e3 * float(self.errors.position_between.max())),
+                ("position error at rows, mm", 1e3 * float(self.errors.position.at.max())),
+                ("… between them, mm", 1e3 * float(self.errors.position.between.max())),
             ]
         return html_table(caption, rows)
 

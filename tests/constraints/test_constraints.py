@@ -86,7 +86,7 @@ def test_what_is_proven_between_waypoints_holds_at_every_sample(seed: int) -> No
     errors = path_errors(task, motion, tolerances=(1e-4, 1e-3))
     passed = motion.at(np.linspace(0.0, 2.0, 3000)).q
     sampled = np.maximum(-half.margins(passed), 0.0).max()
-    assert sampled <= errors.bands_bound.max() + 1e-12
+    assert sampled <= max(of.bound.max() for of in errors.bands) + 1e-12
     assert not errors.kept(1e-4, 1e-3).all() or sampled <= 1.001e-4
 
 
@@ -159,9 +159,7 @@ def test_the_constraint_that_forbids_a_waypoint_is_named() -> None:
     by = f"{1e3 * (1.5 - lower):.3g} mm"
     with pytest.raises(qt.InvalidInput, match=rf"outside constraints\[0\], link_5 by {by}"):
         qt.plan(task, start=start)
-    with pytest.raises(
-        qt.following.NoStart, match=r"and the constraints; .* outside constraints\[0\]"
-    ):
+    with pytest.raises(qt.following.NoStart, match=r"joint limits and constraints\[0\]"):
         qt.find_starts(task)
 
 

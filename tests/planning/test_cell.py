@@ -125,15 +125,12 @@ def test_the_map_of_rolls_says_where_the_arm_would_touch_and_what(cell: qt.PathT
     assert without.in_the_way() == {}
 
 
-def test_what_is_too_near_is_named_the_worst_first(cell: qt.PathTask) -> None:
-    """At 0.35 m from everything no start is left: the message says how to let a pair touch."""
+def test_where_pairs_leave_no_start_it_is_said_how_to_let_one_touch(cell: qt.PathTask) -> None:
+    """At 0.35 m from everything no start is left."""
     wide = replace(cell, constraints=(qt.Clearance(cell.model, 0.35),))
-    with pytest.raises(
-        qt.InvalidInput, match=r"outside clearance, part to tool by 350 mm and"
-    ) as e:
+    with pytest.raises(qt.InvalidInput, match="clearance, part to tool and") as e:
         qt.find_starts(wide)
     assert "belongs into ignore of [clearance]" in str(e.value)
-    assert str(e.value).count("clearance, ") == 4
 
 
 @pytest.mark.parametrize("distance", [0.4, 10.0])

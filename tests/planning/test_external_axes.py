@@ -180,7 +180,7 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
         begin, along = poses[k][0], poses[k + 1][0] - poses[k][0]
         off = tool(q[k] + share * (q[k + 1] - q[k]))[0] - begin
         off = off - along * np.clip(off @ along / (along @ along), 0.0, 1.0)
-        assert np.linalg.norm(off) <= bound.position_bound[k] + 1e-9
+        assert np.linalg.norm(off) <= bound.position.bound[k] + 1e-9
     arm, ranges = study.InverseKinematics(qt.load_task("deburring")), qt.JointRanges.of(task.model)
     angles, layers = np.radians(np.arange(-180.0, 180.0, 10.0)), []
     for waypoint in task.waypoints:

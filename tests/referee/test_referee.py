@@ -164,11 +164,13 @@ def compare(task: qt.PathTask, motion: JointMotion, errors: PathErrors, count: i
     for k in range(2):
         linear, angular, excess = dense(task, motion, k, count)
         rounding = 1e-8  # of angles near 0 and π
-        assert linear.max() <= errors.position_bound[k] * (1 + 1e-9) + 1e-12
-        assert angular.max() <= errors.axis_bound[k] + rounding
-        assert (excess.max(axis=0) <= errors.bands_bound[k] + rounding).all()
-        assert errors.position_between[k] <= errors.position_bound[k] + 1e-12
-        assert errors.axis_between[k] <= errors.axis_bound[k] + rounding
+        assert linear.max() <= errors.position.bound[k] * (1 + 1e-9) + 1e-12
+        assert angular.max() <= errors.axis.bound[k] + rounding
+        assert (
+            excess.max(axis=0) <= np.array([of.bound[k] for of in errors.bands]) + rounding
+        ).all()
+        assert errors.position.between[k] <= errors.position.bound[k] + 1e-12
+        assert errors.axis.between[k] <= errors.axis.bound[k] + rounding
 
 
 # ---------------------------------------------------------------- bounds
@@ -353,7 +355,7 @@ def test_a_tip_that_rushes_forth_and_back_on_its_way_is_seen() -> None:
     assert slow.rate_kept.all()
     assert slow.rate[0] == pytest.approx(np.pi / 2.0, rel=0.02)
     fast = errors(q + np.pi * np.array([[0.0, 0.0], [18.0, -36.0]]))
-    assert fast.position_bound[0] < 1e-4  # never off the line
+    assert fast.position.bound[0] < 1e-4  # never off the line
     assert not fast.rate_kept.any()
     assert fast.rate[0] > 10.0
 
@@ -371,8 +373,8 @@ def test_a_plan_says_what_it_keeps_between_its_waypoints() -> None:
     task = dataclasses.replace(task, bands=(qt.RollBand([0, 0, 1], -0.1, 0.1),))
     plan = plan_of(task, q)
     height = 2.0 * (1.0 - np.cos(0.005))
-    assert 0.9 * height <= plan.between.position_between.max() <= height * (1 + 1e-9)
-    assert height <= plan.between.position_bound.max() <= 1.3 * height + 1e-5
+    assert 0.9 * height <= plan.between.position.between.max() <= height * (1 + 1e-9)
+    assert height <= plan.between.position.bound.max() <= 1.3 * height + 1e-5
     assert plan.promise.startswith("on the path at the waypoints; between them, the joints moving")
     assert plan.promise.endswith("outside hard bands by at most 0°")
     assert {f.name for f in plan.examined()} >= {"position error between", "feed between"}
@@ -389,10 +391,10 @@ def test_a_joint_without_a_range_may_not_turn_by_more_than_half_a_turn_in_a_plan
     q = np.array([[0.0], [0.01], [0.02]])
     task = joint_path(links(2.0), q, evenly(3, 100.0), velocity=3.0).path_task
     ranges = qt.JointRanges.of(task.model)
-    assert motion_limits(task, ranges, None, fixed_start=False).steps.max() == np.pi
+    assert motion_limits(task, ranges).steps.max() == np.pi
     limited = joint_path(slider(), q, evenly(3, 100.0), velocity=3.0).path_task
     ranges = qt.JointRanges.of(limited.model)
-    assert motion_limits(limited, ranges, None, fixed_start=False).steps.max() == 300.0
+    assert motion_limits(limited, ranges).steps.max() == 300.0
 
 
 # ---------------------------------------------------------------- work

@@ -191,7 +191,7 @@ def test_what_rounds_by_samples_keep_is_proven_to_be_kept(method: str) -> None:
     timed = time_trajectory(rows, limits=limits)
     assert len(timed.q) > len(rows.q)
     assert timed.errors.kept(1e-4, np.radians(0.05)).all()
-    assert max(timed.errors.position.max(), timed.errors.axis.max()) < 1e-7
+    assert max(timed.errors.position.at.max(), timed.errors.axis.at.max()) < 1e-7
 
 
 def test_a_result_never_makes_another_task(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -363,17 +363,17 @@ def test_the_error_between_waypoints_is_that_of_the_arc_over_its_chord() -> None
     q = np.array([[0.0], [0.2], [0.5]])
     trajectory = joint_path(model, q, evenly(3, 1.0))
     errors = path_errors(trajectory.path_task, JointMotion(np.arange(3.0), q), samples=31)
-    assert errors.position == pytest.approx(0.0, abs=1e-12)
+    assert errors.position.at == pytest.approx(0.0, abs=1e-12)
     expected = [2.0 * (1.0 - np.cos(0.1)), 2.0 * (1.0 - np.cos(0.15))]
-    assert errors.position_between == pytest.approx(expected, rel=1e-3)
-    assert (errors.position_bound >= expected).all()
-    assert errors.position_bound[1] <= 1.2 * expected[1]
-    assert not errors.axis_between.any()
+    assert errors.position.between == pytest.approx(expected, rel=1e-3)
+    assert (errors.position.bound >= expected).all()
+    assert errors.position.bound[1] <= 1.2 * expected[1]
+    assert not errors.axis.between.any()
     # The angle of the frame turns with the chord: nothing is left of it.
     angle = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.line([0, 0, 1]))
     task = dataclasses.replace(trajectory.path_task, projector=angle)
     turned = path_errors(task, JointMotion(np.arange(3.0), q))
-    assert turned.axis_between == pytest.approx(0.0, abs=1e-9)
+    assert turned.axis.between == pytest.approx(0.0, abs=1e-9)
 
 
 # ---------------------------------------------------------------- rows between
@@ -384,8 +384,8 @@ def test_a_path_is_followed_as_finely_as_its_tolerances_ask(every: int) -> None:
     line = qt.load_task("planar_line")
     task = dataclasses.replace(line, waypoints=line.waypoints[::every], flipped_waypoints=None)
     plain, fine = (qt.follow(task, "qp_minimum_norm", fine=fine) for fine in (False, True))
-    assert plain.between.position_bound.max() > 1e-4 or every == 5
-    assert fine.between.position_bound.max() <= 1e-4
+    assert plain.between.position.bound.max() > 1e-4 or every == 5
+    assert fine.between.position.bound.max() <= 1e-4
     assert fine.s[fine.at_waypoints].tolist() == list(range(len(task.waypoints)))
     assert fine.position_error.max() < 1e-8 and fine.passes
     twice = qt.follow(dataclasses.replace(task, waypoints=line.waypoints[:: every // 5]),
@@ -397,7 +397,7 @@ def test_rows_are_inserted_where_straight_joints_would_leave_the_path() -> None:
     task = short(qt.load_task("deburring"), 6, lines=10 * np.arange(6))
     trajectory = qt.follow(task, "qp")
     straight = path_errors(task, JointMotion(np.arange(6.0), trajectory.q))
-    assert straight.position_between.max() > 1e-4
+    assert straight.position.between.max() > 1e-4
     refined = refine_trajectory(trajectory)
     assert len(refined.q) > 6
     # The rows that were there stay, at their times.
@@ -452,7 +452,7 @@ def test_slowing_down_keeps_the_path_that_the_limits_would_not_let_it_keep(
         change = np.abs(np.diff(velocities, axis=0)) / kept.durations[2:, None]
         assert change.max() <= acceleration * (1 + 1e-5)
     timed = time_trajectory(kept)
-    assert timed.errors.position_between.max() < 1e-4
+    assert timed.errors.position.between.max() < 1e-4
     assert (timed.motion.largest_speeds() <= 0.12 * (1 + 1e-9)).all()
 
 
