@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import functools
-import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.joint_ranges import joint_names
 
@@ -111,60 +110,58 @@ class Intersection:
         for box in self._boxes[1:]:
             np.maximum(self.lower, box.lower, out=self.lower)
             np.minimum(self.upper, box.upper, out=self.upper)
-        self._resolved: dict[int, tuple[str, str]] = {}
         # False for NaN, for a lower bound of +∞ and for an upper bound of −∞.
         consistent = np.maximum(self.lower, -_FINITE) <= np.minimum(self.upper, _FINITE)
         if np.count_nonzero(consistent) < nv:
-            for dof in np.flatnonzero(~consistent).tolist():
-                self._resolve(dof)
+            (self.lower, below), _ = self._resolved
+            self.upper = -below
 
     @property
     def names(self) -> tuple[str, ...]:
         """Joint name of each degree of freedom."""
         return joint_names(self.model)
 
-    @functools.cached_property
+    @property
     def lower_kind(self) -> Kinds:
         """Kind of the limit that set each lower bound, (nv,); arbitrary where it is infinite."""
-        return self._kinds(0, np.array([box.lower for box in self._boxes]).argmax(axis=0))
-
-    @functools.cached_property
-    def upper_kind(self) -> Kinds:
-        """Kind of the limit that set each upper bound, (nv,)."""
-        return self._kinds(1, np.array([box.upper for box in self._boxes]).argmin(axis=0))
-
-    def _kinds(self, side: int, origin: Indices) -> Kinds:
-        kinds = np.array([box.kind for box in self._boxes], dtype=object)[origin]
-        for dof, both in self._resolved.items():
-            kinds[dof] = both[side]
+        kinds: Kinds = self._resolved[1][0]
         return kinds
 
-    def _resolve(self, dof: int) -> None:
-        """Set the bounds of a degree of freedom on which boxes contradict each other."""
-        value = operator.itemgetter(0)
-        lower, upper = (-np.inf, ""), (np.inf, "")
-        for kind, lowers, uppers in self._boxes:
-            low, high = (float(lowers[dof]), kind), (float(uppers[dof]), kind)
-            if not (low[0] < np.inf and high[0] > -np.inf):
+    @property
+    def upper_kind(self) -> Kinds:
+        """Kind of the limit that set each upper bound, (nv,)."""
+        kinds: Kinds = self._resolved[1][1]
+        return kinds
+
+    @functools.cached_property
+    def _resolved(self) -> tuple[Array, Kinds]:
+        """Lower bounds and negative upper ones, (2, nv), and the kinds that set them, (2, nv).
+
+        The boxes are taken in turn: each bound ends at the opposite ones of those before it.
+        """
+        ends = np.full((2, self.model.nv), -np.inf)
+        kinds = np.full(ends.shape, "", dtype=object)
+        for kind, lower, upper in self._boxes:
+            for dof in np.flatnonzero(~((lower < np.inf) & (upper > -np.inf))):
                 raise InvalidInput(
-                    f"limits: a {kind} limit has bounds of {low[0]} and {high[0]} for joint "
+                    f"limits: a {kind} limit has bounds of {lower[dof]} and {upper[dof]} for joint "
                     f"{self.names[dof]!r}; expected numbers, or ∞ for none."
                 )
-            self._check_yielding(dof, kind, upper[1], low, upper)
-            lower = max(lower, min(low, upper, key=value), key=value)
-            self._check_yielding(dof, kind, lower[1], lower, high)
-            upper = min(upper, max(high, lower, key=value), key=value)
-        (self.lower[dof], below), (self.upper[dof], above) = lower, upper
-        self._resolved[dof] = below, above
-
-    def _check_yielding(
-        self, dof: int, kind: str, previous: str, lower: tuple[float, str], upper: tuple[float, str]
-    ) -> None:
-        """Raise if a lower bound exceeds an upper one and ``kind`` does not yield."""
-        yields = _ORDER.get(kind, 1) > 1 or (kind, previous) == ("velocity", "acceleration")
-        if lower[0] - upper[0] > _ROUNDING and not (yields and kind != previous):
-            raise InvalidInput(
-                f"limits: joint {self.names[dof]!r} has a lower velocity bound of {lower[0]:.6g} "
-                f"({lower[1]}) above its upper bound of {upper[0]:.6g} ({upper[1]}); check the "
-                "ranges and limits given."
-            )
+            for side, values in enumerate((lower, -upper)):
+                most, previous = -ends[1 - side], kinds[1 - side]
+                yields = (kind == "velocity") & (previous == "acceleration")
+                yields |= (_ORDER.get(kind, 1) > 1) & (previous != kind)
+                for dof in np.flatnonzero((values - most > _ROUNDING) & ~yields):
+                    two = [(values[dof], kind), (most[dof], previous[dof])]
+                    (low, of_low), (high, of_high) = two if side == 0 else reversed(two)
+                    sign = 1.0 if side == 0 else -1.0
+                    raise InvalidInput(
+                        f"limits: joint {self.names[dof]!r} has a lower velocity bound of "
+                        f"{sign * low:.6g} ({of_low}) above its upper bound of {sign * high:.6g} "
+                        f"({of_high}); check the ranges and limits given."
+                    )
+                allowed = np.minimum(values, most)
+                rises = allowed > ends[side]
+                kinds[side] = np.where(rises, np.where(values > most, previous, kind), kinds[side])
+                ends[side] = np.where(rises, allowed, ends[side])
+        return ends, kinds

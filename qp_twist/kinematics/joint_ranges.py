@@ -153,7 +153,6 @@ _names: WeakKeyDictionary[mujoco.MjModel, tuple[str, ...]] = WeakKeyDictionary()
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
     """Name of the joint of each degree of freedom, cached by model."""
-    found = _names.get(model)
-    if found is None:
-        found = _names[model] = JointRanges.of(model).names
-    return found
+    if model not in _names:
+        _names[model] = JointRanges.of(model).names
+    return _names[model]

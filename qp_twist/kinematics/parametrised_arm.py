@@ -48,10 +48,8 @@ class ParametrisedArm:
 
     Of the six, in their order in the chain, the last three (or the first three) have axes that meet
     in a point, and of the other three two neighbours meet or are parallel (Pieper, *The kinematics
-    of manipulators under computer control*, Stanford 1968). Industrial arms with a spherical wrist
-    are of this kind, on a rail, a column or behind a table that turns and tilts with the external
-    joints given, and seven-axis arms of the kind S-R-S, the Panda and the Fetch with one joint
-    given. A given joint may also be between the six: those after it are moved with it,
+    of manipulators under computer control*, Stanford 1968). A given joint may be between the six:
+    those after it are moved with it,
 
     .. math::
 
@@ -126,11 +124,10 @@ class ParametrisedArm:
     def branches(
         self, rotations: Array, positions: Array, parameters: Array | None = None
     ) -> Array:
-        """All solutions for K poses of the frame and as many values of the parameters, (K, 8, nv).
+        """Solutions for poses (K, 3, 3), (K, 3), m, and given joints (K, p), if any, (K, 8, nv).
 
-        Poses are (K, 3, 3) and (K, 3), m; parameters, of the given joints, (K, p), or ``None`` for
-        none. Solutions are in rad or m, NaN where a branch is out of reach. Whole turns are not
-        included. Where axes are aligned so that there are infinitely many solutions, one of them.
+        In rad or m, without whole turns; NaN where a branch is out of reach. Where axes are aligned
+        so that there are infinitely many solutions, one of them.
         """
         if parameters is None:
             parameters = np.zeros((len(rotations), 0))

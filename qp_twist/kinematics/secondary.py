@@ -76,10 +76,9 @@ class JointCentering(SecondaryObjective):
         \mathbf h = k(\bar\theta - \theta) \quad(\texttt{"natural"})
 
     The paper defines z with WᵀW but steps along W(θ̄ − θ), and calls that −∇z. It is not the
-    gradient, but a good direction: both are available. ``"natural"`` is −∇z in the metric WᵀW: with
-    ``Controller(metric=…)`` set to the diagonal of WᵀW the QP then descends z itself. Its gain
-    should be below 2: above, a step overshoots, and the arm oscillates. Unlimited joints do not
-    move.
+    gradient, but a good direction. ``"natural"`` is −∇z in the metric WᵀW: with that as
+    ``Controller(metric=…)`` the QP descends z itself, with a gain below 2: above, the arm
+    oscillates. Unlimited joints do not move.
 
     Example:
         >>> import numpy as np, mink, qp_twist as qt

@@ -40,8 +40,7 @@ class SerialChain:
         \,\mathbf x(\mathbf q^0)
 
     with the screws ξ of the joints at the reference configuration :math:`\mathbf q^0` (Lynch and
-    Park, *Modern Robotics*, section 4.1). MuJoCo evaluates one configuration after the other; this
-    evaluates arrays of them, with the same results to rounding.
+    Park, *Modern Robotics*, section 4.1), for arrays of configurations at once.
 
     Attributes:
         screws: The joints that move the frame, from the world on.
@@ -164,14 +163,10 @@ def _turned(rotations: Array, vector: Array) -> Array:
 
 
 def largest_reach(chain: SerialChain, ranges: JointRanges) -> float:
-    r"""An upper bound on the distance of a chain's frame from its first joint, m.
+    """An upper bound on the distance of a chain's frame from its first joint, m.
 
-    .. math:: \sum_k \lVert \mathbf a_{k+1} - \mathbf a_k \rVert + \sum_{\text{slides}} \max_q
-        \lvert q - q^0 \rvert
-
-    Two neighbouring anchors :math:`\mathbf a` (the last one is the frame's origin) are fixed to the
-    link between them, so their distance is that of the reference configuration, except for a
-    slide's travel. Infinite for a slide without a range, 0 if no joint moves the frame.
+    The lengths of the links and the travels of the slides: infinite for a slide without a range, 0
+    if no joint moves the frame.
     """
     if not chain.screws:
         return 0.0

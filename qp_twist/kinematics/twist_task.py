@@ -332,9 +332,7 @@ class TwistTask(Revised, mink.Task):
     def state(self, configuration: mink.Configuration) -> TaskState:
         """Basis, error and Jacobian at a configuration, in world axes.
 
-        Raises:
-            mink.TargetNotSet: If :meth:`set_target` has not been called.
-            mink.InvalidFrame: If the model has no such frame.
+        Without a target mink.TargetNotSet is raised, without such a frame mink.InvalidFrame.
         """
         pair = frames_of(self, configuration)
         world, error = resolved_twist_error(*pair[:4], self.projector)
@@ -351,11 +349,8 @@ class TwistTask(Revised, mink.Task):
     def compute_error(self, configuration: mink.Configuration) -> Array:
         r"""Error :math:`\mathbf e = -\mathbf U^T(\Delta\mathbf t + \mathbf t_{ff}\,dt/k)`, (r,).
 
-        With it mink's :math:`\mathbf J\Delta\mathbf q = -k\,\mathbf e` moves with the target.
-
-        Raises:
-            mink.TargetNotSet: If there is no target.
-            mink.IntegrationTimestepNotSet: If there is a feed-forward but no :meth:`set_dt`.
+        With it mink's :math:`\mathbf J\Delta\mathbf q = -k\,\mathbf e` moves with the target; a
+        feed-forward without :meth:`set_dt` raises mink.IntegrationTimestepNotSet.
         """
         return self._error_and_jacobian(configuration)[0]
 
@@ -445,11 +440,7 @@ def checked_pose(task: TwistTask, target: mink.SE3) -> Array:
 
 
 def frames_of(task: TwistTask, configuration: mink.Configuration) -> FramePair:
-    """Poses of a task's frame and of its target, in the world.
-
-    Raises:
-        mink.TargetNotSet: If it has none.
-    """
+    """Poses of a task's frame and of its target, in the world, which it has to have."""
     target, carrier = task.target, task.relative_to
     if target is None:
         raise mink.TargetNotSet(task.name)

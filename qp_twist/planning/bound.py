@@ -280,19 +280,14 @@ def _linear_step(
 
 def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance) -> float:
     """Lower bound of the joints' travel over the path, by the task's displacements, degrees."""
-    ranges = JointRanges.of(path_task.model)
-    lever, farthest, at = 0.0, 0.0, chain.position
-    inner = 0.0  # as ``farthest``, without the first joint, whose axis is fixed in the world
-    for number, screw in reversed(list(enumerate(chain.screws))):
-        lever, at = lever + float(np.linalg.norm(screw.anchor - at)), screw.anchor
-        farthest = max(farthest, 1.0 if screw.slides else lever)
-        if screw.slides:
-            ends = np.array([ranges.lower[screw.dof], ranges.upper[screw.dof]])
-            lever += float(np.abs(ends - screw.reference).max())
-        if number == 1:
-            inner = farthest
+    ranges, screws = JointRanges.of(path_task.model), chain.screws
+    dofs, reference = [screw.dof for screw in screws], [screw.reference for screw in screws]
+    ends = np.array([ranges.lower[dofs], ranges.upper[dofs]])
+    levers = chain.levers(np.abs(ends - reference).max(axis=0))
+    farthest = float(levers.max(initial=0.0))
+    inner = float(levers[1:].max(initial=0.0))  # the first joint's axis is fixed in the world
     total, T = 0.0, path_task.in_force
-    first = chain.screws[0] if chain.screws else None
+    first = screws[0] if screws else None
     rotations, positions = path_task.poses
     for k in range(len(T) - 1):
         turned = _least_turn(T[k], T[k + 1], rotations[k], rotations[k + 1])

@@ -111,16 +111,10 @@ def empty_layers(level: Level, covered: bool) -> Certificate:
     if unreached:
         at = tuple(index + 1 for index in unreached)
         return Certificate("unreachable", grid, at, (), sampled, roadmap.missed(unreached))
-    outside = {index + 1: layer for index, layer in pairs if layer.outside}
+    outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
     if outside:
-        joints = tuple(dict.fromkeys(name for of in outside.values() for name in of.outside))
-        at, ranges = min(outside), roadmap.ranges
-        exceeded = " and ".join(
-            f"{ranges.names[j]} by {amount_of(outside[at].beyond[j], ranges.units[j])}"
-            for j in np.flatnonzero(outside[at].beyond > 0.0)
-        )
-        note = f"the nearest one to fit at waypoint {at} exceeds {exceeded}"
-        return Certificate("limits", grid, tuple(outside), joints, sampled, note=note)
+        joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
+        return Certificate("limits", grid, tuple(at for at, _ in outside), joints, sampled)
     barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
     names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
     proven = covered and all(roadmap.covers(index) for index, _ in barred)

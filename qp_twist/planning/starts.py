@@ -19,7 +19,7 @@ from qp_twist.planning.central import (
     central_configurations,
     central_roadmap,
 )
-from qp_twist.planning.certificate import empty_layers
+from qp_twist.planning.certificate import amount_of, empty_layers
 from qp_twist.planning.levels import Level
 from qp_twist.planning.path_rows import REACHED, PathRows
 
@@ -197,13 +197,21 @@ def _outside(path_task: PathTask, configuration: mink.Configuration) -> float:
 def what_forbids(path_task: PathTask, index: int = 0) -> str:
     """Why a waypoint, from 0, has no configuration, as the certificate of a plan says it."""
     roadmap = central_roadmap(path_task, PathRows(path_task))
-    level = Level(roadmap, [index], roadmap.layers([index]))
+    [layer] = roadmap.layers([index])
+    level, ranges = Level(roadmap, [index], [layer]), roadmap.ranges
     if not level.has_gaps:
         return (
             f"waypoint {index + 1} has configurations inside the limits, but the search for the "
             "most central ones found none"
         )
     certificate = empty_layers(level, level.covers)
-    touching = any(name.startswith("clearance, ") for name in certificate.bands)
-    hint = " (a pair that may touch belongs into ignore of [clearance])" if touching else ""
-    return clause(certificate) + hint
+    text = clause(certificate)
+    if certificate.kind == "limits":
+        exceeded = " and ".join(
+            f"{ranges.names[j]} by {amount_of(layer.beyond[j], ranges.units[j])}"
+            for j in np.flatnonzero(layer.beyond > 0.0)
+        )
+        text += f"; the nearest one to fit exceeds {exceeded}"
+    if any(name.startswith("clearance, ") for name in certificate.bands):
+        text += " (a pair that may touch belongs into ignore of [clearance])"
+    return text

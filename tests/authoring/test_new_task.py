@@ -131,7 +131,7 @@ def test_a_path_that_cannot_be_reached_where_it_is_put_is_said_to_be_so(
               "--out", str(out), "--place", "5,0,0.31234567"])  # fmt: skip
     assert ended.value.code == 1
     said = capsys.readouterr().out
-    assert "NOT REACHED where --place puts it: waypoint 1 at (4.95" in said
+    assert "NOT REACHED where --place puts it: the arm does not reach waypoint 1" in said
     assert "elsewhere" not in said.lower()  # nothing else was searched
     stated = tomllib.loads(out.read_text("utf-8"))
     assert stated["path"]["placement"]["position"] == [5, 0, 0.31234567]  # not rounded

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.cells import KINDS, among_others, random_tree
+from oracles.cells import among_others, random_tree
 from oracles.distances import Distances
 from oracles.twists import ALONG_X, PLANE, POINT, at, twists
 
@@ -43,51 +42,6 @@ def pairs_of(xml: str, *ignore: tuple[str, str]) -> set[frozenset[str]]:
 def both(*names: str) -> set[frozenset[str]]:
     """Pairs written as 'a-b'."""
     return {frozenset(name.split("-")) for name in names}
-
-
-# ---------------------------------------------------------------------------------- the oracle
-
-
-def closed_form(model: mujoco.MjModel, oracle: Distances, a: int, b: int) -> float | None:
-    """Distance of two geoms of which one is a sphere, apart, where a formula exists."""
-    [R, x], [_, centre] = oracle.pose(a), oracle.pose(b)
-    p, size = R.T @ (centre - x), model.geom_size[a]
-    match mujoco.mjtGeom(model.geom_type[a]):
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
-            core = np.linalg.norm(p) - size[0]
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            core = np.linalg.norm(p - [0, 0, np.clip(p[2], -size[1], size[1])]) - size[0]
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            core = np.linalg.norm(np.maximum(abs(p) - size, 0.0))
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            across = max(np.hypot(p[0], p[1]) - size[0], 0.0)
-            core = np.hypot(across, max(abs(p[2]) - size[1], 0.0))
-        case mujoco.mjtGeom.mjGEOM_PLANE:
-            core = p[2]
-        case _:
-            return None
-    return float(core - model.geom_size[b, 0])
-
-
-def test_the_oracle_agrees_with_formulas_and_with_its_own_proof() -> None:
-    rng, compared = np.random.default_rng(0), 0
-    for _ in range(8):
-        model = among_others(rng)
-        oracle = Distances(model).at(np.concatenate([rng.normal(size=3) * 0.15, np.zeros(3)]))
-        for a in KINDS:
-            for b in KINDS[1:]:
-                first, second = model.geom(f"b_{a}").id, model.geom(f"a_{b}").id
-                found = oracle(first, second)
-                gap = oracle.gap(first, second, found.normal)
-                assert found.value == pytest.approx(gap, abs=1e-7)
-                if found.value > 0.0 and a != "plane":  # as close as two of their points
-                    apart = np.linalg.norm(found.points[0] - found.points[1])
-                    assert apart == pytest.approx(found.value, abs=1e-8)
-                known = closed_form(model, oracle, first, second) if b == "sphere" else None
-                if known is not None and (known > 0.0 or a in ("plane", "sphere", "capsule")):
-                    assert found.value == pytest.approx(known, abs=1e-8)
-                    compared += 1
-    assert compared > 25
 
 
 # ---------------------------------------------------------------------------------- distances
@@ -821,15 +775,3 @@ def test_a_path_in_a_scene_with_colliding_geoms_must_not_touch_them() -> None:
     path_task = qt.load_task("deburring")
     kinds = [constraint.kind for constraint in path_task.constraints]
     assert ("clearance" in kinds) is (len(qt.Clearance(path_task.model).pairs) > 0)
-
-
-def test_a_clearance_without_pairs_is_no_hindrance() -> None:
-    """No geom of the planar arm collides: plans and runs are those without it."""
-    path_task = qt.load_task("planar_line")
-    without = qt.Clearance(path_task.model)
-    assert without.names == ()
-    path_task = dataclasses.replace(path_task, constraints=(without,))
-    assert path_task.constraint_excess(np.zeros((2, path_task.model.nq))).size == 0
-    plan = qt.plan(path_task)
-    assert plan.q is not None and plan.value == pytest.approx(0.0522, abs=1e-4)
-    assert not qt.follow(path_task, method="qp_gradient").failure

@@ -259,25 +259,35 @@ def test_what_the_tool_works_on_is_not_touched_on_the_way() -> None:
     assert found["outside clearance on joint moves"].passes
 
 
+RETREAT = "[path.retreat]\ndistance = 0.05\nsteps = 5\n"
+
+
 @pytest.mark.parametrize(
-    ("transfer", "message"),
+    ("old", "new", "message"),
     [
-        ('motion = "jump"', "transfer.motion"),
-        ('motion = "joint"\nblend = 2', "follows no path"),
-        ('motion = "joint"\nlinear = "full"\nangular = "none"', "follows no path"),
+        ('motion = "joint"', 'motion = "jump"', "transfer.motion"),
+        ('motion = "joint"', 'motion = "joint"\nblend = 2', "follows no path"),
+        (
+            'motion = "joint"',
+            'motion = "joint"\nlinear = "full"\nangular = "none"',
+            "follows no path",
+        ),
+        (
+            "speed = 0.05",
+            "speed = 0.05\nrapid = 0.5",
+            r"feed\.rapid: it is for straight ways",
+        ),
+        (RETREAT, "", "begins and ends away from the part"),
     ],
 )
 def test_what_a_joint_move_cannot_have_is_refused(
-    tmp_path: Path, transfer: str, message: str
+    tmp_path: Path, old: str, new: str, message: str
 ) -> None:
-    with pytest.raises(qt.TaskFileError, match=message):
-        qt.load_task(walled_task(tmp_path, transfer=transfer))
-
-
-def test_rapid_speeds_are_of_straight_ways(tmp_path: Path) -> None:
     file = walled_task(tmp_path)
-    file.write_text(file.read_text().replace("speed = 0.05", "speed = 0.05\nrapid = 0.5"))
-    with pytest.raises(qt.TaskFileError, match=r"feed\.rapid: it is for straight ways"):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    with pytest.raises(qt.TaskFileError, match=message):
         qt.load_task(file)
 
 
@@ -291,14 +301,6 @@ def test_joints_without_a_range_turn_the_short_way() -> None:
     q = JointMoves(task).nearest_turn(np.array([[-3.0, -3.0], [-3.2, -3.2]]), np.full(2, 3.0))
     turn = 2.0 * np.pi
     assert q == pytest.approx(np.array([[turn - 3.0, -3.0], [turn - 3.2, -3.2]]))
-
-
-def test_joint_moves_need_approach_and_retreat(tmp_path: Path) -> None:
-    file = walled_task(tmp_path)
-    text = file.read_text()
-    file.write_text(text.replace("[path.retreat]\ndistance = 0.05\nsteps = 5\n", ""))
-    with pytest.raises(qt.TaskFileError, match="begins and ends away from the part"):
-        qt.load_task(file)
 
 
 def test_comparisons_refuse_joint_moves(task: qt.PathTask) -> None:
