@@ -6,7 +6,7 @@
 
 Configurations anywhere inside the limits, singular ones among them, targets from a hair to a
 decimetre away, speed limits that are often active, of several robots, tasks and costs. What is
-called solved, at a reduced scale too, is judged by compiled code that shares nothing with the
+called solved, at a reduced scale too, is judged by code that shares nothing with the
 package (`tests/oracles/step_referee.py`, which states the tolerances).
 
 Piece p has so many steps of the case SCHEDULE[p mod 20], drawn from
@@ -180,11 +180,9 @@ def run(piece: int, steps: int, solver: str) -> dict[str, object]:
         count = min(CHUNK, steps - first)
         q, targets = random_problems(chain, count, rng)
         velocity, scale, solved = taken(controller, q, targets, solver)
-        found = np.zeros((count, 5))
-        judge(
-            chain, case.kind, case.twist_space, SPEED, GAIN, DT, q, targets, velocity, scale,
-            solved, found,
-        )  # fmt: skip
+        found = judge(
+            chain, case.kind, case.twist_space, SPEED, GAIN, DT, q, targets, velocity, scale, solved
+        )
         for k in np.flatnonzero(solved & (found[:, 0] > ROWS)):
             A = stated(chain, case.kind, SPEED, GAIN, DT, q[k], targets[k])[0]
             # Near a singularity a direction is slowed down: its rows are not met on purpose.

@@ -15,7 +15,7 @@ import qpsolvers
 from oracles import step_referee as referee
 from scipy.optimize import linprog
 
-# Kernels, and the referee's loops, which are compiled likewise, against quadprog and HiGHS.
+# Kernels, and a referee by singular values, against quadprog and HiGHS.
 pytestmark = pytest.mark.any_blas
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
@@ -59,10 +59,10 @@ class Steps:
 
     def found(self, x: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Which tolerances each step breaks, (K, 4)."""
-        b, found = self.study, np.zeros((len(x), 5))
-        b.judge(
+        b = self.study
+        found = b.judge(
             self.chain, self.case.kind, self.case.twist_space, b.SPEED, b.GAIN, b.DT, self.q,
-            self.targets, x, s, np.ones(len(x), dtype=bool), found,
+            self.targets, x, s, np.ones(len(x), dtype=bool),
         )  # fmt: skip
         return ~(found[:, :4] <= [b.ROWS, b.BOUNDS, b.GRADIENT, b.SLACK])
 
@@ -74,14 +74,12 @@ def test_its_kinematics_are_mujocos(study: ModuleType) -> None:
         chain, n = study.chain_of(model, case.site), model.nv
         q, _ = study.random_problems(chain, 20, np.random.default_rng(1))
         assert q.std(axis=0).min() > 0.5
-        R, p, J = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n))
-        for here in q:
+        for here, R, p, J in zip(q, *referee.kinematics(chain, q), strict=True):
             data.qpos[:] = here
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             exact = np.zeros((6, n))
             mujoco.mj_jacSite(model, data, exact[:3], exact[3:], site)
-            referee.kinematics(chain, here, R, p, J)
             np.testing.assert_allclose(J, exact, atol=1e-12)
             np.testing.assert_allclose(p, data.site_xpos[site], atol=1e-12)
             np.testing.assert_allclose(R.ravel(), data.site_xmat[site], atol=1e-12)

@@ -1,4 +1,4 @@
-"""Random steps and their referee, compiled, from the numbers of the MuJoCo model alone.
+"""Random steps and their referee, from the numbers of the MuJoCo model alone.
 
 Nothing here calls the package: neither its kinematics nor its rows, bounds, costs or solvers. For a
 step the referee states
@@ -13,8 +13,8 @@ are called solved it says
 - excess: how far x is beyond a bound at most, refused above 1e-8 (1 + max |x|);
 - gradient: max |x − clip(x − (g + Aᵀy)/η, lower, upper)| with the gradient g of the cost and its
   largest curvature η (1 in joint space). It is 0 for some y exactly at the optimum (Karush, Kuhn
-  and Tucker). y comes from least squares on the joints that touch no bound, by Gram and Schmidt
-  with pivoting. Refused above 1e-6 (1 + max |x|);
+  and Tucker). y comes from least squares on the joints that touch no bound. Refused above
+  1e-6 (1 + max |x|);
 - slack, where s < 1: every y with bᵀy = 1 proves that no scale is larger than
   Σᵢ max(vᵢ lowerᵢ, vᵢ upperᵢ), v = Aᵀy (duality of linear programs); slack is by how much, relative
   to s, that is above s. y comes from least squares, weighted by the room of each joint. Refused
@@ -30,12 +30,11 @@ by other means to know.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numba import njit
+from scipy.spatial.transform import Rotation
 
 Array = np.ndarray
 ROWS, BOUNDS, GRADIENT, SLACK = 1e-8, 1e-8, 1e-6, 1e-7
@@ -44,120 +43,82 @@ TOUCHES = (1e-9, 1e-11, 3e-8)
 """A joint that is so close to its bound, rad/s or m/s, does not count as free. Where the first does
 not prove the optimum, as at a reduced scale with hardly any room between the bounds, the others are
 tried."""
-HAIR = 1e-12
+HAIR, RANK = 1e-12, 1e-12
 POINT, AXIS, POSE = 3, 5, 6
 """Ranks of the tasks: position; position and direction of the tool's z; and whole orientation."""
 UNLIMITED = 2.0
 """Joints without a range are drawn from ±2 rad or m."""
 
-compiled = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
-
 
 class Chain(NamedTuple):
     """The joints between the world and a site, and their limits."""
 
-    fixed: Array
-    """From each joint (the first: the world) to the next, the last one to the site: rotation, row
-    by row (9), and translation, m (3); (n + 1, 12)."""
+    turns: Array
+    """From each joint (the first: the world) to the next, or to the site, (n + 1, 3, 3)."""
+    moves: Array
+    """Likewise, m, (n + 1, 3)."""
     axes: Array
     """Of the joints, in the frame that they turn, (n, 3)."""
     zero: Array
     """Coordinates at which the fixed parts count, (n,)."""
     slides: Array
-    """1 for a slide, 0 for a hinge, (n,)."""
+    """Which are slides, the others hinges, (n,)."""
     lower: Array
     """Ranges, rad or m, (n,); infinite where there is none."""
     upper: Array
 
 
-def quaternion_matrix(quaternion: Array) -> Array:
-    """R of a quaternion w, x, y, z."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
 def chain_of(model: mujoco.MjModel, site: str) -> Chain:
     """From the arrays of a model all of whose joints are hinges and slides that move the site."""
+
+    def matrix(quaternion: Array) -> Array:
+        return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+
     number = model.site(site).id
     bodies, body = [], int(model.site_bodyid[number])
     while body > 0:
         bodies, body = [body, *bodies], int(model.body_parentid[body])
-    fixed, joints, R, p = [], [], np.eye(3), np.zeros(3)
+    turns, moves, joints, R, p = [], [], [], np.eye(3), np.zeros(3)
     for body in bodies:
         p = p + R @ model.body_pos[body]
-        R = R @ quaternion_matrix(model.body_quat[body])
+        R = R @ matrix(model.body_quat[body])
         first = int(model.body_jntadr[body])
         for joint in range(first, first + int(model.body_jntnum[body])):
-            fixed.append(np.concatenate([R.ravel(), p + R @ model.jnt_pos[joint]]))
+            turns.append(R)
+            moves.append(p + R @ model.jnt_pos[joint])
             joints.append(joint)
             R, p = np.eye(3), -model.jnt_pos[joint]  # from here on in the frame that it turns
-    p, R = p + R @ model.site_pos[number], R @ quaternion_matrix(model.site_quat[number])
-    fixed.append(np.concatenate([R.ravel(), p]))
+    moves.append(p + R @ model.site_pos[number])
+    turns.append(R @ matrix(model.site_quat[number]))
     types = model.jnt_type[joints]
     assert joints == list(range(model.nv)) and np.isin(types, [2, 3]).all()
     limited = model.jnt_limited.astype(bool)
     return Chain(
-        np.array(fixed), model.jnt_axis[joints].copy(), model.qpos0.copy(),
-        (types == mujoco.mjtJoint.mjJNT_SLIDE).astype(np.int64),
+        np.array(turns), np.array(moves), model.jnt_axis[joints].copy(), model.qpos0.copy(),
+        types == mujoco.mjtJoint.mjJNT_SLIDE,
         np.where(limited, model.jnt_range[:, 0], -np.inf),
         np.where(limited, model.jnt_range[:, 1], np.inf),
     )  # fmt: skip
 
 
-@compiled
-def turn(R, ax, ay, az, sin, versine):
-    """R times the rotation about a unit axis (Rodrigues), in place."""
-    c = 1.0 - versine
-    xx, yy, zz = c + versine * ax * ax, c + versine * ay * ay, c + versine * az * az
-    xy, xz, yz = versine * ax * ay, versine * ax * az, versine * ay * az
-    for i in range(3):
-        u, v, w = R[i, 0], R[i, 1], R[i, 2]
-        R[i, 0] = u * xx + v * (xy + sin * az) + w * (xz - sin * ay)
-        R[i, 1] = u * (xy - sin * az) + v * yy + w * (yz + sin * ax)
-        R[i, 2] = u * (xz + sin * ay) + v * (yz - sin * ax) + w * zz
-
-
-@compiled
-def kinematics(chain, q, R, p, J):
-    """Pose of the site into R (3, 3) and p (3,), its Jacobian into J (6, n): (linear, angular)."""
-    n = len(q)
-    for i in range(3):
-        p[i] = 0.0
-        for j in range(3):
-            R[i, j] = 1.0 if i == j else 0.0
-    for joint in range(n + 1):
-        F = chain.fixed[joint]
-        for i in range(3):
-            u, v, w = R[i, 0], R[i, 1], R[i, 2]
-            p[i] += u * F[9] + v * F[10] + w * F[11]
-            R[i, 0] = u * F[0] + v * F[3] + w * F[6]
-            R[i, 1] = u * F[1] + v * F[4] + w * F[7]
-            R[i, 2] = u * F[2] + v * F[5] + w * F[8]
-        if joint == n:
+def kinematics(chain: Chain, q: Array) -> tuple[Array, Array, Array]:
+    """R (K, 3, 3), p (K, 3) and Jacobian (K, 6, n), (linear, angular), of the site at q (K, n)."""
+    R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
+    points, axes = np.zeros((2, *q.shape, 3))
+    for joint, (turn, move) in enumerate(zip(chain.turns, chain.moves, strict=True)):
+        p, R = p + R @ move, R @ turn
+        if joint == q.shape[1]:
             break
-        x, y, z = chain.axes[joint, 0], chain.axes[joint, 1], chain.axes[joint, 2]
-        travel = q[joint] - chain.zero[joint]
-        for i in range(3):
-            J[3 + i, joint] = R[i, 0] * x + R[i, 1] * y + R[i, 2] * z
-            J[i, joint] = p[i]  # a point on the axis, until the site is known
+        travel = (q[:, joint] - chain.zero[joint])[:, None]
+        points[:, joint], axes[:, joint] = p, R @ chain.axes[joint]
         if chain.slides[joint]:
-            for i in range(3):
-                p[i] += travel * J[3 + i, joint]
+            p = p + travel * axes[:, joint]
         else:
-            half = math.sin(0.5 * travel)
-            turn(R, x, y, z, math.sin(travel), 2.0 * half * half)
-    for joint in range(n):
-        u, v, w = J[3, joint], J[4, joint], J[5, joint]
-        if chain.slides[joint]:
-            J[0, joint], J[1, joint], J[2, joint] = u, v, w
-            J[3, joint] = J[4, joint] = J[5, joint] = 0.0
-        else:
-            x, y, z = p[0] - J[0, joint], p[1] - J[1, joint], p[2] - J[2, joint]
-            J[0, joint], J[1, joint], J[2, joint] = v * z - w * y, w * x - u * z, u * y - v * x
+            R = R @ Rotation.from_rotvec(travel * chain.axes[joint]).as_matrix()
+    slides = chain.slides[:, None]
+    linear = np.where(slides, axes, np.cross(axes, p[:, None] - points))
+    J = np.concatenate([linear, np.where(slides, 0.0, axes)], axis=2)
+    return R, p, J.swapaxes(1, 2)
 
 
 def random_problems(chain: Chain, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -171,260 +132,105 @@ def random_problems(chain: Chain, count: int, rng: np.random.Generator) -> tuple
     q = rng.uniform(lower, upper, (count, len(lower)))
     away = 10.0 ** rng.uniform(-6.0, -1.0, (count, 1))
     moved, turned = rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
-    targets = np.zeros((count, 4, 4))
-    targets_near(chain, q, away[:, 0], moved, turned, targets)
+    R, p, _ = kinematics(chain, q)
+    targets = np.tile(np.eye(4), (count, 1, 1))
+    targets[:, :3, :3] = Rotation.from_rotvec(0.3 * away * turned).as_matrix() @ R
+    targets[:, :3, 3] = p + 0.1 * away * moved
     return q, targets
 
 
-@compiled
-def targets_near(chain, q, away, moved, turned, targets):
-    """Poses of the site at q (K, n), each moved by 0.1 and turned by 0.3 times ``away`` (K,)."""
-    p, J, R = np.zeros(3), np.zeros((6, q.shape[1])), np.zeros((3, 3))
-    for k in range(len(q)):
-        kinematics(chain, q[k], R, p, J)
-        x, y, z = 0.3 * away[k] * turned[k, 0], 0.3 * away[k] * turned[k, 1], turned[k, 2]
-        z *= 0.3 * away[k]
-        angle = math.sqrt(x * x + y * y + z * z)
-        half = math.sin(0.5 * angle)
-        # In world axes, from the left: the transpose of Rᵀ times the rotation the other way.
-        back = R.T.copy()
-        turn(back, x / angle, y / angle, z / angle, -math.sin(angle), 2.0 * half * half)
-        for i in range(3):
-            targets[k, i, 3] = p[i] + 0.1 * away[k] * moved[k, i]
-            for j in range(3):
-                targets[k, i, j] = back[j, i]
-        targets[k, 3, 3] = 1.0
-
-
-@compiled
-def across(x, y, z):
-    """Two unit vectors across a unit vector (Duff et al., JCGT 6, 2017)."""
-    sign = math.copysign(1.0, z)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    return 1.0 + sign * x * x * a, sign * b, -sign * x, b, sign + y * y * a, -y
-
-
-@compiled
-def rotation_between(R, target, kind):
-    """Rotation vector that the task asks for: of R_d Rᵀ, or the shortest that turns z to z_d."""
-    if kind == AXIS:
-        ax, ay, az, bx, by, bz = R[0, 2], R[1, 2], R[2, 2], target[0, 2], target[1, 2], target[2, 2]
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        cosine = ax * bx + ay * by + az * bz
-    else:
-        # The skew part of R_d Rᵀ is sin φ times the axis, its trace 1 + 2 cos φ.
-        x = y = z = trace = 0.0
-        for k in range(3):
-            x += 0.5 * (target[2, k] * R[1, k] - target[1, k] * R[2, k])
-            y += 0.5 * (target[0, k] * R[2, k] - target[2, k] * R[0, k])
-            z += 0.5 * (target[1, k] * R[0, k] - target[0, k] * R[1, k])
-            trace += target[0, k] * R[0, k] + target[1, k] * R[1, k] + target[2, k] * R[2, k]
-        cosine = 0.5 * (trace - 1.0)
-    sine = math.sqrt(x * x + y * y + z * z)
-    share = math.atan2(sine, cosine) / sine if sine > 0.0 else 1.0
-    return share * x, share * y, share * z
-
-
-@compiled
-def state(chain, kind, speed, gain, dt, q, target, R, p, J, A, b, ends, box, h, F):
-    """What a step has to do.
-
-    Args:
-        chain: Of the robot; kind, speed, gain and dt as in :func:`judge`.
-        q: Configuration, (n,).
-        target: Pose, (4, 4).
-        R: Result: the site's rotation, (3, 3).
-        p: Result: its position, (3,).
-        J: Result: its Jacobian, (6, n).
-        A: Result: rows of the task, (m, n).
-        b: Result: their right-hand sides at full speed, (m,).
-        ends: Result: lower and upper bounds, (2, n).
-        box: Result: the same a hair before the ends of the ranges, (2, n).
-        h: Result: desired velocity, (n,).
-        F: Result: row of the rotation that ``AXIS`` leaves free, (n,).
-    """
-    n = len(q)
-    kinematics(chain, q, R, p, J)
-    for i in range(3):
-        b[i] = (target[i, 3] - p[i]) / dt
-        for j in range(n):
-            A[i, j] = J[i, j]
-    if kind != POINT:
-        x, y, z = rotation_between(R, target, kind)
-    if kind == AXIS:
-        ax, ay, az = R[0, 2], R[1, 2], R[2, 2]
-        ux, uy, uz, vx, vy, vz = across(ax, ay, az)
-        b[3], b[4] = (ux * x + uy * y + uz * z) / dt, (vx * x + vy * y + vz * z) / dt
-        for j in range(n):
-            A[3, j] = ux * J[3, j] + uy * J[4, j] + uz * J[5, j]
-            A[4, j] = vx * J[3, j] + vy * J[4, j] + vz * J[5, j]
-            F[j] = ax * J[3, j] + ay * J[4, j] + az * J[5, j]
-    elif kind == POSE:
-        b[3], b[4], b[5] = x / dt, y / dt, z / dt
-        for i in range(3, 6):
-            for j in range(n):
-                A[i, j] = J[i, j]
-    for j in range(n):
-        low, high = chain.lower[j], chain.upper[j]
-        ends[0, j] = max(-speed, -max(q[j] - low, 0.0) / dt)
-        ends[1, j] = min(speed, max(high - q[j], 0.0) / dt)
-        box[0, j], box[1, j], h[j] = ends[0, j], ends[1, j], 0.0
-        if high - low < math.inf:
-            before, after = HAIR * max(1.0, abs(low)), HAIR * max(1.0, abs(high))
-            box[0, j] = max(-speed, -max(q[j] - low - before, 0.0) / dt)
-            box[1, j] = min(speed, max(high - q[j] - after, 0.0) / dt)
-            h[j] = gain * (0.5 * (low + high) - q[j]) / dt
-
-
 class Stated(NamedTuple):
-    """Results of :func:`state`."""
+    """What steps have to do."""
 
     A: Array
+    """Rows of the task, (K, m, n)."""
     b: Array
+    """Their right-hand sides at full speed, (K, m)."""
     ends: Array
+    """Lower and upper bounds, (K, 2, n)."""
     box: Array
+    """The same a hair before the ends of the ranges."""
     h: Array
+    """Desired velocities, (K, n)."""
     F: Array
+    """Rows of the rotation that ``AXIS`` leaves free, (K, n)."""
+
+
+def all_stated(
+    chain: Chain, kind: int, speed: float, gain: float, dt: float, q: Array, targets: Array
+) -> Stated:
+    """What steps at q (K, n) have to do; arguments as in :func:`judge`."""
+    R, p, J = kinematics(chain, q)
+    A, b, z = J[:, :3], targets[:, :3, 3] - p, R[:, :, 2]
+    if kind == AXIS:
+        goal = targets[:, :3, 2]
+        swing = np.cross(z, goal)
+        sine = np.linalg.norm(swing, axis=1)
+        angle = np.arctan2(sine, (z * goal).sum(axis=1))
+        swing *= np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None]
+        across = np.linalg.svd(z[:, None])[2][:, 1:]  # two unit vectors at right angles to z
+        A = np.concatenate([A, across @ J[:, 3:]], axis=1)
+        b = np.concatenate([b, (across @ swing[..., None])[..., 0]], axis=1)
+    elif kind == POSE:
+        turn = Rotation.from_matrix(targets[:, :3, :3] @ R.swapaxes(1, 2)).as_rotvec()
+        A, b = J, np.concatenate([b, turn], axis=1)
+    low, high = chain.lower, chain.upper
+    ranged = high - low < np.inf
+    hair = np.where(ranged, HAIR * np.maximum(1.0, np.abs([low, high])), 0.0)
+
+    def bounds(hair: Array) -> Array:
+        below, above = np.maximum(q - low - hair[0], 0.0), np.maximum(high - q - hair[1], 0.0)
+        return np.stack([np.maximum(-speed, -below / dt), np.minimum(speed, above / dt)], axis=1)
+
+    with np.errstate(invalid="ignore"):
+        h = np.where(ranged, gain * (0.5 * (low + high) - q) / dt, 0.0)
+    F = (z[:, None] @ J[:, 3:])[:, 0]
+    return Stated(A, b / dt, bounds(0.0 * hair), bounds(hair), h, F)
 
 
 def stated(
     chain: Chain, kind: int, speed: float, gain: float, dt: float, q: Array, target: Array
 ) -> Stated:
-    """What a step has to do, in new arrays; arguments as in :func:`state`."""
-    n, m = len(q), kind
-    ends, box = np.zeros((2, 2, n))
-    found = Stated(np.zeros((m, n)), np.zeros(m), ends, box, np.zeros(n), np.zeros(n))
-    pose = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n))
-    state(chain, kind, speed, gain, dt, q, target, *pose, *found)
-    return found
+    """What one step at q (n,) has to do, without K."""
+    found = all_stated(chain, kind, speed, gain, dt, q[None], target[None])
+    return Stated(*(part[0] for part in found))
 
 
-@compiled
-def orthogonalise(M, Q, T, order):  # noqa: PLR0912
-    """Rows M[order] (m, n) = Tᵀ Q by Gram and Schmidt, twice, the longest first; their rank."""
-    m, n = M.shape
-    for i in range(m):
-        order[i] = i
-        for j in range(n):
-            Q[i, j] = M[i, j]
-    first = 0.0
-    for row in range(m):
-        best, most = row, -1.0
-        for i in range(row, m):
-            total = 0.0
-            for j in range(n):
-                total += Q[i, j] * Q[i, j]
-            if total > most:
-                best, most = i, total
-        if row == 0:
-            first = most
-        if not most > 1e-24 * first:
-            return row
-        if best != row:
-            order[row], order[best] = order[best], order[row]
-            for j in range(n):
-                Q[row, j], Q[best, j] = Q[best, j], Q[row, j]
-            for i in range(row):
-                T[i, row], T[i, best] = T[i, best], T[i, row]
-        for i in range(row):  # once more: what rounding has left of those before
-            total = 0.0
-            for j in range(n):
-                total += Q[i, j] * Q[row, j]
-            T[i, row] += total
-            for j in range(n):
-                Q[row, j] -= total * Q[i, j]
-        most = 0.0
-        for j in range(n):
-            most += Q[row, j] * Q[row, j]
-        if not most > 1e-24 * first:
-            return row
-        length = math.sqrt(most)
-        T[row, row] = length
-        for j in range(n):
-            Q[row, j] /= length
-        for i in range(row + 1, m):
-            total = 0.0
-            for j in range(n):
-                total += Q[row, j] * Q[i, j]
-            T[row, i] = total
-            for j in range(n):
-                Q[i, j] -= total * Q[row, j]
-    return m
-
-
-@compiled
-def gradient_left(A, g, steep, x, lower, upper, touches, y, M, Q, T, order):
+def gradient_left(stated: Stated, g: Array, steep: Array, x: Array, touches: float) -> Array:
     """max |x − clip(x − (g + Aᵀy)/η)|, y by least squares on the joints that touch no bound."""
-    m, n = A.shape
-    for j in range(n):
-        free = x[j] > lower[j] + touches and x[j] < upper[j] - touches
-        for i in range(m):
-            M[i, j] = A[i, j] if free else 0.0
-    rank = orthogonalise(M, Q, T, order)
-    for i in range(rank):
-        total = 0.0
-        for j in range(n):
-            total -= Q[i, j] * g[j]  # Q is 0 where M is
-        y[i] = total
-    for i in range(rank - 1, -1, -1):
-        for k in range(i + 1, rank):
-            y[i] -= T[i, k] * y[k]
-        y[i] /= T[i, i]
-    worst = 0.0
-    for j in range(n):
-        left = g[j]
-        for i in range(rank):
-            left += A[order[i], j] * y[i]
-        aim = min(max(x[j] - left / steep, lower[j]), upper[j])
-        worst = max(worst, abs(x[j] - aim))
-    return worst
+    lower, upper = stated.box.swapaxes(0, 1)
+    free = (x > lower + touches) & (x < upper - touches)
+    inverse = np.linalg.pinv(stated.A * free[:, None], rcond=RANK)
+    y = -(g * free)[:, None] @ inverse
+    left = g + (y @ stated.A)[:, 0]
+    aim = np.clip(x - left / steep[:, None], lower, upper)
+    return np.abs(x - aim).max(axis=1)
 
 
-@compiled
-def scale_slack(A, b, s, x, lower, upper, y, M, Q, T, order):
+def scale_slack(stated: Stated, s: Array, x: Array) -> Array:
     """By how much a bound on the scale is above s, relative to s; infinite where none is found.
 
     y minimises Σ (wᵢ vᵢ)², v = Aᵀy, with bᵀy = 1, wᵢ the way to the nearer bound: at the largest
     scale there is a y whose v vanishes where neither bound is touched.
     """
-    m, n = A.shape
-    for j in range(n):
-        w = max(min(x[j] - lower[j], upper[j] - x[j]), 1e-8)
-        for i in range(m):
-            M[i, j] = A[i, j] * w
-    rank = orthogonalise(M, Q, T, order)
-    if rank < m:
-        return math.inf
-    for i in range(m):  # TᵀT y = b
-        total = b[order[i]]
-        for k in range(i):
-            total -= T[k, i] * y[k]
-        y[i] = total / T[i, i]
-    for i in range(m - 1, -1, -1):
-        for k in range(i + 1, m):
-            y[i] -= T[i, k] * y[k]
-        y[i] /= T[i, i]
-    along = slack = 0.0
-    for i in range(m):
-        along += b[order[i]] * y[i]
-        missing = s * b[order[i]]
-        for j in range(n):
-            missing -= A[order[i], j] * x[j]
-        slack -= y[i] * missing
-    for j in range(n):
-        v = 0.0
-        for i in range(m):
-            v += A[order[i], j] * y[i]
-        slack += v * (upper[j] - x[j]) if v > 0.0 else v * (lower[j] - x[j])
-    return slack / (along * s) if along > 0.0 else math.inf
+    lower, upper = stated.box.swapaxes(0, 1)
+    room = np.maximum(np.minimum(x - lower, upper - x), 1e-8)
+    inverse = np.linalg.pinv(stated.A * room[:, None], rcond=RANK)
+    y = inverse.swapaxes(1, 2) @ (inverse @ stated.b[..., None])
+    v = (stated.A.swapaxes(1, 2) @ y)[..., 0]
+    y = y[..., 0]
+    missing = s[:, None] * stated.b - (stated.A @ x[..., None])[..., 0]
+    slack = np.where(v > 0.0, v * (upper - x), v * (lower - x)).sum(axis=1)
+    slack -= (y * missing).sum(axis=1)
+    along = (stated.b * y).sum(axis=1)
+    return np.where(along > 0.0, slack / np.where(along > 0.0, along * s, 1.0), np.inf)
 
 
-@compiled
-def judge(  # noqa: PLR0912
-    chain, kind, twist_space, speed, gain, dt, q, targets, velocities, scales, solved, found
-):  # fmt: skip
-    """What the referee says of each step that is called solved.
+def judge(
+    chain: Chain, kind: int, twist_space: bool, speed: float, gain: float, dt: float, q: Array,
+    targets: Array, velocities: Array, scales: Array, solved: Array,
+) -> Array:  # fmt: skip
+    """What the referee says of each step that is called solved; zeros of the others.
 
     Args:
         chain: Of the robot.
@@ -438,55 +244,35 @@ def judge(  # noqa: PLR0912
         velocities: (K, n).
         scales: (K,).
         solved: Which are called solved, (K,).
-        found: Result, (K, 5): residual over 1 + max |b|, excess over 1 + max |x|, gradient over
-            1 + max |x|, slack (0 at full speed), and 1 where a bound is touched.
+
+    Returns:
+        (K, 5): residual over 1 + max |b|, excess over 1 + max |x|, gradient over 1 + max |x|, slack
+        (0 at full speed), and 1 where a bound is touched.
     """
-    n, m = q.shape[1], kind
-    R, p, J, F = np.zeros((3, 3)), np.zeros(3), np.zeros((6, n)), np.zeros(n)
-    A, b, y, order = np.zeros((m, n)), np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int64)
-    M, Q, T = np.zeros((m, n)), np.zeros((m, n)), np.zeros((m, m))
-    ends, box, h, g = np.zeros((2, n)), np.zeros((2, n)), np.zeros(n), np.zeros(n)
-    lower, upper = box[0], box[1]
-    for k in range(len(q)):
-        x, s = velocities[k], scales[k]
-        if not solved[k]:
-            continue
-        state(chain, kind, speed, gain, dt, q[k], targets[k], R, p, J, A, b, ends, box, h, F)
-        off = largest = 0.0
-        for i in range(m):
-            total = -s * b[i]
-            for j in range(n):
-                total += A[i, j] * x[j]
-            # Written so that NaN is the largest of all.
-            if not abs(total) <= off:
-                off = abs(total)
-            largest = max(largest, abs(b[i]))
-        over, fastest, touched = 0.0, 0.0, False
-        for j in range(n):
-            beyond = max(ends[0, j] - x[j], x[j] - ends[1, j])
-            if not beyond <= over:
-                over = beyond
-            touched |= beyond >= -TOUCHES[0]
-            fastest = max(fastest, abs(x[j]))
-        steep, along = 1.0, 0.0
-        if twist_space:
-            steep = 1e-300
-            for j in range(n):
-                along += F[j] * (x[j] - h[j])
-                steep = max(steep, F[j] * F[j])
-        for j in range(n):
-            g[j] = along * F[j] if twist_space else x[j] - h[j]
-        left = math.inf
-        for touches in TOUCHES:
-            left = min(
-                left, gradient_left(A, g, steep, x, lower, upper, touches, y, M, Q, T, order)
-            )
-            if left <= GRADIENT * (1.0 + fastest):
-                break
-        found[k, 0], found[k, 1] = off / (1.0 + largest), over / (1.0 + fastest)
-        found[k, 2], found[k, 3] = left / (1.0 + fastest), 0.0
-        if s < 1.0:
-            found[k, 3] = scale_slack(A, b, s, x, lower, upper, y, M, Q, T, order)
-        elif s != 1.0:
-            found[k, 3] = math.inf
-        found[k, 4] = touched
+    found = np.zeros((len(q), 5))
+    known = np.isfinite(velocities).all(axis=1) & np.isfinite(scales)
+    found[solved & ~known, :4] = np.inf
+    chosen = np.flatnonzero(solved & known)
+    x, s = velocities[chosen], scales[chosen]
+    state = all_stated(chain, kind, speed, gain, dt, q[chosen], targets[chosen])
+    size = 1.0 + np.abs(x).max(axis=1)
+    off = np.abs((state.A @ x[..., None])[..., 0] - s[:, None] * state.b).max(axis=1)
+    beyond = np.maximum(state.ends[:, 0] - x, x - state.ends[:, 1]).max(axis=1)
+    g, steep = x - state.h, np.ones(len(x))
+    if twist_space:
+        g = (state.F * g).sum(axis=1)[:, None] * state.F
+        steep = np.maximum((state.F**2).max(axis=1), 1e-300)
+    left = np.full(len(x), np.inf)
+    for touches in TOUCHES:
+        open_ = np.flatnonzero(~(left <= GRADIENT * size))
+        part = Stated(*(each[open_] for each in state))
+        again = gradient_left(part, g[open_], steep[open_], x[open_], touches)
+        left[open_] = np.minimum(left[open_], again)
+    slack = np.where(s == 1.0, 0.0, np.inf)
+    slower = np.flatnonzero(s < 1.0)
+    slack[slower] = scale_slack(Stated(*(v[slower] for v in state)), s[slower], x[slower])
+    found[chosen] = np.column_stack([
+        off / (1.0 + np.abs(state.b).max(axis=1)), np.maximum(beyond, 0.0) / size, left / size,
+        slack, beyond >= -TOUCHES[0],
+    ])  # fmt: skip
+    return found
