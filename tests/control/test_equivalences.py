@@ -151,6 +151,27 @@ def test_with_more_joints_it_uses_the_redundancy_of_task_and_manipulator(
     assert formula - paper == pytest.approx(left_out, abs=1e-8)
 
 
+@given(SEEDS, KINDS, KINDS, FRAMES)
+@settings(max_examples=25)
+def test_with_h_in_the_null_space_the_secondary_of_the_decomposition_is_gradient_projection(
+    seed: int, linear: str, angular: str, frame: str
+) -> None:
+    """TJh = 0 makes J†(1 − T)Jh = h, which the orthogonal projector gives for any such h."""
+    s = Situation(seed, 6, linear, angular, frame)
+    assume(s.regular_arm())
+    assume(s.regular_task())
+    h = s.h - _least_norm(s.T @ s.J, s.T @ s.J @ s.h)
+    oblique = closed_form.twa(s.J, s.T, 0.0 * s.dt, h)
+    orthogonal = closed_form.gradient_projection(s.J, s.T, 0.0 * s.dt, s.h)
+    assert oblique == pytest.approx(h, abs=1e-8)
+    assert orthogonal == pytest.approx(h, abs=1e-8)
+    # The first terms remain two: J†TΔt leaves the free twist zero, (TJ)†TΔt is the shortest.
+    whole = closed_form.twa(s.J, s.T, s.dt, h)
+    first_terms = np.linalg.solve(s.J, s.T @ s.dt) - _least_norm(s.T @ s.J, s.T @ s.dt)
+    gradient = closed_form.gradient_projection(s.J, s.T, s.dt, s.h)
+    assert whole - gradient == pytest.approx(first_terms, abs=1e-7)
+
+
 @given(SEEDS, st.sampled_from(["full", "plane", "line"]))
 @settings(max_examples=20)
 def test_the_twist_space_cost_depends_on_the_origin_of_the_frame(seed: int, angular: str) -> None:
