@@ -32,11 +32,11 @@ FORMATS: dict[Format, ToolpathFormat] = {
     "urscript": ROBOTS["urscript"],
     "krl": ROBOTS["krl"],
     "ls": ROBOTS["ls"],
+    "jbi": ROBOTS["jbi"],
     "csv": CSV,
 }
 """The formats; a file is of the first one that it matches."""
 _OTHER_PROGRAMS = {
-    "a job (Yaskawa)": r"\s*/JOB\s*$",
     "an AS program (Kawasaki)": r"\s*\.PROGRAM\b",
     "a VAL3 program (Stäubli)": r"\s*<(?:Database|Programs?)\b.*(?:staubli|ProgramNameSpace)",
 }

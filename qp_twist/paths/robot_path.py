@@ -22,7 +22,7 @@ from qp_twist.paths.toolpath_builder import (
     of_lines,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.programs import DIALECTS, Moves, files_beside
+from qp_twist.programs import EXECUTE, Moves, files_beside
 
 REFUSED: dict[tuple[str, ...], str] = {
     (name,): f"a robot program states it itself; leave {name} out."
@@ -182,7 +182,9 @@ class RobotPath(Moves):
         now = self.frame[1]
         if self._in_base or before is None or now is None:
             return not self._in_base and (before is None) != (now is None)
-        return not np.allclose(before.wxyz_xyz, now.wxyz_xyz, rtol=0.0, atol=SAME_POINT)
+        return before is not now and bool(
+            (np.abs(before.wxyz_xyz - now.wxyz_xyz) > SAME_POINT).any()
+        )
 
     def _add(self, line: int, poses: Sequence[mink.SE3], *, rapid: bool = False) -> None:
         self.out.line, self._at = line, poses[-1]
@@ -229,6 +231,10 @@ _LANGUAGES: dict[str, tuple[str, ProgramWords]] = {
         r"/PROG\b",
         ProgramWords("a TP program", "the tool's frame, W, P, R", "J", "mm", "quaternion"),
     ),
+    "jbi": (
+        r"/JOB\b",
+        ProgramWords("a job", "the tool's frame, Rx, Ry, Rz", "MOVJ", "mm", "quaternion"),
+    ),
 }  # fmt: skip
 """The lines with which programs begin, and what messages call their parts."""
 
@@ -241,7 +247,7 @@ def _format(name: str, begins: str, words: ProgramWords) -> ToolpathFormat:
         for in_base in (False, True):
             path = RobotPath(options, words, in_base=in_base)
             try:
-                DIALECTS[name].execute(path, lines, file.stem, files_beside(file))
+                EXECUTE[name](path, lines, file.stem, files_beside(file))
                 break
             except SeveralFrames:
                 if in_base:

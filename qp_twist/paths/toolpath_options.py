@@ -20,7 +20,7 @@ from qp_twist.paths.toolpath_columns import ColumnChoice
 
 _NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]{0,9}|\.[0-9]{1,9})\s*"
 _PIVOT = rf"^{_NUMBER}(,{_NUMBER}){{2}}((,{_NUMBER}){{3}})?$"
-Format = Literal["csv", "apt", "gcode", "heidenhain", "rapid", "krl", "ls", "urscript"]
+Format = Literal["csv", "apt", "gcode", "heidenhain", "rapid", "krl", "ls", "urscript", "jbi"]
 
 
 class ReadingOptions(Section):

@@ -1,6 +1,7 @@
 """Robot programs: joint moves in the languages of controllers, written and read."""
 
 from .dialects import DIALECTS as DIALECTS
+from .dialects import EXECUTE as EXECUTE
 from .dialects import SUFFIXES as SUFFIXES
 from .dialects import dialect_of as dialect_of
 from .dialects import files_beside as files_beside

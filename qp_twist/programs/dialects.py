@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from qp_twist.files import read_bytes
+from qp_twist.programs import jbi
 from qp_twist.programs.fanuc_ls import LS
 from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import Beside, Dialect, JointMoves
@@ -16,6 +17,8 @@ from qp_twist.programs.urscript import URSCRIPT
 
 DIALECTS: dict[str, Dialect] = {dialect.name: dialect for dialect in (URSCRIPT, RAPID, KRL, LS)}
 """The languages, by the names that ``--to`` takes."""
+EXECUTE = {**{name: each.execute for name, each in DIALECTS.items()}, "jbi": jbi.execute}
+"""What executes a program, by its language; jobs of Yaskawa are not written."""
 SUFFIXES: tuple[str, ...] = tuple(dialect.suffix for dialect in DIALECTS.values())
 """Suffixes of programs."""
 

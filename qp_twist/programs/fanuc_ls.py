@@ -138,6 +138,11 @@ def _key(text: str) -> str:
     return re.sub(r"\br\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", r"r_\1", text.lower())
 
 
+def _label(text: str) -> str:
+    """A label without its comment: LBL[1:next] is LBL[1]."""
+    return re.sub(r"\s*\[\s*(\d+)[^\]]*\].*", r"[\1]", text.upper())
+
+
 def _translate(text: str) -> str:
     return re.sub(r"\bdiv\b", "//", re.sub(r"\bmod\b", "%", text))
 
@@ -181,7 +186,7 @@ class TpProgram(Program):
             (r"P\s*\[\s*(\d+)[^=]*=.*", self._change, "path"),
             (r"(?:\w\s+PR?\[|OFFSET|TOOL_OFFSET|VOFFSET|UFRAME\s*\[|UTOOL\s*\[|SKIP|COL\s+GUARD|RSR"
              r"|S\s|TRACK|DEFENC|VISION|SELECT).*", self.refuse, "path"),
-            (r"LBL\[.*", self._label, "skip"),
+            (r"LBL\[.*", self._pass_label, "skip"),
             (r"JMP\s+(?P<label>LBL\s*\[.*\])", self._jump_to, "path"),
             (r"IF\b(?P<condition>.*?),\s*(?P<statement>JMP\b.*)", self._if, "path"),
             (r"IF\b(?P<condition>.*?),\s*(?P<statement>CALL\s+(?P<called>\w+)[^,]*)", self._if,
@@ -226,7 +231,7 @@ class TpProgram(Program):
                 at, _ = parts["POS"][tail.count("\n", 0, match.start())]
                 raise InvalidInput(f"P[{match[1]}] stands twice.", line=at)
             points[int(match[1])] = match[2]
-        self._labels |= {_key(text) for _, text in found if re.match("LBL", text, re.I)}
+        self._labels |= {text for _, text in found if text.startswith("LBL")}
         if strict:
             self._check_file(name, texts, found, points.keys())
         return found
@@ -297,12 +302,12 @@ class TpProgram(Program):
         names = self.values.names.items()
         return {name: None if isinstance(value, Unknown) else value for name, value in names}
 
-    def _label(self, line: int, match: re.Match[str]) -> None:
-        self._at_labels[_key(match[0])] = self._registers()
+    def _pass_label(self, line: int, match: re.Match[str]) -> None:
+        self._at_labels[match[0]] = self._registers()
 
     def _jump_to(self, line: int, match: re.Match[str]) -> str:
         """A jump; back to a label since which no register has changed, it would be for ever."""
-        label = _key(match["label"])
+        label = _label(match["label"])
         if label not in self._labels and line < self.last_line:
             raise refuse(line, match[0], f"there is no {match['label']}.")
         if label not in self._labels or self._at_labels.get(label) == self._registers():
@@ -476,7 +481,7 @@ def _statements(lines: Sequence[tuple[int, str]], *, strict: bool) -> Statements
             open_ = bool(part.strip()) and not part.rstrip().endswith(";") and bool(found)
     if open_ and strict:
         raise refuse(found[-1][0], found[-1][1], "expected a semicolon at its end.")
-    return [(k, _key(text) if re.match("LBL", text, re.I) else text) for k, text in found]
+    return [(k, _label(text) if re.match("LBL", text, re.I) else text) for k, text in found]
 
 
 def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:

@@ -120,6 +120,9 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 
 
+_WORLD = "wobj0", mink.SE3.identity()
+
+
 class RapidModule(Program):
     """A module."""
 
@@ -188,16 +191,16 @@ class RapidModule(Program):
         self, line: int, match: re.Match[str], targets: int
     ) -> tuple[list[str], dict[str, str]]:
         """Targets, speed, zone and tool of a move, and their options."""
-        arguments = [re.split(r"\\(?![^(]*\))", part) for part in split(match["arguments"])]
+        arguments = [
+            re.split(r"\\(?![^(]*\))", part) if "\\" in part else [part]
+            for part in split(match["arguments"])
+        ]
         if not arguments[0][0].strip():  # \Conc
             del arguments[0]
         if len(arguments) < targets + 2:
             raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
-        options = {
-            key.strip().lower(): value.strip()
-            for _, *given in arguments
-            for key, _, value in (option.partition(":=") for option in given)
-        }
+        given = (option.partition(":=") for _, *options in arguments for option in options)
+        options = {key.strip().lower(): value.strip() for key, _, value in given}
         self.moves.frame = self._frame(options.get("wobj", "wobj0"))
         zone = arguments[targets + 1][0].strip()
         if zone.lower() not in ("fine", "z0") or "z" in options:
@@ -269,7 +272,7 @@ class RapidModule(Program):
     def _frame(self, name: str) -> tuple[str, mink.SE3 | None]:
         """A work object; its pose if the file states it, and no axis moves it."""
         if name.lower() == "wobj0":
-            return "wobj0", mink.SE3.identity()
+            return _WORLD
         try:
             held, fixed, unit, user, own = self.values.value(name)
             known = not held and fixed and not unit
@@ -301,7 +304,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
         if comment:
             comments.append(comment)
         begun = begun if rest.strip() else k + 1
-        if code[:4].lower() != "move":  # most lines
+        if code[:4].lower() not in ("move", "cons"):  # as in most lines
             code = _HEAD.sub(lambda m: f"\0;{m[0]};", code)
         *whole, rest = f"{rest} {code}".split(";")
         for part in filter(None, map(str.strip, whole)):

@@ -26,21 +26,24 @@ def refuse(line: int, text: str, why: str) -> InvalidInput:
 
 def split(text: str) -> list[str]:
     """Arguments at commas outside brackets; one empty text for nothing."""
-    parts, depth, start = [], 0, 0
-    for found in re.finditer(r"[,\[\](){}]", text):
-        mark, place = found[0], found.start()
-        depth += (mark in "[({") - (mark in "])}")
-        if mark == "," and depth == 0:
-            parts.append(text[start:place].strip())
-            start = place + 1
-    return [*parts, text[start:].strip()]
+    parts, depth = [""], 0
+    for piece in text.split(","):
+        if depth:
+            parts[-1] += f",{piece}"
+        else:
+            parts.append(piece)
+        depth += sum(map(piece.count, "[({")) - sum(map(piece.count, "])}"))
+    return [part.strip() for part in parts[1:]]
+
+
+_NAMED = re.compile(r"([A-Za-z_]\w*)\s*=\s*(.+)", re.ASCII | re.DOTALL)
 
 
 def by_name(line: int, text: str, names: tuple[str, ...]) -> dict[str, str]:
     """Arguments by position or as ``name=value``, by their names."""
     given: dict[str, str] = {}
     for place, argument in enumerate(split(text)):
-        named = re.fullmatch(r"([A-Za-z_]\w*)\s*=\s*(.+)", argument, re.ASCII | re.DOTALL)
+        named = _NAMED.fullmatch(argument)
         key = named[1] if named else (names[place] if place < len(names) else "")
         if key not in names or key in given:
             raise refuse(line, argument, f"expected the arguments {', '.join(names)}.")
@@ -61,7 +64,7 @@ def without_texts(line: int, text: str, quotes: str, comment: str) -> tuple[str,
         InvalidInput: If a text has no end, or what is no comment has other characters than ASCII.
     """
     code, place = "", 0
-    if not {*quotes, comment} & set(text):
+    if not any(mark in text for mark in quotes + comment):
         code, place = text, len(text)
     while place < len(text):
         mark = text[place]

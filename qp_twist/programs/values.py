@@ -105,8 +105,8 @@ class Values:
         """Assign to a variable or a component; what has no value is remembered as such."""
         try:
             value, name = self.value(text), self.key(target.strip())
-            if isinstance(value, list | dict):
-                value = deepcopy(value)
+            if isinstance(value, list | dict) and self._literal(text.strip()) is None:
+                value = deepcopy(value)  # it may be another variable's
             node = None if name.isidentifier() else _parsed(self._translate(name))
             if node is None:
                 self.names[name] = value
@@ -203,13 +203,16 @@ def zyx_quaternion(*angles_deg: float) -> tuple[float, float, float, float]:
     )  # fmt: skip
 
 
+_JSON = json.JSONDecoder(parse_int=float)
+
+
 def list_literal(text: str) -> Any:
     """A list of numbers and lists; of URScript also a pose; ``None`` if it is none."""
     is_pose = text[:2] == "p["
     if not (is_pose or text[:1] == "["):
         return None
     try:
-        found = json.loads(text[is_pose:], parse_int=float)
+        found = _JSON.decode(text[is_pose:])
     except (ValueError, RecursionError):  # .5 and 5. are no numbers of JSON
         return None
     return (Pose(found) if is_pose else found) if isinstance(found, list) else None

@@ -42,6 +42,13 @@ def fanuc(
     )
 
 
+def jbi(moves: str) -> str:
+    return (
+        "/JOB\n//NAME A\n//POS\n///POSTYPE BASE\nC00001=1,2,3,180,0,0\nP00001=1,2,9,180,0,0\n"
+        f"///POSTYPE PULSE\nC00002=1,2,3,4,5,6\n//INST\n{moves}END\n"
+    )
+
+
 def read(folder: Path, name: str, text: str, **options: object) -> Toolpath:
     file = folder / name
     file.write_text(text, encoding="utf-8")
@@ -92,6 +99,10 @@ def read(folder: Path, name: str, text: str, **options: object) -> Toolpath:
          "line 5: .*decides by what is not in the file"),
         ("a.ls", fanuc("1:L P[1] 10mm/sec FINE ;", "J1 = 0 deg, J2 = 0 deg"), "joint angles"),
         ("a.ls", fanuc("1:L P[7] 10mm/sec FINE ;"), "line 4: there is no P.7. under /POS"),
+        ("a.jbi", jbi("MOVL C00002 V=10.0\n"), "line 10: .*pulses or angles"),
+        ("a.jbi", jbi("MOVL C00001\nMOVC C00001\nMOVL C00001\n"), "an arc is three MOVC"),
+        ("a.jbi", jbi("JUMP *A IF IN#(1)=ON\n"), "line 10: .*decides by what is not in the file"),
+        ("a.jbi", jbi("SET P001 P002\nMOVL P001 V=10.0\n"), "line 11: .*the job changes it"),
         ("a.script", "def a():\n  movel([0,-1,1,0,0,0], a=1)\nend\n", "line 2: expected a pose"),
         ("a.script", "def a():\n  movel(pose_trans(get_tcp_pose(), p[0,0,0,0,0,0]), v=1)\nend\n",
          "line 2: the file does not state get_tcp_pose"),
@@ -188,3 +199,64 @@ def test_a_frame_that_is_moved_is_another_frame(tmp_path: Path) -> None:
     body = moves + "w1.uframe.trans.x:=300;\n" + move(1, wobj="\\WObj:=w1")
     (curve,) = read(tmp_path, "a.mod", rapid(body, data)).curves
     assert (1e3 * curve.positions[:, 0]) == pytest.approx([600, 610, 810])
+
+
+SCRIPT = (
+    "def a():\n  i = 0\n  {}\n    movel(p[0.01 * i, 0, 0.3, 3.1416, 0, 0])\n    i = i + 1\n{}"
+    "  end\nend\n"
+)
+TARGET = "[[10*i,0,300],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.script", SCRIPT.format("while (i < 3):", "")),
+        ("a.script", SCRIPT.format("while True:", "    if i == 3:\n      break\n    end\n")),
+        ("a.mod", f"MODULE M\nPROC main()\nVAR num i;\nWHILE i < 3 DO\nMoveL {TARGET}\n"
+                  "i := i + 1;\nENDWHILE\nIF i = 4 THEN\nStop;\nMoveL p9,v9,fine,tool0;\nENDIF\n"
+                  "ENDPROC\nENDMODULE\n"),
+        ("a.src", krl("INT i\ni = 0\nREPEAT\nLIN {X 10*i,Y 0,Z 300,A 0,B 0,C 180}\ni = i + 1\n"
+                      "UNTIL i >= 3")),
+        ("a.ls", fanuc("1:FOR R[1]=1 TO 3 ;\n2:L P[1] 1mm/sec FINE ;\n3:L P[2] 1mm/sec FINE ;\n"
+                       "4:ENDFOR ;")),
+        ("a.ls", fanuc("1:R[1:k]=0 ;\n2:LBL[1:go] ;\n3:L P[1] 1mm/sec FINE ;\n4:R[1]=R[1]+1 ;\n"
+                       "5:L P[2] 1mm/sec FINE ;\n6:IF R[1]<3,JMP LBL[1] ;")),
+    ],
+)  # fmt: skip
+def test_loops_by_numbers_of_the_program_are_counted(tmp_path: Path, name: str, text: str) -> None:
+    [curve] = read(tmp_path, name, text).curves
+    x = [1, 9] * 3 if name == "a.ls" else [0, 10, 20]
+    assert 1e3 * curve.positions[:, 0] == pytest.approx(x)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        ("a.mod", rapid("WHILE n < 3 DO\n" + move(0) + "n:=n+1;\nENDWHILE\n", "PERS num n:=0;\n"),
+         "runs or not by 'WHILE n < 3 DO'"),
+        ("a.ls", fanuc("1:R[1]=0 ;\n2:CALL PICK ;\n3:IF R[1]=1,JMP LBL[1] ;\n4:L P[1] 1mm/sec ;\n"
+                       "5:LBL[1] ;\n6:L P[2] 1mm/sec FINE ;"),
+         "line 6: .*decides by what is not in the file"),
+        ("a.ls", fanuc("1:L P[1] 1mm/sec FINE ;\n2:P[2]=P[1] ;\n3:L P[2] 1mm/sec FINE ;"),
+         "line 6: .*is not in the file"),
+    ],
+)  # fmt: skip
+def test_what_others_may_have_changed_decides_nothing(
+    tmp_path: Path, name: str, text: str, sentence: str
+) -> None:
+    with pytest.raises(InvalidInput, match=sentence):
+        read(tmp_path, name, text)
+
+
+def test_a_program_beside_a_tp_program_is_called(tmp_path: Path) -> None:
+    (tmp_path / "part.ls").write_text(fanuc("1:L P[2] 1mm/sec FINE ;"))
+    [curve] = read(tmp_path, "a.ls", fanuc("1:L P[1] 1mm/sec FINE ;\n2:CALL PART ;")).curves
+    assert 1e3 * curve.positions[:, 0] == pytest.approx([1, 9])
+
+
+def test_variables_of_a_procedure_are_its_own(tmp_path: Path) -> None:
+    body = "VAR num x:=1;\nwork 7;\nMoveL Offs(p0,x,0,0),v100,fine,tool0;\n" + move(1)
+    work = "PROC work(num x)\nVAR num y:=x;\nENDPROC\n"
+    [curve] = read(tmp_path, "a.mod", rapid(body, work)).curves
+    assert 1e3 * curve.positions[0, 0] == pytest.approx(501)
