@@ -33,11 +33,7 @@ class Drilling:
     def hole(
         self, words: Mapping[str, float], scale: float, *, relative: bool, to_initial: bool
     ) -> Hole:
-        """The hole by R and Z: absolute, or by G91 R from the initial height and Z from R.
-
-        Raises:
-            InvalidInput: If R or Z is not stated, or R is below the bottom.
-        """
+        """The hole by R and Z: absolute, or by G91 R from the initial height and Z from R."""
         if "R" in words:
             self.clear = scale * words["R"] + (self.initial if relative else 0.0)
         if "Z" in words and not (relative and self.clear is None):
@@ -56,9 +52,6 @@ def called_hole(call: str, scale: float) -> Hole:
 
     The tool goes to SDIS above the reference plane RFP, to the depth DP, or DPR below RFP, and back
     to RTP (SINUMERIK, *Cycles*).
-
-    Raises:
-        InvalidInput: If the depth is missing.
     """
     back, plane, above, depth, below = (*numbers_of(call)[:5], *5 * [None])[:5]
     if back is None or (depth is None and below is None):

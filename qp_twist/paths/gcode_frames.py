@@ -18,11 +18,7 @@ _ORDERS = {27: "ZYX", 39: "ZXY", 57: "XYZ", 45: "XZY", 30: "YZX", 54: "YXZ"}
 
 
 def tilted(frame: Frame, words: Mapping[str, float], scale: float) -> Frame:
-    """G68.2: the origin X, Y, Z, and Euler angles I, J, K about z, x and z, as they turn.
-
-    Raises:
-        InvalidInput: If it has another form (P), or a work offset was shifted before.
-    """
+    """G68.2: the origin X, Y, Z, and Euler angles I, J, K about z, x and z, as they turn."""
     if "P" in words or "Q" in words or "R" in words:
         raise InvalidInput(
             "G68.2 with P, Q or R states the plane otherwise than by Euler angles I, J, K, "
@@ -40,9 +36,6 @@ def swiveled(frame: Frame, call: str, scale: float) -> tuple[Frame, str]:
 
     ``_FR, _TC, _ST, _MODE, _X0, _Y0, _Z0, _A, _B, _C, _X1, _Y1, _Z1, …``: the plane's origin,
     angles one after the other, and its origin after the turn (SINUMERIK, *Swivel plane*).
-
-    Raises:
-        InvalidInput: If the angles are of another kind.
     """
     stated = numbers_of(call, texts=(1,))  # the name of a data set
     if len(stated) < 4 or not any(value is not None for value in stated):
@@ -64,11 +57,7 @@ def swiveled(frame: Frame, call: str, scale: float) -> tuple[Frame, str]:
 
 
 def programmed(frame: Frame, name: str, words: Mapping[str, float], scale: float) -> Frame:
-    """TRANS and ROT of a SINUMERIK, which replace all such before, and ATRANS and AROT.
-
-    Raises:
-        InvalidInput: If ROT has several angles.
-    """
+    """TRANS and ROT of a SINUMERIK, which replace all such before, and ATRANS and AROT."""
     turns = [k for k in ("X", "Y", "Z", "RPL") if words.get(k)]
     before = frame.shift if name.startswith("A") else NOTHING
     if name.endswith("TRANS"):
@@ -87,11 +76,7 @@ def turned(frame: Frame, centre: Array, angle: float) -> Frame:
 
 
 def shifted(frame: Frame, axes: Mapping[str, float], *, more: bool) -> Frame:
-    """G52, and with ``more`` G92: the origin of the axes named is moved, m.
-
-    Raises:
-        InvalidInput: If the coordinates are turned.
-    """
+    """G52, and with ``more`` G92: the origin of the axes named is moved, m."""
     if frame.plane is not None or frame.turned:
         raise InvalidInput("a shift of coordinates that are turned is not read")
     origin = frame.shift.translation.copy()

@@ -77,11 +77,7 @@ class Motions(MachineTool):
             feeds.state("F", feed, self.out.scale(), per_turn=self.modes.feed == 95)
 
     def move(self, block: Block, *, cut: bool) -> None:
-        """A motion in the mode in force.
-
-        Raises:
-            InvalidInput: If it is open where it begins or leads.
-        """
+        """A motion in the mode in force."""
         modes, corner = self.modes, self._corner_of(block)
         if modes.motion is None:
             raise InvalidInput("no G0, G1, G2 or G3 says how to move there")
@@ -114,9 +110,6 @@ class Motions(MachineTool):
 
         ``,R`` and RND: its radius. ``,C`` and CHR: what the chamfer takes of each cut. CHF: the
         length of the chamfer (FANUC, *Chamfering and corner R*; SINUMERIK, *Chamfer, rounding*).
-
-        Raises:
-            InvalidInput: If it has several, or one below 0.
         """
         found = [(kind, block.words[k]) for k, kind in _CORNERS.items() if k in block.words]
         found += [] if block.corner is None else [block.corner]
@@ -146,11 +139,7 @@ class Motions(MachineTool):
         return Arc.between(start, end, self._centre(block, start, end, axis), axis)
 
     def _centre(self, block: Block, start: Array, end: Array, axis: Array) -> Array:
-        """The centre of G2 or G3, m, (3,), by I, J, K or by its radius.
-
-        Raises:
-            InvalidInput: If the block states none, or several.
-        """
+        """The centre of G2 or G3, m, (3,), by I, J, K or by its radius."""
         words, modes, scale = block.words, self.modes, self.scale()
         radius = words.get("R", words.get("CR"))
         letters = [_CENTRE[name] for name in _PLANES[modes.plane][:2]]
@@ -189,11 +178,7 @@ class Motions(MachineTool):
     # ------------------------------------------------------------ holes
 
     def begin_drilling(self, code: int) -> None:
-        """A drilling cycle begins.
-
-        Raises:
-            InvalidInput: If it drills along another axis than z.
-        """
+        """A drilling cycle begins."""
         if self.modes.plane != 17:
             raise InvalidInput(f"G{code}: drilling is read in the plane of G17 alone")
         if "Z" not in self.at:
@@ -203,11 +188,7 @@ class Motions(MachineTool):
         self._note_drilling(f"G{code}", DRILLING[code])
 
     def call_drilling(self, call: str, *, at_each: bool) -> None:
-        """CYCLE81 to CYCLE83: a hole where the tool is, or with MCALL where each motion ends.
-
-        Raises:
-            InvalidInput: If it drills along another axis than z, or where the tool is not known.
-        """
+        """CYCLE81 to CYCLE83: a hole where the tool is, or with MCALL where each motion ends."""
         word = call.partition("(")[0]
         if self.modes.plane != 17:
             raise InvalidInput(f"{word}: drilling is read in the plane of G17 alone")
@@ -224,11 +205,7 @@ class Motions(MachineTool):
         self.out.note(f"{word} (drilling) is read as motions{what}")
 
     def drill(self, block: Block) -> None:
-        """The motions of a hole, or of several that G91 repeats.
-
-        Raises:
-            InvalidInput: If R or Z is missing, or the tool is turned.
-        """
+        """The motions of a hole, or of several that G91 repeats."""
         cycle, words, relative = self.modes.cycle, block.words, self.modes.relative
         assert cycle is not None
         if self.axis.turned and not self.tip and not self.frame.changed:

@@ -60,11 +60,7 @@ class Program:
         return at not in self._codes
 
     def block(self, at: int) -> str:
-        """The block of a line without variables; empty if it is a branch, a loop or a call.
-
-        Raises:
-            InvalidInput: If a branch or an expression has no value; then the program is left.
-        """
+        """The block of a line without variables; empty if it is a branch, a loop or a call."""
         if at not in self._codes:
             return self._lines[at]
         try:

@@ -16,7 +16,7 @@ from qp_twist.paths.gcode_cycles import CALLED
 from qp_twist.paths.gcode_frames import ended, programmed, shifted, swiveled, tilted, turned
 from qp_twist.paths.gcode_motions import Motions
 from qp_twist.paths.gcode_program import Program
-from qp_twist.paths.gcode_words import ARCS, CYCLE, FRAMES, REFUSED_NAMES, read_block
+from qp_twist.paths.gcode_words import ARCS, FRAMES, read_block
 from qp_twist.paths.program_block import BEHIND_SLASH, Block
 from qp_twist.paths.program_facts import COMMENT, Facts
 from qp_twist.paths.program_values import NUMBER
@@ -65,10 +65,6 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     A straight motion in rapid traverse (G0) begins another curve. The tool axis is (0, 0, 1), or
     that of I, J, K, or of the rotary axes by the convention ``rotary``, or the normal of a tilted
     plane. Feeds hold until the next F word. Arcs become polygons.
-
-    Raises:
-        InvalidInput: If a line is invalid, changes the path in a way that is not supported, or a
-            tool axis is open.
     """
     out = ProgramBuilder(options, _WORDS)
     reader = _Reader(out, Facts.of(lines))
@@ -99,12 +95,7 @@ class _Reader:
         self._origins: dict[tuple[float | None, float | None], dict[str, float]] = {}
 
     def read(self, lines: Sequence[str]) -> None:
-        """Read all lines up to the end of the program.
-
-        Raises:
-            InvalidInput: If the first line with text is no block: the file is no G-code; or if it
-                is the program of a lathe.
-        """
+        """Read all lines up to the end of the program."""
         program = Program(lines)
         for at, line in enumerate(lines):
             try:
@@ -201,9 +192,6 @@ class _Reader:
             modes.motion, modes.cycle = stem, None
             return False
         self.out.pass_over(stem)
-        if stem in REFUSED_NAMES or (re.fullmatch(CYCLE, stem) and stem not in tables.CYCLES):
-            what = REFUSED_NAMES.get(stem, "a cycle of the control")
-            raise InvalidInput(f"{stem} is {what}, which is not read; {_PLAIN_MOTIONS}")
         if stem in ("TRAORI", "TRAFOOF"):
             self.to.tip = stem == "TRAORI"
         elif stem in ("M82", "M83"):

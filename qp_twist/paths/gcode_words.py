@@ -6,6 +6,7 @@ import re
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
+from qp_twist.paths.gcode_tables import CYCLES
 from qp_twist.paths.program_block import Block
 from qp_twist.paths.program_values import NUMBER
 
@@ -37,7 +38,7 @@ _PASSED = re.compile(
     r"RTLIO(?:N|F)|ORISO(?:N|F)|CDO(?:N|F)2?"
 )
 """Words of SINUMERIK that do not change the path, and those of its five-axis transformation."""
-REFUSED_NAMES = {
+_REFUSED = {
     "POLY": "a polynomial", "BSPLINE": "a spline", "ASPLINE": "a spline", "CSPLINE": "a spline",
     "INVCW": "an involute", "INVCCW": "an involute",
     "TRANSMIT": "polar interpolation", "TRACYL": "a developed cylinder",
@@ -54,24 +55,22 @@ FRAMES = ("TRANS", "ATRANS", "ROT", "AROT")
 ARCS = ("CIP", "CT")
 """Words of SINUMERIK for an arc through a point, and one that continues the motion before."""
 _PRINTER = re.compile(
-    r"\s*(?:N[0-9]+\s*)?(?:(M(?:73|8[2-7]|92|[1-9][0-9]{2,3})(?:\.[0-9]+)?)(?![0-9])[^;(]*?|"
+    r"\s*(?:N[0-9]+\s*)?(?:(M(?:7[34]|8[2-7]|92|[1-9][0-9]{2,3})(?:\.[0-9]+)?)(?![0-9])[^;]*?|"
     r"((?:EXCLUDE_OBJECT|SET_|START_PRINT|END_PRINT|PRINT_|TIMELAPSE_|BED_MESH|_?SKEW_|M117|"
     r"SETUP_|CLEAN_NOZZLE|PRIMING|RESPOND|SYNC_|UPDATE_)[A-Z0-9_]*)(?:\s.*)?)\s*(?:;.*)?",
     re.IGNORECASE,
 )
 """Lines of 3-D printers with arguments of their own: M201 X500 limits an acceleration."""
-_SETTINGS = {92, 201, 203, 205, 350, 566, 569, 572, 574, 584, 593, 671, 906, 907, 913, 915, 917}
+_SETTINGS = {
+    92, 201, 203, 205, 350, 486, 566, 569, 572, 574, 584, 593, 671, 862.1, 906, 907, 913, 915, 917,
+}  # fmt: skip
 """Those among them whose X, Y, Z, A, B, C are settings of these axes (Marlin, RepRapFirmware)."""
 _CALLS = {98, 99, 198, 428, 429, 430}
 _MOTION = re.compile(r"[XYZABC]\s*[-+.0-9]", re.IGNORECASE)
 
 
 def read_block(line: str) -> Block:
-    """The words of a line, without its comments ``( )`` and ``;``.
-
-    Raises:
-        InvalidInput: If something in it is neither a word nor a comment, or is there twice.
-    """
+    """The words of a line, without its comments ``( )`` and ``;``."""
     text, block = line.upper(), Block()
     if ("M" in text or "_" in text) and (printer := _PRINTER.fullmatch(text)) is not None:
         if (name := _of_printer(text, printer)) is not None:
@@ -114,7 +113,7 @@ def _next_word(block: Block, text: str, at: int) -> int:
         block.corner = corner[1], float(corner[2])
         return corner.end()
     named = _TOOL_NAME.match(text, at) or _NAMED.match(text, at)
-    if named is not None and _known(stem := re.split(r"[\s(=\"]", named[0], maxsplit=1)[0]):
+    if named is not None and _is_name(stem := re.split(r"[\s(=\"]", named[0], maxsplit=1)[0]):
         block.names.append(named[0] if re.fullmatch(CYCLE, stem) else stem)
         return named.end()
     if (word := _ASSIGNED.match(text, at) or _WORD.match(text, at)) is not None:
@@ -126,13 +125,15 @@ def _next_word(block: Block, text: str, at: int) -> int:
     )
 
 
-def _known(stem: str) -> bool:
-    return (
-        _PASSED.fullmatch(stem) is not None
-        or re.fullmatch(CYCLE, stem) is not None
-        or stem in (*FRAMES, *ARCS, "MCALL")
-        or stem in REFUSED_NAMES
-    )
+def _is_name(stem: str) -> bool:
+    """Whether it is a word of SINUMERIK; one that changes the path otherwise is refused."""
+    cycle = re.fullmatch(CYCLE, stem) is not None
+    if stem in _REFUSED or (cycle and stem not in CYCLES):
+        raise InvalidInput(
+            f"{stem} is {_REFUSED.get(stem, 'a cycle of the control')}, which is not read; have "
+            "the CAM system write plain motions G0 to G3"
+        )
+    return cycle or stem in (*FRAMES, *ARCS, "MCALL") or _PASSED.fullmatch(stem) is not None
 
 
 def _without_comments(line: str) -> str:

@@ -79,9 +79,6 @@ def words(text: str, values: Variables) -> Block:
     Args:
         text: After its keyword.
         values: Of Q parameters.
-
-    Raises:
-        InvalidInput: If something in it is no word, is there twice, or a parameter has no value.
     """
     found, at, text = Block(), 0, text.rstrip()
     while at < len(text):
@@ -105,11 +102,7 @@ def words(text: str, values: Variables) -> Block:
 
 
 def number(text: str, values: Variables) -> float:
-    """A number, with a decimal point or comma, or the value of a Q parameter.
-
-    Raises:
-        InvalidInput: If it is none, is too large, or the parameter has no value.
-    """
+    """A number, with a decimal point or comma, or the value of a Q parameter."""
     bare = text.replace(" ", "").replace(",", ".")
     found = float(bare) if _NUMBER.fullmatch(bare) else values.value(bare)
     if not abs(found) <= LARGEST_NUMBER:

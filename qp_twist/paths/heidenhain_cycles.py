@@ -39,11 +39,7 @@ class Cycle:
     modal: bool = False
 
     def hole(self, at: float, out: ProgramBuilder) -> Hole:
-        """The hole where the tool is at a height, m.
-
-        Raises:
-            InvalidInput: If it is another cycle, or a value is missing.
-        """
+        """The hole where the tool is at a height, m."""
         old, q, scale = self.kind in _OLD, self.values, out.scale()
         if not old and self.kind not in _BORED:
             raise InvalidInput(
@@ -64,11 +60,7 @@ class Cycle:
 
 
 def cycle_of(kind: int, text: str, before: Cycle | None, values: Variables) -> Cycle:
-    """A cycle by its definition; each line of an older one adds to it.
-
-    Raises:
-        InvalidInput: If a value is no number.
-    """
+    """A cycle by its definition; each line of an older one adds to it."""
     if kind in _OLD:
         cycle = before if before and before.kind == kind else Cycle(kind)
         match = re.match(r"([A-Z][A-Z -]*?)\s*([-+]?[0-9.,]+)$", text)

@@ -26,11 +26,7 @@ IMMEDIATE = {7, 10, *_NOTHING, *_CHANGES}
 
 
 def by_cycle(frame: Frame, kind: int, text: str, values: Variables, scale: float) -> Frame:
-    """The frame after a line of a cycle that acts at once.
-
-    Raises:
-        InvalidInput: If it changes the frame in a way that is not read.
-    """
+    """The frame after a line of a cycle that acts at once."""
     block = words(text if re.match(r"I?[XYZABC]\s*[-+0-9Q]", text) else "", values)
     if kind == 7 and block.words:
         if frame.plane is not None and any(block.words.values()):
@@ -66,9 +62,6 @@ def by_plane(frame: Frame, text: str, values: Variables) -> Frame:
     The spatial angles turn about the machine's X, then Y, then Z, all of them fixed:
     :math:`\mathbf R = \mathbf R_z(\mathrm{SPC})\,\mathbf R_y(\mathrm{SPB})\,
     \mathbf R_x(\mathrm{SPA})` (iTNC 530, User's Manual, *PLANE SPATIAL*).
-
-    Raises:
-        InvalidInput: If it is another one, or in a rotated plane.
     """
     kind, _, rest = text.partition(" ")
     if kind == "RESET":

@@ -52,6 +52,7 @@ _JUMP = re.compile(
     r'(?:9|1[0-2]) ?: ?IF (?P<one>\S+) (?P<is>EQU|NE|GT|LT) (?P<two>\S+) GOTO LBL "?(?P<to>.*?)"?'
 )
 """FN 9 to FN 12."""
+_MOTION = re.compile(r"\s*[0-9]*\s*L\s+[XYZ]\s*[-+]?[0-9.,]+(?:\s|$)", re.IGNORECASE)
 _ONLY_SWITCHES = re.compile(r"(?:M ?[0-9]+ ?)*")
 _CORRECTED = ("RL, RR ({}): a machine shifts the path by the radius of its tool; here the points "
               "are the path of the tool's tip.")  # fmt: skip
@@ -72,25 +73,27 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
 
     A straight motion with FMAX begins another curve. A feed holds until the next one. The tool axis
     is (0, 0, 1), or that of TX, TY, TZ, of the tilted plane, or of the rotary axes with M128.
-
-    Raises:
-        InvalidInput: If a block is invalid, changes the path in a way that is not read, or a tool
-            axis is open.
     """
     program = [*blocks(lines)]
     # Which rotary axes there are is the same question as in G-code, but for M functions.
     moved = [re.sub(r"M ?[0-9]+", "", block.text).replace(",", ".") for block in program
              if block.keyword in ("L", "LN", "LP") and "M91" not in block.text]  # fmt: skip
-    out = ProgramBuilder(options, _WORDS)
-    reader = _Reader(out, Facts.of(moved), program)
+    out, facts = ProgramBuilder(options, _WORDS), Facts.of(moved)
+    if facts.unit is not None:
+        out.assume_unit(*facts.unit)
+    reader = _Reader(out, facts, program)
     reader.course.run(out, [block.number for block in program], reader.block)
     out.problems.refuse()
     return reader.to.toolpath(path)
 
 
-HEIDENHAIN = ToolpathFormat(
-    lambda _, lines: any(BEGIN.match(line) for line in lines[:50]), _read, STATED_BY_PROGRAMS
-)
+def _matches(suffix: str, lines: Sequence[str]) -> bool:
+    """Whether a file is Klartext: by BEGIN PGM, or by its suffix and a motion."""
+    begin = any(map(BEGIN.match, lines[:50]))
+    return begin or (suffix == ".h" and any(map(_MOTION.match, lines[:50])))
+
+
+HEIDENHAIN = ToolpathFormat(_matches, _read, STATED_BY_PROGRAMS)
 """Klartext."""
 
 
@@ -133,11 +136,12 @@ class _Reader:
             if act is not None and not _ONLY_SWITCHES.fullmatch(text):
                 raise InvalidInput(BEHIND_SLASH)
             self.out.pass_over("/")
-        elif act is not None:
+            return re.search(r"M ?(?:0?2|30)\b", text) is not None  # which subprograms follow
+        if act is not None:
             return self._move(act, words(text, self._values))
-        elif keyword == "END PGM":
+        if keyword == "END PGM":
             return True
-        elif keyword == "LBL" and text == "0" and self.course.back():
+        if keyword == "LBL" and text == "0" and self.course.back():
             pass
         elif keyword in self._others:
             self._others[keyword](keyword, text)
@@ -300,16 +304,14 @@ class _Reader:
 
     def _plane(self, keyword: str, text: str) -> None:
         self.out.pass_over(keyword)
-        # The control sets Q120 to Q122 to the rotary axes of the plane, which the plane implies.
-        for name in ("Q120", "Q121", "Q122"):
-            self._values.forget(name)
         frame = by_plane(self.to.frame, text, self._values)
         self.to.leave("XYZ")  # the machine may move to turn to it
         self.to.reframe(frame)
+        # The control sets Q120 to Q122 to the rotary axes of the plane, which the plane implies.
         if self.to.frame.plane is not None:
             self.out.note(_PLANE)
-            for name in ("Q120", "Q121", "Q122"):
-                self._values.set(name, 0.0)
+        for name in ("Q120", "Q121", "Q122"):
+            self._values.set(name, 0.0)
 
     def _function(self, keyword: str, text: str) -> None:
         """FUNCTION TCPM: the coordinates are those of the tip."""

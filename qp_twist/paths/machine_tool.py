@@ -109,11 +109,7 @@ class MachineTool:
         return self.out.scale()
 
     def point(self) -> Array:
-        """Where the tool is, m, (3,).
-
-        Raises:
-            InvalidInput: If that is not known.
-        """
+        """Where the tool is, m, (3,)."""
         if missing := [axis for axis in "XYZ" if axis not in self.at]:
             raise InvalidInput(f"where the tool is in {' and '.join(missing)} is not known")
         return _point(self.at)
@@ -140,11 +136,7 @@ class MachineTool:
             self._forget(self.at)
 
     def assume_zero(self, axis: str, word: str) -> None:
-        """Where nothing states a coordinate, machines begin at 0.
-
-        Raises:
-            InvalidInput: If the tool went elsewhere.
-        """
+        """Where nothing states a coordinate, machines begin at 0."""
         if axis in self.gone:
             raise InvalidInput(f"{word}: where the tool is in {axis} is not known")
         self.at = {**self.at, axis: 0.0}

@@ -40,11 +40,7 @@ class Block:
         return not (self.words or self.codes or self.switches or self.names or self.skipped)
 
     def take(self, name: str, value: float) -> None:
-        """Add a word.
-
-        Raises:
-            InvalidInput: If it is there twice, or too large.
-        """
+        """Add a word."""
         if not abs(value) <= LARGEST_NUMBER:
             raise InvalidInput(f"{name}: {value:g} is too large")
         if name == "G":

@@ -72,11 +72,7 @@ class Course:
         return None
 
     def call(self, to: int, times: float = 1, local: dict[str, float] | None = None) -> None:
-        """Run a subprogram, then go on here; with variables of its own, or those of the caller.
-
-        Raises:
-            InvalidInput: If it runs too often, or too many calls are within each other.
-        """
+        """Run a subprogram, then go on here; with variables of its own, or those of the caller."""
         if times > MOST_REPEATED:
             raise InvalidInput(f"{times:g} repeats of a subprogram; at most {MOST_REPEATED} are")
         if len(self._calls) > _DEEPEST:

@@ -75,11 +75,7 @@ class Variables:
         self._home(name).pop(name, None)
 
     def get(self, name: str) -> float:
-        """The value of a variable.
-
-        Raises:
-            InvalidInput: If the file does not set it.
-        """
+        """The value of a variable."""
         found = self._home(name).get(name)
         if found is None:
             raise InvalidInput(
@@ -89,11 +85,7 @@ class Variables:
         return found
 
     def value(self, text: str) -> float:
-        """The value of an expression.
-
-        Raises:
-            InvalidInput: If it has none.
-        """
+        """The value of an expression."""
         known = {"V": self.get, "I": lambda number: self.get(f"#{round(number)}")}
         try:
             found = float(eval(_compiled(text), {"__builtins__": {}, **_FUNCTIONS}, known))
@@ -139,11 +131,7 @@ class Variables:
 
 @lru_cache(maxsize=10_000)
 def _compiled(text: str) -> CodeType:
-    """An expression in Python, with V and I for the values of variables.
-
-    Raises:
-        SyntaxError: If it has something else than numbers, variables, operators and functions.
-    """
+    """An expression in Python, with V and I for the values of variables."""
     plain = text.replace("[", "(").replace("]", ")").replace("^", "**").replace("<>", "!=")
     plain = _BARE.sub(r"\1(\2)", _QUOTIENT.sub(r"ATAN(\1,\2)", plain))
     plain = _OPERATOR.sub(lambda found: _OPERATORS[found[1]], re.sub(r"#\s*\(", "I(", plain))
@@ -180,9 +168,6 @@ def numbers_of(call: str, texts: Sequence[int] = ()) -> list[float | None]:
     Args:
         call: The call.
         texts: Indices of arguments that are texts, which are left out.
-
-    Raises:
-        InvalidInput: If another argument is no number.
     """
     found: list[float | None] = []
     for k, text in enumerate(call.partition("(")[2].rstrip(") ").split(",")):
