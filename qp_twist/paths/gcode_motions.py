@@ -84,7 +84,7 @@ class Motions(MachineTool):
         if {"@", "^"} & block.words.keys():
             if modes.plane != 17:
                 raise InvalidInput("@ and ^ are read in the plane of G17 alone")
-            self.polar(block, "@", "^", np.zeros(3), (0, 1), relative=modes.relative)
+            self.polar(block, "@", "^", np.zeros(3), (0, 1))
         if modes.motion not in (0, 1):
             if block.words.get("P", 1.0) != 1.0:
                 raise InvalidInput("P: several turns are not read; write each turn as an arc")
@@ -92,12 +92,11 @@ class Motions(MachineTool):
                 raise InvalidInput("a corner is cut between two straight cuts alone")
             word = f"G{modes.motion}" if isinstance(modes.motion, int) else modes.motion
             heading = self.heading()
-            self.arc(word, block, lambda start, end: self._arc(block, start, end, heading),
-                     relative=modes.relative)  # fmt: skip
+            self.arc(word, block, lambda start, end: self._arc(block, start, end, heading))
         elif block.words.keys() & {"R", "CR"}:
             raise InvalidInput("R belongs to an arc (G2, G3), not to a straight motion")
         else:
-            self.line(block, cut=cut, relative=modes.relative)
+            self.line(block, cut=cut)
             if cut and corner is not None and isinstance(self.last, Cut):
                 if self.last.turn:
                     raise InvalidInput("a corner of a cut that turns the tool is not read")
@@ -132,8 +131,8 @@ class Motions(MachineTool):
             via = start.copy()
             for k, name in enumerate(("I1", "J1", "K1")):
                 if name in block.words:
-                    kind = block.kinds.get(name, "IC" if self.modes.relative else "AC")
-                    via[k] = self.scale() * block.words[name] + (start[k] if kind == "IC" else 0.0)
+                    begin = start[k] if block.relative(name) else 0.0
+                    via[k] = begin + self.scale() * block.words[name]
             return Arc.through(start, via, end)
         axis = -normal if self.modes.motion == 2 else normal
         return Arc.between(start, end, self._centre(block, start, end, axis), axis)
@@ -214,11 +213,11 @@ class Motions(MachineTool):
         repeats = int(words.get("L", words.get("K", 1)))
         if not 0 <= repeats <= 1000:
             raise InvalidInput(f"G{cycle.code}: expected 0 to 1000 repeats, got {repeats}")
-        begin = self.axis.turn(block, relative=relative, cut=False)
+        begin = self.axis.turn(block, cut=False)
         aside = replace(block, words={k: words[k] for k in "XY" if k in words})
         for _ in range(repeats):
             start = self.at
-            self.target(aside, relative=relative)
+            self.target(aside)
             for axis in "XY":
                 if axis not in self.at:
                     self.assume_zero(axis, f"G{cycle.code}")

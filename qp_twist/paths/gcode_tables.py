@@ -64,5 +64,7 @@ KNOWN = frozenset({
     "S1", "S2", "M1", "M2", "M3", "I1", "J1", "K1", *BY_VECTOR,
 })  # fmt: skip
 MOVING = frozenset({*"XYZABCIJKR@^", *BY_VECTOR, "CR", "I1", "J1", "K1"})
+RELATIVE = frozenset({*"XYZABC@^", "I1", "J1", "K1"})
+"""Words that G91 makes relative."""
 OWN_WORDS = frozenset({4, 10, 43.1, 52, 68, 68.2, 92})
 """Codes whose X, Y, Z, … are no target of a motion."""

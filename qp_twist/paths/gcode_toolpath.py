@@ -308,6 +308,9 @@ class _Reader:
     def _move(self, block: Block) -> None:
         """A motion, or the holes of a cycle."""
         motion = self.to.modes.motion
+        if self.to.modes.relative:
+            for name in tables.RELATIVE & block.words.keys():
+                block.kinds.setdefault(name, "IC")
         cut = motion != 0 and self._deposits(block)
         if not cut and motion and not {"X", "Y", "Z"}.isdisjoint(block.words):
             self.out.note("motions that deposit no filament (E) are rapid")

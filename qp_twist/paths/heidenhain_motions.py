@@ -100,7 +100,7 @@ class Motions(MachineTool):
         if "PA" not in block.words:
             raise InvalidInput("CP: expected PA or IPA, the angle")
         sweep = math.radians(block.words["PA"])
-        if "PA" not in block.kinds:
+        if not block.relative("PA"):
             at = self.point() - pole
             begin, sense = math.atan2(at[second], at[first]), _sense(block)
             sweep = sense * ((sense * (sweep - begin)) % (2.0 * math.pi))

@@ -246,7 +246,7 @@ class _Reader:
         if not isinstance(self.to.last, Cut):
             raise InvalidInput(f"{keyword} is read between two straight cuts alone")
         kind = "R" if keyword == "RND" else "C"
-        self.to.corner = Corner(kind, size * self.out.scale(), keyword)
+        self.to.corner = Corner(kind, size * self.out.scale())
 
     def _approach(self, keyword: str, text: str) -> None:
         block = words(re.sub("^[A-Z]+", "", text), self._values)

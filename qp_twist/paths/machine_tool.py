@@ -58,13 +58,11 @@ class Corner(NamedTuple):
     Attributes:
         kind: ``R``, ``C`` or ``CHF``, as for :func:`~qp_twist.paths.arcs.cut_corner`.
         size: m.
-        word: Of the program, where it is read in the plane of X and Y alone.
         modal: Whether each corner is cut, where there is one.
     """
 
     kind: str
     size: float
-    word: str = ""
     modal: bool = False
 
 
@@ -142,7 +140,7 @@ class MachineTool:
         self.at = {**self.at, axis: 0.0}
         self.out.note(f"{axis} is 0 until it is stated")
 
-    def target(self, block: Block, *, relative: bool = False) -> None:
+    def target(self, block: Block) -> None:
         """Read X, Y and Z: the tool is there then."""
         at, words, scale = dict(self.at), block.words, 0.0
         for axis in "XYZ":
@@ -150,13 +148,10 @@ class MachineTool:
                 continue
             scale = scale or self.scale()
             value = scale * words[axis]
-            if block.kinds.get(axis, "IC" if relative else "AC") == "IC":
+            if block.relative(axis):
+                if axis in self.gone and axis not in at:
+                    raise InvalidInput(f"{axis} is relative to a position that is not known")
                 if axis not in at:
-                    how = " (G91)" if relative else ""
-                    if axis in self.gone:
-                        raise InvalidInput(
-                            f"{axis} is relative{how} to a position that is not known"
-                        )
                     self.assume_zero(axis, axis)
                 value += at.get(axis, 0.0)
             at[axis] = value
@@ -164,14 +159,12 @@ class MachineTool:
         self.gone.difference_update(at)
 
     def polar(
-        self, block: Block, radius: str, angle: str, pole: Array, axes: tuple[int, int], *,
-        relative: bool = False,
-    ) -> None:  # fmt: skip
+        self, block: Block, radius: str, angle: str, pole: Array, axes: tuple[int, int]
+    ) -> None:
         """Write a target by the words of a radius and an angle about a pole as coordinates."""
         first, second = ("XYZ"[k] for k in axes)
-        stated = [block.kinds.get(name, "IC" if relative else "AC") == "AC"
-                  for name in (radius, angle) if name in block.words]  # fmt: skip
-        if stated != [True, True] and not {first, second} <= self.at.keys():
+        stated = all(k in block.words and not block.relative(k) for k in (radius, angle))
+        if not stated and not {first, second} <= self.at.keys():
             raise InvalidInput(f"where the tool is in {first} and {second} is not known")
         u, v = (self.at.get("XYZ"[k], 0.0) - float(pole[k]) for k in axes)
         scale, found = self.scale(), []
@@ -179,8 +172,7 @@ class MachineTool:
             (radius, math.hypot(u, v), scale),
             (angle, math.atan2(v, u), math.radians(1.0)),
         ):
-            more = block.kinds.pop(name, "IC" if relative else "AC") == "IC"
-            kept = before if more or name not in block.words else 0.0
+            kept = before if block.relative(name) or name not in block.words else 0.0
             found.append(kept + unit * block.words.pop(name, 0.0))
         ways = found[0] * math.cos(found[1]), found[0] * math.sin(found[1])
         for letter, k, way in zip((first, second), axes, ways, strict=True):
@@ -189,9 +181,9 @@ class MachineTool:
 
     # ------------------------------------------------------------ motions
 
-    def line(self, block: Block, *, cut: bool, relative: bool = False) -> None:
+    def line(self, block: Block, *, cut: bool) -> None:
         """A straight motion to the target of a block, over which rotary axes move in proportion."""
-        start, begin, read = self._lead("", block, cut=cut, relative=relative)
+        start, begin, read = self._lead("", block, cut=cut)
         self.axis.read_vector(block)
         if not read:
             self._without_tip(cut=cut)
@@ -200,10 +192,10 @@ class MachineTool:
 
     def arc(
         self, word: str, block: Block, arc_of: Callable[[Array, Array], Arc | None], *,
-        cut: bool = True, relative: bool = False,
+        cut: bool = True,
     ) -> None:  # fmt: skip
         """An arc or a helix to the target of a block, by a function of its start and its end."""
-        start, begin, read = self._lead(word, block, cut=cut, relative=relative)
+        start, begin, read = self._lead(word, block, cut=cut)
         if not read:
             self._without_tip(cut=cut)
             return
@@ -247,7 +239,7 @@ class MachineTool:
         return self.out.toolpath(path, self.axis.notes(), has_axis=has_axis)
 
     def _lead(
-        self, word: str, block: Block, *, cut: bool, relative: bool
+        self, word: str, block: Block, *, cut: bool
     ) -> tuple[dict[str, float], dict[str, float], bool]:
         """Read where a motion leads: its start, the angles there, and whether it can be read.
 
@@ -258,8 +250,9 @@ class MachineTool:
         tip = self.tip or self.frame.plane is not None
         if not tip and not axis.machine and axis.turned and not moves:
             self._forget("XYZ")  # a turn about the pivot of the machine leads the tip elsewhere
-        self.target(block, relative=relative)
-        begin = axis.turn(block, relative=relative, cut=cut)
+        relative = any(map(block.relative, "XYZ"))
+        self.target(block)
+        begin = axis.turn(block, cut=cut)
         if self._assumes and not tip and axis.turned and axis.rotary is not None:
             axis.assume_machine()
         unread = not tip and axis.turned and not axis.machine
@@ -324,8 +317,6 @@ class MachineTool:
         )
         if motion is None:
             return
-        if corner.word and abs(motion.axis[2]) < 0.99:
-            raise InvalidInput(f"{corner.word} is read in the plane of X and Y alone")
         last = self.out.rows[-1]
         moved = self.frame.whole.apply(first) if self.frame.changed else first
         self.out.rows[-1] = last._replace(position=tuple(moved.tolist()))

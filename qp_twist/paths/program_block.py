@@ -39,6 +39,10 @@ class Block:
         """Whether it has no word."""
         return not (self.words or self.codes or self.switches or self.names or self.skipped)
 
+    def relative(self, name: str) -> bool:
+        """Whether a word counts from where the tool is."""
+        return self.kinds.get(name) == "IC"
+
     def take(self, name: str, value: float) -> None:
         """Add a word."""
         if not abs(value) <= LARGEST_NUMBER:

@@ -86,14 +86,14 @@ class ToolAxis:
 
     # ------------------------------------------------------------ what a block states
 
-    def turn(self, block: Block, *, relative: bool, cut: bool) -> dict[str, float]:
+    def turn(self, block: Block, *, cut: bool) -> dict[str, float]:
         """Read A, B and C of a block; the angles from which they turn, degrees."""
         begin = self.angles
         if stated := {"A", "B", "C"} & block.words.keys():
             self.angles = dict(begin)
         for letter in sorted(stated):
-            more = block.kinds.get(letter, "IC" if relative else "AC") == "IC"
-            value = block.words[letter] + (begin.get(letter, 0.0) if more else 0.0)
+            more = begin.get(letter, 0.0) if block.relative(letter) else 0.0
+            value = block.words[letter] + more
             known = letter in self._letters
             if value and not known:
                 self._refuse(letter)
@@ -106,7 +106,7 @@ class ToolAxis:
             self.stated |= self.rotary is not None
             self.vector = None if known else self.vector
         if cut and stated and self.rotary is not None:
-            return self._begin_of_cut(begin, relative=relative)
+            return self._begin_of_cut(block, begin)
         return begin
 
     def _refuse(self, letter: str) -> None:
@@ -124,12 +124,12 @@ class ToolAxis:
             rotary=f"{choices[0]} or another of these",
         )
 
-    def _begin_of_cut(self, begin: dict[str, float], *, relative: bool) -> dict[str, float]:
-        """Angles from which rotary axes turn in a cut; by G91 they turn as written."""
-        rollover: Rollover = "as-written" if relative else self._out.options.rollover or ROLLOVER
+    def _begin_of_cut(self, block: Block, begin: dict[str, float]) -> dict[str, float]:
+        """Angles from which rotary axes turn in a cut; relative ones turn as written."""
+        rollover: Rollover = self._out.options.rollover or ROLLOVER
         found = {
-            letter: begin_of_turn(angle, self.angles[letter], rollover)
-            for letter, angle in begin.items()
+            k: angle if block.relative(k) else begin_of_turn(angle, self.angles[k], rollover)
+            for k, angle in begin.items()
         }
         turns = "a rotary axis turns by more than 180 degrees in a cut ({})"
         if found != begin:

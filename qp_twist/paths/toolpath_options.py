@@ -6,10 +6,11 @@ A field here is an argument of Python, a key of ``[path]`` in a task file, an op
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from qp_twist.files import AngleUnit, FeedUnit, LengthUnit
 from qp_twist.paths.arcs import ARC_ERROR, ArcAxis
@@ -19,8 +20,17 @@ from qp_twist.paths.section import Positive, Section
 from qp_twist.paths.toolpath_columns import ColumnChoice
 
 _NUMBER = r"\s*[+-]?([0-9]+\.?[0-9]{0,9}|\.[0-9]{1,9})\s*"
-_PIVOT = rf"^{_NUMBER}(,{_NUMBER}){{2}}((,{_NUMBER}){{3}})?$"
+_PIVOT = re.compile(rf"{_NUMBER}(,{_NUMBER}){{2}}((,{_NUMBER}){{3}})?")
 Format = Literal["csv", "apt", "gcode", "heidenhain", "rapid", "krl", "ls", "urscript", "jbi"]
+
+
+def _three_or_six(pivot: str) -> str:
+    """Three numbers, or six."""
+    if _PIVOT.fullmatch(pivot) is None:
+        raise ValueError(
+            f"expected X,Y,Z, such as 0,0,-50, or six numbers for two axes; got {pivot!r}"
+        )
+    return pivot
 
 
 class ReadingOptions(Section):
@@ -71,7 +81,7 @@ class ReadingOptions(Section):
         description="machine whose axes X, Y, Z, A, B, C of a G-code file are without control of "
         "the tool's tip; as rotary",
     )
-    pivot: Annotated[str, Field(pattern=_PIVOT)] | None = Field(
+    pivot: Annotated[str, AfterValidator(_three_or_six)] | None = Field(
         default=None,
         description="where the rotary axes of that machine are with all at zero, as X,Y,Z, or six "
         "numbers for both, in the unit of the file: on a table in its frame, the origin if "

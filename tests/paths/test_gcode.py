@@ -398,7 +398,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G2 I0 J0", "has the radius zero"), ("G19 G2 Y2 I1", "has its centre in J and K"),
         ("G90.1 G2 X2 I1.5", "G90.1: the centre needs both I and J"),
         ("G28 Z0\nG17 G2 X5 R9", "line 5: G2: where the tool is in Z is not known"),
-        ("G28\nG91 X5", "line 5: X is relative .G91. to a position that is not known"),
+        ("G28\nG91 X5", "line 5: X is relative to a position that is not known"),
         ("G53 Z0\nG2 X2 I.5", "line 5: G2: where the tool is in Z is not known"),
     ],
 )  # fmt: skip

@@ -52,10 +52,6 @@ def read(folder: Path, text: str, **options: object) -> Toolpath:
         ("CC X+5 Y+0\nC X+10 Y+0", "the arc has no DR\\+ or DR-"),
         ("CC X+5 Y+0\nCP IPA-90 DR+", "IPA and DR have different signs"),
         ("L X+10\nRND R20\nL Y+10", "the corner takes 20 mm of cuts that are 10 mm"),
-        (
-            "RND R2\nL X+10\n",
-            "RND is read in the plane of X and Y alone",
-        ),
         ("L M99", "a cycle is called, and none is defined before"),
         ("/L X+5", "a block behind / is run or not by a switch"),
         ("L X+5 M130", "M130 is a point out of the plane"),
