@@ -148,8 +148,8 @@ class Controller(StepSettings):
         elif self.soft_tasks and not self.secondary:
             self.joint_weight = TIE_BREAK
         self._seen, self._checked = SortedLimits([]), _NOT_CHECKED
-        self._prepared = _compiled_step(self)
         self.reference_steps = 0
+        self._prepared = _compiled_step(self)
 
     @property
     def levels(self) -> tuple[tuple[LevelItem, ...], ...]:
@@ -259,7 +259,7 @@ class Controller(StepSettings):
                     return plain
             finally:
                 prepared.free.release()
-        self.reference_steps += 1
+        self.__dict__["reference_steps"] += 1  # which is no change of the composition
         if not math.isfinite(sum(configuration.data.qpos.tolist())):
             self._check_configuration(configuration)  # raises, with the joint's name
         with np.errstate(over="ignore", invalid="ignore"):  # the result is checked below

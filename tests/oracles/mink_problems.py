@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import mink
 import mujoco
@@ -123,96 +124,67 @@ def _near(c: mink.Configuration, name: str, kind: str, rng: np.random.Generator)
     )
 
 
-def frame(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.FrameTask("left_hand", "site", 1.0, 0.5, gain=0.7, lm_damping=0.1)
-    task.set_target(_near(c, "left_hand", "site", rng))
-    return task
+def _around(c: mink.Configuration, rng: np.random.Generator) -> np.ndarray:
+    return np.array([2.0, 0.3, 1.0]) + 0.1 * rng.normal(size=3)
 
 
-def relative(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.RelativeFrameTask("left_hand", "site", "right_hand", "site", 1.0, 0.3)
+def _beside(c: mink.Configuration, rng: np.random.Generator) -> mink.SE3:
+    """The left hand's target in the right one's frame."""
     now = c.get_transform_frame_to_world("right_hand", "site").inverse()
-    task.set_target(now @ _near(c, "left_hand", "site", rng))
+    return now @ _near(c, "left_hand", "site", rng)
+
+
+def _aimed(task: Any, target: Any, by: str = "set_target") -> Any:
+    getattr(task, by)(target)
     return task
 
 
-def align(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.AxisAlignTask("left_hand", "site", axis=(0, 0, 1), cost=1.0)
-    task.set_target(_near(c, "left_hand", "site", rng).rotation().as_matrix()[:, 2])
-    return task
-
-
-def look_at(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.LookAtTask("camera", "site", cost=0.8)
-    task.set_target(np.array([2.0, 0.3, 1.0]) + 0.1 * rng.normal(size=3))
-    return task
-
-
-def com(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.ComTask(cost=2.0)
-    task.set_target(c.data.subtree_com[1] + 0.01 * rng.normal(size=3))
-    return task
-
-
-def posture(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = mink.PostureTask(c.model, cost=0.1, gain=0.3)
-    task.set_target(c.integrate(0.1 * rng.normal(size=c.model.nv), 1.0))
-    return task
-
-
-def damping(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    return mink.DampingTask(c.model, cost=0.05)
-
-
-def kinetic_energy(c: mink.Configuration, rng: np.random.Generator) -> mink.tasks.BaseTask:
-    task = mink.KineticEnergyRegularizationTask(cost=1e-4)
-    task.set_dt(0.01)
-    return task
-
-
-def freezing(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    return mink.DofFreezingTask(c.model, [0, 1, 2])
-
-
-def equality(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    return mink.EqualityConstraintTask(c.model, cost=1.0, gain=0.5)
-
-
-def twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = qt.TwistTask.axis_free("left_hand", "site", gain=0.7)
-    task.set_target(_near(c, "left_hand", "site", rng))
-    return task
-
-
-def relative_twist(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = qt.TwistTask.line_on_line("left_hand", "site", relative_to=("right_hand", "site"))
-    now = c.get_transform_frame_to_world("right_hand", "site").inverse()
-    task.set_target(now @ _near(c, "left_hand", "site", rng))
-    return task
-
-
-def gaze(c: mink.Configuration, rng: np.random.Generator) -> mink.Task:
-    task = qt.GazeTask("camera", "site")
-    task.set_point(np.array([2.0, 0.3, 1.0]) + 0.1 * rng.normal(size=3))
-    return task
-
-
-Make = Callable[[mink.Configuration, np.random.Generator], mink.tasks.BaseTask]
+Make = Callable[[mink.Configuration, np.random.Generator], Any]
+HAND = "left_hand", "site"
 TASKS: dict[str, Make] = {
-    "FrameTask": frame,
-    "RelativeFrameTask": relative,
-    "AxisAlignTask": align,
-    "LookAtTask": look_at,
-    "ComTask": com,
-    "PostureTask": posture,
-    "DampingTask": damping,
-    "KineticEnergyRegularizationTask": kinetic_energy,
-    "DofFreezingTask": freezing,
-    "EqualityConstraintTask": equality,
-    "TwistTask": twist,
-    "TwistTask, relative": relative_twist,
-    "GazeTask": gaze,
+    "FrameTask": lambda c, rng: _aimed(
+        mink.FrameTask(*HAND, 1.0, 0.5, gain=0.7, lm_damping=0.1), _near(c, *HAND, rng)
+    ),
+    "RelativeFrameTask": lambda c, rng: _aimed(
+        mink.RelativeFrameTask(*HAND, "right_hand", "site", 1.0, 0.3), _beside(c, rng)
+    ),
+    "AxisAlignTask": lambda c, rng: _aimed(
+        mink.AxisAlignTask(*HAND, axis=(0, 0, 1), cost=1.0),
+        _near(c, *HAND, rng).rotation().as_matrix()[:, 2],
+    ),
+    "LookAtTask": lambda c, rng: _aimed(
+        mink.LookAtTask("camera", "site", cost=0.8), _around(c, rng)
+    ),
+    "ComTask": lambda c, rng: _aimed(
+        mink.ComTask(cost=2.0), c.data.subtree_com[1] + 0.01 * rng.normal(size=3)
+    ),
+    "PostureTask": lambda c, rng: _aimed(
+        mink.PostureTask(c.model, cost=0.1, gain=0.3),
+        c.integrate(0.1 * rng.normal(size=c.model.nv), 1.0),
+    ),
+    "DampingTask": lambda c, rng: mink.DampingTask(c.model, cost=0.05),
+    "KineticEnergyRegularizationTask": lambda c, rng: _aimed(
+        mink.KineticEnergyRegularizationTask(cost=1e-4), 0.01, "set_dt"
+    ),
+    "DofFreezingTask": lambda c, rng: mink.DofFreezingTask(c.model, [0, 1, 2]),
+    "EqualityConstraintTask": lambda c, rng: mink.EqualityConstraintTask(
+        c.model, cost=1.0, gain=0.5
+    ),
+    "TwistTask": lambda c, rng: _aimed(
+        qt.TwistTask.axis_free(*HAND, gain=0.7), _near(c, *HAND, rng)
+    ),
+    "TwistTask, relative": lambda c, rng: _aimed(
+        qt.TwistTask.line_on_line(*HAND, relative_to=("right_hand", "site")), _beside(c, rng)
+    ),
+    "GazeTask": lambda c, rng: _aimed(qt.GazeTask("camera", "site"), _around(c, rng), "set_point"),
 }
+frame, align, look_at, com, posture, damping, freezing, equality, twist = (
+    TASKS[name]
+    for name in (
+        "FrameTask", "AxisAlignTask", "LookAtTask", "ComTask", "PostureTask", "DampingTask",
+        "DofFreezingTask", "EqualityConstraintTask", "TwistTask",
+    )
+)  # fmt: skip
 CONSTRAINTS = (
     "FrameTask", "RelativeFrameTask", "ComTask", "DofFreezingTask", "EqualityConstraintTask",
     "TwistTask", "TwistTask, relative", "GazeTask",
@@ -290,7 +262,7 @@ def named(seed: int) -> dict[str, Problem]:
         c,
         [make(c, rng) for make in (frame, look_at, com, posture, damping, drone)],
         limits=[make(c) for make in LIMITS.values()],
-        constraints=[equality(c, rng), freezing(c, rng)],  # type: ignore[list-item]
+        constraints=[equality(c, rng), freezing(c, rng)],
     )
     problems["no limits"] = Problem(c, [frame(c, rng), posture(c, rng)], limits=[])
     return problems
