@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -96,29 +98,37 @@ class Table:
         """The entries of a column."""
         return [f"{value:g}" for value in self.numbers[:, index]]
 
-    def finite(
-        self, columns: Sequence[int], problems: Problems, may_be_blank: Collection[int] = ()
-    ) -> Array:
-        """The numbers of some columns, (N, columns); what is none is a problem.
+    def kept(self, rows: npt.NDArray[np.bool_]) -> Self:
+        """Some of the rows."""
+        found = copy.copy(self)
+        found.numbers, found.lines = self.numbers[rows], self.lines[rows]
+        found.breaks = {int(rows[:row].sum()): text for row, text in self.breaks.items()}
+        return found
+
+    def check(
+        self, columns: Sequence[int], problems: Problems, *, may_be_blank: int | None = None
+    ) -> npt.NDArray[np.bool_]:
+        """Which rows have numbers in some columns, (N,); each other one is a problem.
 
         Args:
             columns: Their indices.
             problems: Collects every invalid row.
-            may_be_blank: Those of them that may also be blank; NaN there.
+            may_be_blank: One of them that may also be blank; NaN there.
         """
-        values: Array = self.numbers[:, list(columns)]
-        for row in np.flatnonzero(~np.isfinite(values).all(axis=1)).tolist():
+        whole = np.asarray(np.isfinite(self.numbers[:, list(columns)]).all(axis=1))
+        for row in np.flatnonzero(~whole).tolist():
             what, column = self._problem(row, columns, may_be_blank)
             if what:
                 problems.add(int(self.lines[row]), what, column)
-        return values
+            whole[row] = not what
+        return whole
 
     def _problem(
-        self, row: int, columns: Sequence[int], may_be_blank: Collection[int]
+        self, row: int, columns: Sequence[int], may_be_blank: int | None
     ) -> tuple[str, str]:
         """What is wrong with a row, and in which column; empty if nothing is."""
         missing = [i for i in columns if not np.isfinite(self.numbers[row, i])]
-        wrong = [i for i in missing if i not in may_be_blank]
+        wrong = [i for i in missing if i != may_be_blank]
         return ("the number is missing", self.call(wrong[0])) if wrong else ("", "")
 
 
@@ -263,7 +273,7 @@ class TextTable(Table):
         )
 
     def _problem(
-        self, row: int, columns: Sequence[int], may_be_blank: Collection[int]
+        self, row: int, columns: Sequence[int], may_be_blank: int | None
     ) -> tuple[str, str]:
         dialect, width = self._dialect, self.width
         fields = dialect.split(self._text[int(self.lines[row]) - 1])
@@ -275,7 +285,7 @@ class TextTable(Table):
             entry = fields[index] if index < len(fields) else ""
             value = dialect.number(entry)
             if not entry:
-                if index in may_be_blank and len(fields) >= width:
+                if index == may_be_blank and len(fields) >= width:
                     continue
                 short = f"; the row has {count} of {width} columns"
                 what = f"the number is missing{short if count < width else ''}"

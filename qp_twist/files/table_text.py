@@ -74,7 +74,7 @@ def text_lines(content: bytes) -> list[str]:
             break
         if not text.strip():
             raise InvalidInput("the file is empty.")
-        text = text.replace("\x1a", "").replace("\r\n", "\n")
+        text = re.sub("\r+\n", "\n", text.replace("\x1a", ""))
         # Beside ends of other kinds, a carriage return alone is a slip inside a line.
         lone = " " if text.count("\n") > text.count("\r") else "\n"
         return text.replace("\r", lone).split("\n")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import bz2
+import contextlib
 import io
 import sqlite3
 import struct
-import tempfile
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -121,19 +120,14 @@ def _mcap(content: bytes) -> Iterator[_Message]:
 
 
 def _sqlite(content: bytes) -> Iterator[_Message]:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "bag.db3"
-        file.write_bytes(content)
-        bag = sqlite3.connect(file)
-        try:
-            rows = bag.execute(
-                "SELECT name, type, data FROM messages JOIN topics ON topics.id = topic_id "
-                "ORDER BY timestamp"
-            ).fetchall()
-        finally:
-            bag.close()
-    for topic, kind, data in rows:
-        yield _Message(str(topic), str(kind).rpartition("/")[2], data, 2)
+    with contextlib.closing(sqlite3.connect(":memory:")) as bag:
+        bag.deserialize(content)
+        query = (
+            "SELECT name, type, data FROM messages JOIN topics ON topics.id = topic_id "
+            "ORDER BY timestamp"
+        )
+        for topic, kind, data in bag.execute(query):
+            yield _Message(str(topic), str(kind).rpartition("/")[2], data, 2)
 
 
 def _ros_1(content: bytes) -> Iterator[_Message]:
@@ -173,6 +167,7 @@ def _sized(part: bytes, at: int) -> tuple[bytes, int]:
 
 
 def _fields(header: bytes) -> dict[bytes, bytes]:
+    """The fields of a header: names and values, with = between them."""
     found, at = dict[bytes, bytes](), 0
     while at < len(header):
         field, at = _sized(header, at)

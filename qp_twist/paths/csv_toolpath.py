@@ -107,47 +107,31 @@ def table_toolpath(
     where = column_roles(table, choice, options.orientation, options.feed_unit)
     rapid, notes = _rapid(table, where), [*notes, *where.notes]
     unit, in_file = _length_unit(table, where, options, notes, lines)
-    angle, feed = _angle_scale(table, where, options, notes, unit), 1.0
-    lean = _lean(table, where, notes)
+    angle, problems = _angle_scale(table, where, options, notes, unit), Problems()
     feed_column = where.single.get("feed")
-    if feed_column is not None:
-        feed = FEEDS[unit_of(table, "feed_unit", (feed_column,), options.feed_unit, FEEDS)[0]]
-    problems = Problems()
-    blank = () if feed_column is None else (feed_column,)
-    values = table.finite(where.numbers, problems, blank)
-    needed = [at not in blank for at in where.numbers]
-    whole: Mask = np.asarray(np.isfinite(values[:, needed]).all(axis=1))
+    whole = table.check(where.numbers, problems, may_be_blank=feed_column)
+    if not whole.all():
+        table, rapid = table.kept(whole), None if rapid is None else rapid[whole]
     begins, names = _curves(table, where)
-    feeds = np.full(len(whole), np.nan)
-    if feed_column is not None:
-        # A blank leaves the feed as it was: RoboDK writes it where it changes.
-        stated = np.where(np.isfinite(table.numbers[:, feed_column]), np.arange(len(whole)), -1)
-        last = np.maximum.accumulate(stated)
-        feeds = np.where(last < 0, np.nan, feed * table.numbers[last, feed_column])
-        # No motion leads to the first point of a curve; tables often have 0 there.
-        for row in np.flatnonzero((feeds <= 0.0) & ~begins & whole).tolist():
-            what = f"expected a feed above 0, got {feeds[row] / feed:g}"
-            problems.add(int(table.lines[row]), what, table.call(feed_column))
-    begins, names = begins[whole], [name for name, row in zip(names, whole, strict=True) if row]
-    begins[:1] = True  # where the first row is invalid
     ends = [*np.flatnonzero(begins).tolist(), len(begins)]
-    positions = LENGTHS[unit] * table.numbers[whole][:, where.position]
-    orientation, directions = where.orientation, angle * table.numbers[whole][:, where.direction]
+    positions = LENGTHS[unit] * table.numbers[:, where.position]
+    orientation, directions = where.orientation, angle * table.numbers[:, where.direction]
     if where.second:
-        second = table.numbers[whole][:, where.second]
-        directions = np.hstack([
-            directions, second if where.second_axis == "x" else np.cross(second, directions)
-        ])  # fmt: skip
-    if lean is not None:
-        orientation, sign = "axis", -1.0 if options.axes_point == "into" else 1.0
-        directions[:, :3] *= sign
-        directions = _leaned(positions, directions, lean[whole], ends)
-        directions[:, :3] *= sign
-    points = Points(positions, directions, table.lines[whole], feeds[whole])
+        second = table.numbers[:, where.second]
+        second = second if where.second_axis == "x" else np.cross(second, directions)
+        directions = np.hstack([directions, second])
+    if where.orientation == "normal" and {"lead", "tilt"} & where.single.keys():
+        orientation, outward = "axis", -1.0 if options.axes_point == "into" else 1.0
+        lean = _lean(table, where, notes)
+        directions[:, :3] = outward * _leaned(positions, outward * directions[:, :3], lean, ends)
+    feeds = np.full(len(begins), np.nan)
+    if feed_column is not None:
+        feeds = _feeds(table, feed_column, options, begins, problems)
+    points = Points(positions, directions, table.lines, feeds)
     if rapid is None:
         curves = [PointsOfCurve(points.part(slice(a, b), names[a])) for a, b in pairwise(ends)]
     else:
-        curves = curves_between_rapids(points, names, rapid[whole], begins)
+        curves = curves_between_rapids(points, names, rapid, begins)
     return toolpath_of(
         path,
         orientation,
@@ -159,6 +143,21 @@ def table_toolpath(
         unit=unit,
         unit_in_file=in_file,
     )
+
+
+def _feeds(
+    table: Table, column: int, options: ReadingOptions, begins: Mask, problems: Problems
+) -> Array:
+    """Feeds, m/s, (N,); a blank leaves the feed as it was: RoboDK writes it where it changes."""
+    scale = FEEDS[unit_of(table, "feed_unit", (column,), options.feed_unit, FEEDS)[0]]
+    stated = table.numbers[:, column]
+    last = np.maximum.accumulate(np.where(np.isfinite(stated), np.arange(len(stated)), -1))
+    feeds: Array = np.where(last < 0, np.nan, scale * stated[last])
+    # No motion leads to the first point of a curve; tables often have 0 there.
+    for row in np.flatnonzero((feeds <= 0.0) & ~begins).tolist():
+        what = f"expected a feed above 0, got {stated[last[row]]:g}"
+        problems.add(int(table.lines[row]), what, table.call(column))
+    return feeds
 
 
 def _length_unit(
@@ -204,17 +203,15 @@ def _angle_scale(
     return ANGLES[unit]
 
 
-def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array | None:
-    """Lead and tilt at each point, rad, (N, 2); ``None`` without them."""
-    if where.orientation != "normal" or not {"lead", "tilt"} & where.single.keys():
-        return None
+def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array:
+    """Lead and tilt at each point, rad, (N, 2)."""
     lean = np.zeros((len(table.lines), 2))
     for place, key in enumerate(("lead", "tilt")):
         if key in where.single:
             column = where.single[key]
             unit, _ = unit_of(table, key, (column,), "deg", ANGLES)
             lean[:, place] = ANGLES[unit] * table.numbers[:, column]
-    if np.nanmax(np.abs(lean), initial=0.0) >= 0.5 * np.pi:
+    if np.abs(lean).max(initial=0.0) >= 0.5 * np.pi:
         raise InvalidInput("lead and tilt are angles from the normal, below 90 degrees.")
     notes.append(
         "the tool leans from the normal by lead, towards the direction of the path, and by tilt, "
@@ -223,23 +220,22 @@ def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array | None:
     return lean
 
 
-def _leaned(positions: Array, directions: Array, lean: Array, ends: Sequence[int]) -> Array:
-    r"""The directions with the tool's axis in place of the normal n, (N, 3) or (N, 6).
+def _leaned(positions: Array, normals: Array, lean: Array, ends: Sequence[int]) -> Array:
+    r"""Tool axes of the normals n, (N, 3) each; lead λ and tilt τ as Lead/Lean of Autodesk.
 
-    With t along each curve, perpendicular to n, lead λ and tilt τ, as Lead/Lean of Autodesk:
+    With t along each curve, perpendicular to n:
 
     .. math:: \cos\tau\,(\cos\lambda\,\mathbf n + \sin\lambda\,\mathbf t)
         + \sin\tau\,\mathbf n \times \mathbf t
     """
-    found = directions.copy()
+    found = normals.copy()
     for a, b in pairwise(ends):
-        normals = directions[a:b, :3]
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        n = normals / np.where(lengths > 0.0, lengths, 1.0)
+        lengths = np.linalg.norm(normals[a:b], axis=1, keepdims=True)
+        n = normals[a:b] / np.where(lengths > 0.0, lengths, 1.0)
         t = tangents("lead and tilt", positions[a:b], n)
         lead, tilt = lean[a:b, :1], lean[a:b, 1:]
         ahead = np.cos(lead) * n + np.sin(lead) * t
-        found[a:b, :3] = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
+        found[a:b] = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
     return found
 
 

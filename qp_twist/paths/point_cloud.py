@@ -57,47 +57,39 @@ def _ply(content: bytes) -> Table:
     end = re.search(rb"^end_header[ \t]*\r?\n?", content, re.M)
     if end is None:
         raise InvalidInput("the header of the PLY file has no end_header; it is damaged.")
-    kind, elements = "", list[tuple[str, int, list[tuple[str, str]]]]()
+    kind, element, counts, fields = "", "", dict[str, int](), list[tuple[str, str]]()
     header = content[: end.end()].decode("latin-1").splitlines()
     for number, line in enumerate(header, start=1):
         match line.split():
             case ["format", kind, *_]:
                 pass
-            case ["element", name, size] if size.isdecimal():
-                elements.append((name, int(size), []))
-            case ["property", "list", *_, name] if elements:
-                elements[-1][2].append((name, ""))
-            case ["property", form, name] if elements and form in _PLY_TYPES:
-                elements[-1][2].append((name, _PLY_TYPES[form]))
+            case ["element", element, size] if size.isdecimal():
+                counts[element] = int(size)
+            case ["property", form, name] if element == "vertex" and form in _PLY_TYPES:
+                fields.append((name, _PLY_TYPES[form]))
+            case ["property", *_] if element not in ("vertex", ""):
+                pass
             case ["ply" | "comment" | "obj_info" | "end_header", *_] | []:
                 pass
             case _:
                 raise InvalidInput(
                     f"a header line of PLY that is not known: {line!r}.", line=number
                 )
-    faces = [count for name, count, _ in elements if name in ("face", "tristrips") and count]
-    if faces:
+    if faces := counts.get("face") or counts.get("tristrips"):
         raise InvalidInput(
-            f"it is a mesh of {faces[0]} faces, and no path: its vertices are in no order. Give "
+            f"it is a mesh of {faces} faces, and no path: its vertices are in no order. Give "
             "the points in the order in which the tool passes them, as CAM or noether write them."
         )
-    at = next((k for k, element in enumerate(elements) if element[0] == "vertex"), None)
-    if at is None or any(not form for k in range(at + 1) for _, form in elements[k][2]):
-        raise InvalidInput(
-            "the PLY file has no element vertex of single numbers; expected x, y, z."
-        )
-    before, count, fields = elements[:at], elements[at][1], elements[at][2]
+    if next(iter(counts), "") != "vertex":
+        raise InvalidInput("the PLY file does not begin with the element vertex: x, y, z.")
+    count = counts["vertex"]
     if kind == "ascii":
-        first = len(header) + sum(element[1] for element in before)
-        return _text(content, first, count, [name for name, _ in fields])
+        return _text(content, len(header), count, [name for name, _ in fields])
     order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(kind)
     if order is None:
         raise InvalidInput(f"the format of the PLY file is {kind!r}; expected ascii or binary.")
-    types = [np.dtype([(n, order + f) for n, f in fields]) for _, _, fields in elements[: at + 1]]
-    start = end.end() + sum(
-        element[1] * form.itemsize for element, form in zip(before, types, strict=False)
-    )
-    return _records(content[start:], types[-1], count)
+    record = np.dtype([(name, order + letters) for name, letters in fields])
+    return _records(content[end.end() :], record, count)
 
 
 def _pcd(content: bytes, end: int) -> Table:
@@ -167,11 +159,10 @@ def _text(content: bytes, first: int, count: int, names: Sequence[str]) -> Table
     return _finite(values, names, np.arange(first + 1, first + count + 1))
 
 
-def _records(data: bytes, form: npt.DTypeLike, count: int) -> Table:
-    dtype = np.dtype(form)
-    if len(data) < count * dtype.itemsize:
+def _records(data: bytes, form: np.dtype[np.void], count: int) -> Table:
+    if len(data) < count * form.itemsize:
         raise InvalidInput(f"the header says {count} points, and there are fewer; it is damaged.")
-    return _rows(np.frombuffer(data, dtype, count))
+    return _rows(np.frombuffer(data, form, count))
 
 
 def _rows(points: npt.NDArray[np.void]) -> Table:

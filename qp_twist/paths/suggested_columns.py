@@ -34,14 +34,14 @@ class Suggestion:
     Attributes:
         places: Indices of columns by key.
         reasons: Evidence in the numbers, one clause each.
-        angle_unit: Unit of roll, pitch and yaw, if the numbers show it.
+        angle_unit: Unit of roll, pitch and yaw, if the numbers show it; else empty.
         settled: Whether the numbers leave nothing open, so that it may be assumed.
         length_unit: Unit of the positions, if a format that the numbers identify has one.
     """
 
     places: Places
     reasons: tuple[str, ...]
-    angle_unit: str | None = None
+    angle_unit: str = ""
     settled: bool = False
     length_unit: LengthUnit | None = None
 
@@ -58,11 +58,7 @@ class Suggestion:
         columns = " and ".join(
             f"columns {_counted(at)} as {key.replace('_', ' ')}" for key, at in self.places.items()
         )
-        directions = self.places.keys() & {"normal", "axis"}
-        other = "".join(
-            f", --orientation {({'normal', 'axis'} - {key}).pop()}" for key in directions
-        )
-        return f"no header: {columns} are read{self._why}; --columns{other} reads it otherwise."
+        return f"no header: {columns} are read{self._why}; --columns reads it otherwise."
 
     @property
     def _why(self) -> str:
@@ -90,20 +86,15 @@ def have_length_1(values: Array) -> bool:
 
 
 def suggested(values: Array) -> Suggestion | None:
-    """Suggest the columns of a table; ``None`` if its numbers are ambiguous.
+    """Suggest the columns of a table (N, columns), NaN for no number; ``None`` if none fits.
 
     Every choice of three neighbouring columns as a position, and of others as a direction, is rated
     by the columns that it leaves unexplained. Columns that count the rows, rise evenly like a clock
-    or are constant cost little, others more. Three neighbours of length 1 in every row are a
-    normal, four a quaternion; the last three after a position may be angles.
+    or are constant cost little. Three neighbours of length 1 in every row are a normal, four a
+    quaternion; the last three after a position may be angles.
 
     It is settled if every other column counts, is a time, is 0 or has gaps, and the direction has
-    one reading: not for angles, of which each maker has its own, unless they are 0 or those of a
-    tool that points down, and for a quaternion only if :func:`quaternion_order` tells where its
-    scalar is. Two more columns, speeds for example, may stand beside columns of length 1.
-
-    Args:
-        values: Some rows of the table, (N, columns); NaN where there is no number.
+    one reading. Two more columns, speeds for example, may stand beside columns of length 1.
     """
     values = values[np.isfinite(values).sum(axis=1) >= 3]
     if (matrices := _matrices(values)) is not None:
@@ -122,63 +113,54 @@ def suggested(values: Array) -> Suggestion | None:
         own = 0.01 * position[0] + 0.4 * len({*position} & {*counting})
         own += 2.0 * ({*position} <= constant) + 0.5 * have_length_1(values[:, position])
         for price, key, at in _directions(values, whole, constant, position):
-            left = sum(unexplained[k] for k in others if k not in {*position, *at})
-            if own + price + left < best - 1e-9:
-                best, choice = own + price + left, (position, key, at)
-    return None if choice is None else _explained(values, *choice, others, counting, clock)
-
-
-def _explained(
-    values: Array,
-    position: range,
-    key: str,
-    at: Sequence[int],
-    others: list[int],
-    counting: list[int],
-    clock: int | None,
-) -> Suggestion:
-    """The columns that are chosen, why, and whether anything is open."""
-    left = {*others} - {*position, *at}
+            left = {k for k in others if k not in {*position, *at}}
+            cost = own + price + sum(unexplained[k] for k in left)
+            if cost < best - 1e-9:
+                best, choice = cost, (position, key, at, left)
+    if choice is None:
+        return None
+    position, key, at, left = choice
     reasons = [
         f"column {k + 1} {'has times' if _is_epoch(values[:, k]) else 'counts the rows'}"
         for k in counting if k not in position
     ]  # fmt: skip
-    settled, unit, spare, timed = True, None, 0, False
+    direction, settled, unit, spare = tuple(at), True, "", 0
+    length: LengthUnit | None = None
     if key == "rpy":
-        key, at, unit, settled, what = _angles(values, at)
+        key, direction, unit, settled, what = _angles(values, at)
     elif key == "normal":
         what, spare = "have the length 1 (or axis)", 2
         left = {k for k in left if not _is_colour(values[:, k])}
     elif key:
-        timed = position.start == 1 and values.shape[1] == 8
-        timed &= _rises(values[:, 0]) or _is_epoch(values[:, 0])
+        first = values[:, 0]
+        timed = position.start == 1 and values.shape[1] == 8 and (_rises(first) or _is_epoch(first))
         order, why = quaternion_order(values[:, position], values[:, at], timed=timed)
         key, settled, spare = order or key, bool(order), 2
-        timed &= key == "quaternion_xyzw"
+        length = "m" if timed and key == "quaternion_xyzw" else None
         what = f"have the length 1{why or ' (or quaternion_xyzw)'}"
     if key:
-        reasons.append(f"columns {min(at) + 1} to {max(at) + 1} {what}")
+        reasons.append(f"columns {at[0] + 1} to {at[-1] + 1} {what}")
     elif clock in left and len(others) < 5:
         settled = False  # x, y, z and a speed, with x in even steps, would be read as t, x, y, z
     settled &= sum(k != clock and bool(values[:, k].any()) for k in left) <= spare
-    places = {"position": tuple(position), **({key: tuple(at)} if key else {})}
-    return Suggestion(places, tuple(reasons), unit, settled, "m" if timed else None)
+    places = {"position": tuple(position), **({key: direction} if key else {})}
+    return Suggestion(places, tuple(reasons), unit, settled, length)
 
 
-def _angles(values: Array, at: Sequence[int]) -> tuple[str, Sequence[int], str | None, bool, str]:
+def _angles(values: Array, at: range) -> tuple[str, tuple[int, ...], str, bool, str]:
     """Key, columns in their order, unit, whether they are settled, and why, of three angles."""
     angles = values[:, at]
     unit = "deg" if np.abs(angles).max() > 2.0 * np.pi else "rad"
     if unit == "rad" and are_vectors(angles):
         why = "are no longer than half a turn, and nearly all close to it"
-        return "rotation_vector", at, None, True, why
+        return "rotation_vector", (*at,), "", True, why
     why = f"look like {'degrees' if unit == 'deg' else 'radians'}"
     down, level = (np.abs(np.abs(angles) - t).max(axis=0) < _LEANS for t in (180.0, 0.0))
     if level[1] and down[0] != down[2]:
         order = "x, y, z (FANUC)" if down[0] else "z, y, x (KUKA)"
         why += f", and about {order} the tool points down"
-        return "rpy", at if down[0] else at[::-1], unit, True, why
-    return "rpy", at, unit, not angles.any(), why
+        return "rpy", (*at,) if down[0] else (*at[::-1],), unit, True, why
+    return "rpy", (*at,), unit, not angles.any(), why
 
 
 def are_vectors(values: Array) -> bool:
@@ -210,18 +192,13 @@ def _matrices(values: Array) -> Suggestion | None:
 def quaternion_order(
     positions: Array, quaternions: Array, *, timed: bool
 ) -> tuple[str | None, str]:
-    """Where a quaternion's scalar is, and why; ``None`` if both orders are possible.
+    """Where the scalar of quaternions (N, 4) is, and why; ``None`` if both orders are possible.
 
-    Smoothness says nothing: it is the same for both. Frames little turned with the scalar last
-    would with the scalar first all be turned by about half a turn about z; with the scalar first
-    they may as well be tools that point down, with the scalar last.
-
-    Args:
-        positions: (N, 3).
-        quaternions: (N, 4).
-        timed: Whether a table of eight columns begins with a time: the trajectory format of the TUM
-            RGB-D benchmark, ``timestamp tx ty tz qx qy qz qw``, unless a first frame at the origin
-            of its own motion shows another order, as in files of Stampede.
+    Frames little turned with the scalar last would with the scalar first all be turned by about
+    half a turn about z; with the scalar first they may as well be tools that point down, with the
+    scalar last. A table of eight columns that begins with a time (``timed``) is of the TUM RGB-D
+    benchmark, ``timestamp tx ty tz qx qy qz qw``, unless a first frame at the origin of its own
+    motion shows another order, as in files of Stampede.
     """
     if timed and not positions[0].any() and abs(quaternions[0, 0]) > 1.0 - 1e-4:
         return "quaternion_wxyz", ", and at the origin the frame is not turned"

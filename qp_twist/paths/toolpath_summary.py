@@ -8,6 +8,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Mask
 from qp_twist.paths.toolpath import Curve, Lines, Toolpath
+from qp_twist.paths.turning import angles_between
 
 
 class ToolMotion(NamedTuple):
@@ -37,10 +38,8 @@ class ToolMotion(NamedTuple):
     @property
     def turns(self) -> Array:
         """Angles by which the axis turns on the way to each point, rad, (N,); NaN without axes."""
-        one, other = self.axes[:-1], self.axes[1:]
-        # Exact for small angles, where the arc cosine of a scalar product is not.
-        halves = np.linalg.norm(other - one, axis=1), np.linalg.norm(other + one, axis=1)
-        return np.insert(2.0 * np.arctan2(*halves), 0, np.nan if np.isnan(one).any() else 0.0)
+        turns = angles_between(self.axes[:-1], self.axes[1:])
+        return np.insert(turns, 0, np.nan if np.isnan(turns).any() else 0.0)
 
 
 class Largest(NamedTuple):

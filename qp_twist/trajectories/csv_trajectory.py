@@ -134,9 +134,9 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
         )
     used = [k for k, c in enumerate(columns) if c.kind in ("time", *_RATES)]
     problems = Problems()
-    found = table.finite(used, problems)
+    table.check(used, problems)
     problems.refuse()
-    values = found * [columns[k].scale() for k in used]
+    values = table.numbers[:, used] * [columns[k].scale() for k in used]
     read = [columns[k] for k in used]
     _refuse_other_units(read, values)
     notes = []

@@ -48,7 +48,7 @@ def test_a_table_in_any_dialect_reads_back_as_it_was_written(  # noqa: PLR0915
         st.sampled_from(["axis", "normal", "quaternion", "rpy", "none"])  # type: ignore[arg-type]
     )
     names = data.draw(st.booleans())
-    newline = data.draw(st.sampled_from(["\n", "\r\n", "\r"]))
+    newline = data.draw(st.sampled_from(["\n", "\r\n", "\r", "\r\r\n"]))
     counts = data.draw(st.lists(st.integers(1, 4), min_size=1, max_size=3))
 
     total = sum(counts)
@@ -1242,7 +1242,7 @@ def test_the_columns_that_are_suggested_fit_the_numbers(
     assert suggestion.text == option
     assert "By the numbers in it: [path.columns] position = [" in str(refused.value)
     # The suggestion is read without a further question.
-    unit = suggestion.angle_unit
+    unit = suggestion.angle_unit or None
     columns = ColumnChoice.model_validate(suggestion.text.split('"')[1])
     read = read_toolpath(
         tmp_path / "path.csv", columns=columns, length_unit="mm", angle_unit=unit  # type: ignore[arg-type]
