@@ -43,11 +43,8 @@ class MotionLimit(PositionLimit):
 
     with v(d) the :func:`~qp_twist.constraints.stopping_speed`: the largest from which braking at
     :math:`a_{max}` in steps of dt stops within the room d. A state is viable if some velocity
-    satisfies all three; then so is the state after the step, and the box never becomes empty.
-
-    *Proof.* After a step with 0 ≤ q̇ ≤ v(d), braking from q̇ − a dt stops within the remaining
-    distance: q̇ − a dt ≤ v(d − q̇ dt); downwards likewise. Any other two of the three intervals
-    have 0 or q̇ in common, and intervals that intersect pairwise have a common point.
+    satisfies all three; then so is the state after the step, and the box never becomes empty
+    (:doc:`/proofs`).
 
     From a state that is not viable (outside a range, too fast to stop before its end, faster than
     v_max), the joint brakes or returns at the fastest rate that the other limits allow:

@@ -13,22 +13,13 @@ BRAKING = 0.8
 def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
     r"""Largest speed towards a limit from which braking stops in time, in discrete time, exactly.
 
-    A joint that moves at v for this step and brakes by a dt from each step to the next goes
-
     .. math::
 
-        \Delta t\,\bigl(v + (v - a\Delta t) + \dots + (v - N a\Delta t)\bigr)
-            = (N + 1)\,v\,\Delta t - \tfrac12 N (N + 1)\,a\,\Delta t^2, \qquad
-        N = \lfloor v / (a\Delta t) \rfloor.
+        v = \frac{d}{(N + 1)\,\Delta t} + \frac{N a\,\Delta t}{2}, \qquad
+        N = \Bigl\lfloor \tfrac12 \bigl(\sqrt{1 + 8 d/(a\Delta t^2)} - 1\bigr) \Bigr\rfloor
 
-    This grows with v, and the v at which it is the room d has
-    :math:`N = \lfloor(\sqrt{1 + 8 d/(a\Delta t^2)} - 1)/2\rfloor`, so that
-
-    .. math:: v = \frac{d}{(N + 1)\,\Delta t} + \frac{N a\,\Delta t}{2}.
-
-    Where rounding makes N one off, v is the same: the pieces meet there. Arguments are d ≥ 0, rad
-    or m, ``inf`` without a limit; a > 0, rad/s² or m/s², ``inf`` without a limit, then v = d/dt;
-    and the length of this step and of those to come, s.
+    (:doc:`/proofs`). Arguments are the room d ≥ 0, rad or m, ``inf`` without a limit; a > 0, rad/s²
+    or m/s², ``inf`` without a limit, then v = d/dt; and the length of each step, s.
     """
     if not np.count_nonzero(acceleration < np.inf):
         free: Array = room / dt

@@ -15,8 +15,8 @@ from qp_twist.control.posing import free_rows
 from qp_twist.kernel.live_step import NO_EFFECT, PYTHON_JACOBIAN
 from qp_twist.kernel.step_record import FROM_PYTHON, Step
 from qp_twist.kinematics import JointRanges, TwistTask
+from qp_twist.kinematics.compiled_rows import kinds_of, shape_of
 from qp_twist.kinematics.frame import frame_id
-from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
 

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from qp_twist.checks import Array, Indices
-from qp_twist.geometry import TwistProjector, perpendicular
+from qp_twist.geometry import ProjectorKind, TwistProjector, perpendicular
+from qp_twist.kernel import twist_rows
 from qp_twist.kernel.arm_kernel import Arm
 from qp_twist.kernel.path_kernel import Rows
-from qp_twist.kinematics.projector_shape import kinds_of, shape_of
 from qp_twist.kinematics.serial_chain import SerialChain
+
+_FRAMES = {"world": twist_rows.WORLD, "body": twist_rows.BODY, "target": twist_rows.TARGET}
 
 
 def rows_of(
@@ -58,3 +60,21 @@ def arm_of(chain: SerialChain) -> Arm:
 def _between(rotation: Array, origin: Array, turned: Array, anchor: Array) -> Array:
     """Pose of the second frame in the first one: rotation (9) and origin (3)."""
     return np.concatenate([(rotation.T @ turned).ravel(), rotation.T @ (anchor - origin)])
+
+
+def kinds_of(projector: TwistProjector) -> tuple[int, int, int]:
+    """Kinds of the linear and the angular block, and the frame of their axes."""
+    frame = _FRAMES[projector.frame]
+    return projector.linear.kind.value, projector.angular.kind.value, frame
+
+
+def shape_of(projector: TwistProjector, *settings: float) -> Array:
+    """Bases and axes of the two blocks; then gain and the largest steps, m and rad, (27,)."""
+    numbers = []
+    for block in (projector.linear, projector.angular):
+        basis = np.zeros((3, 3))
+        basis[:, : block.rank] = block.basis
+        # A projector without an axis does not rotate.
+        has_axis = block.kind in (ProjectorKind.PLANE, ProjectorKind.LINE)
+        numbers += [basis.ravel(), block.axis if has_axis else np.zeros(3)]
+    return np.concatenate([*numbers, settings])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -73,7 +72,7 @@ def pointwise_bound(
     Returns:
         The bound, rounded to the safe side; at best equal to the value of ``path``.
     """
-    tolerance = Tolerance.of(path_task)
+    tolerance = _tolerances(path_task)
 
     def candidates(cost: Callable[[Array], Array]) -> tuple[Array, Indices]:
         """For each waypoint configurations of the nearest layer, and that of the path."""
@@ -104,26 +103,16 @@ def pointwise_bound(
     return bound if path is None else min(bound, objective.value(path))
 
 
-class Tolerance(NamedTuple):
-    """Largest errors at which a waypoint counts as reached and couplings as kept."""
+def _tolerances(path_task: PathTask) -> Array:
+    """Largest errors at which a waypoint counts as reached and couplings as kept, (3,).
 
-    linear: float
-    """m."""
-    angular: float
-    """rad."""
-    coupled: float
-    """Euclidean norm over all couplings, rad and m."""
-
-    @classmethod
-    def of(cls, path_task: PathTask) -> Tolerance:
-        """The tolerances of a task, at least :data:`ON_TASK`, the error of a plan."""
-        iteration = path_task.iteration
-        couplings = [c for c in path_task.constraints if isinstance(c, JointCouplings)]
-        return cls(
-            max(iteration.position_tolerance, ON_TASK),
-            max(iteration.angle_tolerance, ON_TASK),
-            float(np.sqrt(sum(len(c.names) * c.tolerance**2 for c in couplings))),
-        )
+    m and rad, at least :data:`ON_TASK`, the error of a plan; and the norm over all couplings.
+    """
+    iteration = path_task.iteration
+    couplings = [c for c in path_task.constraints if isinstance(c, JointCouplings)]
+    coupled = np.sqrt(sum(len(c.names) * c.tolerance**2 for c in couplings))
+    position, angle = iteration.position_tolerance, iteration.angle_tolerance
+    return np.array([max(position, ON_TASK), max(angle, ON_TASK), coupled])
 
 
 def best_of_branches(layer: Layer, cost: Callable[[Array], Array]) -> Array:
@@ -153,9 +142,7 @@ def _first_of_each(values: Array, at: Indices, count: int) -> Indices:
     return found
 
 
-def _least_z(
-    ranges: JointRanges, rows: PathRows, q: Array, at: Indices, tolerance: Tolerance
-) -> Array:
+def _least_z(ranges: JointRanges, rows: PathRows, q: Array, at: Indices, tolerance: Array) -> Array:
     """Lower bound of each waypoint's z, from configurations q (K, nv), (N,)."""
     count = len(rows.freedom)
     q = rows.descend(q, at, ranges)
@@ -182,7 +169,7 @@ def _least_z(
     q, at = np.vstack([best, q[near]]), np.concatenate([np.arange(count), at[near]])
     q = rows.descend(q, at, ranges, _FINE)
     lengths = rows.multipliers(q, at, ranges.weight**2 * (q - ranges.middle))
-    gained = _REST * rows.freedom.any() + 2.0 * np.array(tolerance) @ lengths
+    gained = _REST * rows.freedom.any() + 2.0 * tolerance @ lengths
     bounds = np.full(count, np.inf)
     np.minimum.at(bounds, at, ranges.centring(q) - gained)
     found: Array = np.maximum(bounds, 0.0)
@@ -195,7 +182,7 @@ def _largest_margin(
     q: Array,
     at: Indices,
     start: Array | None,
-    tolerance: Tolerance,
+    tolerance: Array,
 ) -> float:
     """Upper bound of the smallest of the waypoints' largest margins, from q (K, nv), degrees."""
     count = len(rows.freedom)
@@ -233,7 +220,7 @@ def _climbed(q: Array, at: Indices, rows: PathRows, objective: Objective) -> Arr
 
 
 def _upper_margin(
-    q: Array, index: int, rows: PathRows, objective: Objective, tolerance: Tolerance
+    q: Array, index: int, rows: PathRows, objective: Objective, tolerance: Array
 ) -> float:
     """Upper bound of the largest margin near q (nv,) on a waypoint, degrees."""
     at, radius = np.array([index]), _LONGEST
@@ -278,7 +265,7 @@ def _linear_step(
     return there, max(float(found.x[-1]), 0.0)
 
 
-def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance) -> float:
+def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Array) -> float:
     """Lower bound of the joints' travel over the path, by the task's displacements, degrees."""
     ranges, screws = JointRanges.of(path_task.model), chain.screws
     dofs, reference = [screw.dof for screw in screws], [screw.reference for screw in screws]
@@ -292,16 +279,16 @@ def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Tolerance)
     for k in range(len(T) - 1):
         turned = _least_turn(T[k], T[k + 1], rotations[k], rotations[k + 1])
         shift = _least_shift(T[k], T[k + 1], positions[k + 1] - positions[k])
-        shift -= 2.0 * tolerance.linear
+        shift -= 2.0 * tolerance[0]
         near = farthest
         if first is not None and all(_sees_distance(t, first) for t in (T[k], T[k + 1])):
             apart = float(np.linalg.norm(np.cross(first.axis, positions[k] - first.anchor)))
-            near = min(farthest, max(apart + tolerance.linear, inner))
+            near = min(farthest, max(apart + tolerance[0], inner))
         # A travel t increases the frame's distance from the first axis by at most farthest·t.
         moved = 0.0
         if shift > 0.0 and np.isfinite(farthest):
             moved = 2.0 * shift / (near + np.sqrt(near**2 + 4.0 * farthest * shift))
-        total += max(turned - 2.0 * tolerance.angular, moved, 0.0)
+        total += max(turned - 2.0 * tolerance[1], moved, 0.0)
     return float(np.degrees(total))
 
 

@@ -21,17 +21,11 @@ are further seeds of waypoints without one."""
 
 def find_impossible(problem: Problem, levels: Levels) -> Certificate | None:
     """What no motion can change: a prescribed distance, or a waypoint out of reach."""
+    grid = levels.grid(STAGES[0], problem.limits.steps)
     for clearance in problem.path_task.clearances:
-        near = too_near(problem.path_task, clearance)
+        near = too_near(problem.path_task, clearance, grid)
         if near is not None:
-            at = tuple(index + 1 for index in near.waypoints)
-            note = (
-                "there the task alone decides their distance: at most "
-                f"{1e3 * near.distance:.3g} mm at waypoint {at[0]}, whatever the roll"
-            )
-            names = tuple(f"clearance, {pair}" for pair in near.pairs)
-            grid = levels.grid(STAGES[0], problem.limits.steps)
-            return Certificate("band", grid, at, bands=names, note=note)
+            return near
     return _find_unreached(problem.free)
 
 

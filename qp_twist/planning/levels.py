@@ -142,10 +142,10 @@ class Roadmap:
         """By how much the arm misses waypoints out of reach, of some of them the furthest."""
         chosen = np.unique(np.linspace(0, len(waypoints) - 1, _LOOKED_AT).round().astype(int))
         found = {waypoints[k]: self.rows.nearest(waypoints[k], self._random()) for k in chosen}
-        worst = max(found, key=lambda index: float(found[index].shares.max()))
+        worst = max(found, key=lambda index: found[index][0])
         return (
             f"the nearest configuration that was found misses waypoint {worst + 1} by "
-            f"{found[worst]}, where a check lets {1e3 * REACHED.position:g} mm and "
+            f"{found[worst][1]}, where a check lets {1e3 * REACHED.position:g} mm and "
             f"{np.degrees(REACHED.axis):g}° pass"
         )
 

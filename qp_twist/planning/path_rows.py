@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -41,23 +40,6 @@ _ROUNDS, _LONGEST_DESCENT, _RESTARTS = 20, 0.2, 20
 """Steps of a descent of z, the largest of them, rad or m, and how often it may be restarted."""
 SETTLED = 1e-9
 """A descent ends when a step would reduce z by less, to first order."""
-
-
-class Missed(NamedTuple):
-    """The configuration that comes nearest to a waypoint."""
-
-    q: Array
-    """rad or m, (nv,)."""
-    linear: float
-    """Its linear task error, m."""
-    angular: float
-    """Its angular task error, rad."""
-    shares: Array
-    """These, and the error of the joint couplings, as shares of their tolerances, (3,)."""
-
-    def __str__(self) -> str:
-        also = "" if self.shares[2] <= 1.0 else ", its coupled joints apart"
-        return f"{1e3 * self.linear:.3g} mm and {np.degrees(self.angular):.3g}°{also}"
 
 
 class PathRows:
@@ -177,18 +159,22 @@ class PathRows:
         turned: Array = Rotation.from_rotvec(errors[:, 3:]).as_matrix() @ rotations
         return turned, positions + errors[:, :3]
 
-    def nearest(self, index: int, q: Array) -> Missed:
-        """The configuration nearest to a waypoint that is found from some (K, nv).
+    def nearest(self, index: int, q: Array) -> tuple[float, str]:
+        """By how much the nearest configuration that is found from some (K, nv) misses a waypoint.
 
-        Nearest is the one whose larger error is the least, relative to :data:`REACHED`.
+        Its largest error relative to :data:`REACHED`, which is the least of all, and its errors in
+        words.
         """
         at = np.full(len(q), index)
         q, _ = self.correct(q, at, near=np.inf)
         [(_, _, errors)] = self._groups(q, at)
-        linear, angular, torn = self._norms(errors, index)
-        shares = np.array([linear / REACHED.position, angular / REACHED.axis, torn / _TORN])
+        norms = self._norms(errors, index)
+        shares = (norms.T / [REACHED.position, REACHED.axis, _TORN]).T
         best = int(np.argmin(shares.max(axis=0)))
-        return Missed(q[best], float(linear[best]), float(angular[best]), shares[:, best])
+        linear, angular, _ = norms[:, best]
+        also = "" if shares[2, best] <= 1.0 else ", its coupled joints apart"
+        words = f"{1e3 * linear:.3g} mm and {np.degrees(angular):.3g}°{also}"
+        return float(shares[:, best].max()), words
 
     def motions(self, q: Array, at: Indices) -> Array:
         """Orthonormal bases of the null space of the rows, (K, nv, d).

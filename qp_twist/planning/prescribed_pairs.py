@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
 
 import mink
 import mujoco
@@ -15,6 +14,8 @@ from qp_twist.constraints import Clearance
 from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics.frame import frame_pose, welded_to
 from qp_twist.paths import PathTask
+from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.levels import Grid
 from qp_twist.planning.path_rows import REACHED
 from qp_twist.planning.roll_grid import RollGrid
 
@@ -26,19 +27,8 @@ _FARTHEST = 10.0
 """Larger distances of a pair are not computed, m."""
 
 
-class TooNear(NamedTuple):
-    """Waypoints at which a pair is too near at every roll."""
-
-    waypoints: tuple[int, ...]
-    """Some of them, from 0."""
-    pairs: tuple[str, ...]
-    """The pairs that are too near at the roll of the largest distance that was found."""
-    distance: float
-    """That distance, at the first of the waypoints, m."""
-
-
-def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
-    """Where the task alone brings a pair nearer than a clearance; ``None`` if nowhere.
+def too_near(path_task: PathTask, clearance: Clearance, grid: Grid) -> Certificate | None:
+    """Waypoints at which the task alone brings a pair nearer than a clearance; ``None`` without.
 
     Of a pair, one geom moves with the task's frame and the other stands still. Where the task
     prescribes the frame's position and at least one axis, their distance depends on the roll about
@@ -66,8 +56,13 @@ def too_near(path_task: PathTask, clearance: Clearance) -> TooNear | None:
         return None
     margins = [tool.margins(blocked[0], r) - tool.slack for r in np.linspace(-np.pi, np.pi, 360)]
     best = max(margins, key=min)
-    pairs = tuple(clearance.names[chosen[k]] for k in np.flatnonzero(best < 0.0))
-    return TooNear(tuple(blocked), pairs, float(best.min()) + clearance.distance)
+    pairs = tuple(f"clearance, {clearance.names[chosen[k]]}" for k in np.flatnonzero(best < 0.0))
+    distance, at_first = float(best.min()) + clearance.distance, blocked[0] + 1
+    note = (
+        f"there the task alone decides their distance: at most {1e3 * distance:.3g} mm at waypoint "
+        f"{at_first}, whatever the roll"
+    )
+    return Certificate("band", grid, tuple(k + 1 for k in blocked), bands=pairs, note=note)
 
 
 class _Tool:

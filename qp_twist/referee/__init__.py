@@ -4,7 +4,6 @@ from qp_twist.paths import Tolerances as Tolerances
 
 from .astray import Astray as Astray
 from .astray import astray_parts as astray_parts
-from .displacement import Displacement as Displacement
 from .displacement import LeverArms as LeverArms
 from .findings import AFTER as AFTER
 from .findings import BEFORE as BEFORE

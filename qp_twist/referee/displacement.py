@@ -3,27 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.kinematics import SerialChain
 from qp_twist.referee.joint_motion import JointMotion
-
-
-class Displacement(NamedTuple):
-    r"""Bounds over sections of a motion, each parametrised by s from 0 to 1; (K,) each.
-
-    A vector x(s) differs from the chord between its ends by at most max‖x″‖/8.
-    """
-
-    turn: Array
-    """Largest ‖ω‖ of the frame, rad."""
-    turn_change: Array
-    """Largest Σ|q̈| of the hinges, rad; with turn² it bounds the second derivative of R."""
-    bend: Array
-    """Largest ‖p″‖ of the frame's origin, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +46,18 @@ class LeverArms:
         lever = chain.levers(np.abs(extremes - reference).max(axis=(0, 1)))
         return cls(dofs, hinge, lever)
 
-    def displacement(self, speeds: Array, accelerations: Array, took: Array) -> Displacement:
-        """Bounds for joints no faster than ``speeds`` (K, nv), which take ``took`` (K,), s."""
+    def displacement(
+        self, speeds: Array, accelerations: Array, took: Array
+    ) -> tuple[Array, Array, Array]:
+        """Bounds for joints no faster than ``speeds`` (K, nv), which take ``took`` (K,), s.
+
+        With s from 0 to 1 over each motion: largest ‖ω‖ of the frame, rad; largest Σ|q̈| of the
+        hinges, rad, which with ω² bounds the second derivative of R; and largest ‖p″‖ of the
+        frame's origin, m, (K,) each.
+        """
         dq = speeds[:, self.dofs] * took[:, None]
         ddq = accelerations[:, self.dofs] * (took**2)[:, None]
         turns = np.where(self.hinge, dq, 0.0)
         before = np.cumsum(turns, axis=1) - turns
         bend = (self.lever * (ddq + dq * (turns + 2.0 * before))).sum(axis=1)
-        return Displacement(turns.sum(axis=1), np.where(self.hinge, ddq, 0.0).sum(axis=1), bend)
+        return turns.sum(axis=1), np.where(self.hinge, ddq, 0.0).sum(axis=1), bend

@@ -48,10 +48,8 @@ class JointMotion:
         \dot q = \sum_{i=0}^{d-1} w_i \binom{d-1}{i} u^i (1-u)^{d-1-i},
         \qquad \frac1d\sum_i w_i = D,
 
-    with :math:`w = (D)`, :math:`(\dot q_k,\, w_1,\, \dot q_{k+1})`, or
-    :math:`(\dot q_k,\ \dot q_k + \ddot q_k T/4,\ w_2,\ \dot q_{k+1} - \ddot q_{k+1} T/4,\ \dot
-    q_{k+1})`, where the mean determines the middle one. Positions and accelerations are its
-    integral and its derivative.
+    with q̇ and q̈ of both rows at its ends, where the mean D determines the middle w. Positions and
+    accelerations are its integral and its derivative.
 
     Attributes:
         times: Of the rows, s, (N,), increasing.
@@ -59,9 +57,8 @@ class JointMotion:
         velocities: Joint velocities at the rows, rad/s or m/s, (N, nv), or ``None``.
         accelerations: Joint accelerations at the rows, rad/s² or m/s², (N, nv), or ``None``.
 
-    Raises:
-        InvalidInput: If a shape is wrong, there are fewer than two rows, times do not increase, or
-            there are accelerations without velocities.
+    What has a wrong shape, fewer than two rows, times that do not increase, or accelerations
+    without velocities is refused.
     """
 
     times: Array

@@ -90,11 +90,9 @@ def path_errors(
     least linear task error (angular if the positions do not differ). Only if the rows do not see
     the interval, λ is proportional to time.
 
-    The bounds hold between the evaluated points. From one point to the next the error is a vector
-    that stays within max‖x″‖/8 of its chord, and x″ is bounded by the joints' displacements and the
-    lengths of the links (:class:`~qp_twist.referee.LeverArms`). If that bound exceeds the
-    tolerance, the stretch is halved, until the bound is within the tolerance, a point is found
-    outside, or the work is used up.
+    The bounds hold between the evaluated points: from one to the next the error is a vector that
+    stays within max‖x″‖/8 of its chord (:class:`~qp_twist.referee.LeverArms`). Where that exceeds
+    the tolerance, the stretch is halved, until it is decided or the work is used up.
 
     The rows are those of the projector in force at both waypoints; where it changes, those of the
     projector with fewer rows. On a joint move no path holds: errors and violations of bands, which

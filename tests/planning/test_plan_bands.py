@@ -10,23 +10,19 @@ from collections.abc import Callable
 import mink
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from oracles.arms import random_arm, random_configuration, random_direction, random_rotation
 from oracles.banded_paths import ARM, BANDS, every, least_mean_z, study
 from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.following import NoStart, find_starts
-from qp_twist.kinematics import FramePair, SerialChain, frame_pose
+from qp_twist.kinematics import frame_pose
 from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
-from qp_twist.planning.hard_constraints import BETWEEN, HardConstraints
+from qp_twist.planning.hard_constraints import BETWEEN
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 Array = np.ndarray
 X, Y, Z = np.eye(3)
-SEEDS = st.integers(0, 2**32 - 1)
 FREE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
 HALF = math.radians(30.0)
 
@@ -214,76 +210,6 @@ def test_a_slab_is_kept_by_an_arm_without_a_closed_form() -> None:
         assert rolls.min() >= -0.2 - allowed[1] and rolls.max() <= 0.3 + allowed[1]
     free = qt.plan(every(line, 5, projector=along))
     assert np.isfinite(free.value) and free.value <= plan.value
-
-
-# ---------------------------------------------------------------- what is proved between waypoints
-
-
-def random_band(rng: np.random.Generator, pair: FramePair) -> qt.ToleranceBand:
-    """A band of any kind, with the frame inside."""
-    a, n = random_direction(rng), random_direction(rng)
-    frame = rng.choice(["target", "world"])
-    match rng.integers(4):
-        case 0:
-            roll = qt.RollBand(a, -1.0, 1.0, frame=frame).values(pair)[0]
-            return qt.RollBand(a, roll - 0.02, roll + 0.1, frame=frame)
-        case 1:
-            angle = qt.ConeBand(a, n, 3.0, frame=frame).values(pair)[0]
-            return qt.ConeBand(a, n, min(angle + 0.03, 3.1), max(angle - 0.04, 0.0), frame=frame)
-        case 2:
-            away = qt.SlabBand(a, -9.0, 9.0, frame=frame).values(pair)[0]
-            return qt.SlabBand(a, away - 0.01, away + 0.015, frame=frame)
-        case _:
-            box = qt.BoxBand([-9.0] * 3, [9.0] * 3, frame=frame).values(pair)
-            return qt.BoxBand(box - 0.02, box + 0.03, frame=frame)
-
-
-@given(SEEDS)
-@settings(max_examples=30, deadline=None)
-def test_what_is_proved_between_waypoints_holds_at_every_sample(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    model = random_arm(rng, 5, slides=True)
-    q = random_configuration(model, rng) + np.cumsum(0.05 * rng.normal(size=(3, 5)), axis=0)
-    chain = SerialChain.of(model, "tool", "site")
-    R, p = chain.poses(q)
-    R_d = [random_rotation(rng)]
-    for _ in range(2):
-        R_d.append(Rotation.from_rotvec(0.1 * rng.normal(size=3)).as_matrix() @ R_d[-1])
-    p_d = p + 0.02 * rng.normal(size=p.shape)
-    band = random_band(rng, FramePair(R[0], p[0], R_d[0], p_d[0], np.zeros(6)))
-    nothing = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.none())
-    # Whether the task's rows see where on the path the frame is.
-    seen = band.unit == "rad" and bool(rng.integers(2))
-    task = dataclasses.replace(
-        BANDS, model=model, projector=FREE if seen else nothing, bands=(band,), start=q[0],
-        flipped_waypoints=None, waypoints=tuple(
-            mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(np.ascontiguousarray(r)), t)
-            for r, t in zip(R_d, p_d, strict=True)
-        ),
-    )  # fmt: skip
-    bands = HardConstraints(task, chain)
-    proved, most_at = bands.between(q)
-    shares, allowed = np.linspace(0.0, 1.0, 101), BETWEEN[band.unit]
-
-    def excess(k: int, shares: Array) -> Array:
-        """The most that a share of the way from configuration k to the next is outside."""
-        turn = Rotation.from_matrix(R_d[k + 1] @ R_d[k].T).as_rotvec()
-        R_s, p_s = chain.poses(q[k] + shares[:, None] * (q[k + 1] - q[k]))
-        way, place = p_d[k + 1] - p_d[k], shares
-        if seen:  # at the nearest place of the line
-            place = np.clip((p_s - p_d[k]) @ way / (way @ way), 0.0, 1.0)
-        on_way = Rotation.from_rotvec(place[:, None] * turn).as_matrix() @ R_d[k]
-        goals = p_d[k] + place[:, None] * way
-        pairs = zip(R_s, p_s, on_way, goals, strict=True)
-        return np.max([-band.margins(FramePair(*pair, np.zeros(6))) for pair in pairs], axis=0)
-
-    sampled = np.array([excess(k, shares) for k in range(2)])
-    # Nor does it cry wolf: where more than the tolerance is said to be left, it is.
-    there = np.array([excess(k, most_at[[k]]).max() for k in range(2)])
-    left = proved.max(axis=1) > allowed
-    assert (there[left] > allowed * (1.0 - 1e-5)).all()
-    assert not left.any() or proved.max() <= 1.021 * there.max()
-    assert (sampled <= proved + 1e-12).all()
 
 
 # ---------------------------------------------------------------- narrow bands
