@@ -57,7 +57,7 @@ def binding_limits(
         floor: Multipliers count as zero below a share of the largest one, or of this if larger.
         joints: Names by degree of freedom.
         kinds: Kinds of the lower and of the upper bounds, by degree of freedom.
-        sources: Limits and bands behind the rows; they provide the rows' names.
+        sources: Limits and bands behind the rows, which have the rows' names.
     """
     negligible = NEGLIGIBLE * max(largest(box), rows.max(initial=0.0), floor)
     found = []

@@ -37,11 +37,7 @@ def colliding_pairs(model: mujoco.MjModel) -> Indices:
 
 
 def check_shapes(model: mujoco.MjModel, pairs: Indices) -> None:
-    """Refuse what clearance cannot be computed for.
-
-    Raises:
-        InvalidInput: If a geom of the pairs is not convex, or a ball or free joint moves one.
-    """
+    """Refuse a geom of the pairs that is not convex, or that a ball or free joint moves."""
     for geom in np.unique(pairs):
         if int(model.geom_type[geom]) not in _SUPPORTED:
             kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_")
@@ -100,10 +96,7 @@ def body_name(model: mujoco.MjModel, body: int) -> str:
 def geoms_of(model: mujoco.MjModel, name: str) -> set[int]:
     """The geoms of a name: a geom, or a body with all geoms on it and on bodies fixed to it.
 
-    ``"BODY geom 2"`` is the second geom on that body.
-
-    Raises:
-        InvalidInput: If neither has that name.
+    ``"BODY geom 2"`` is the second geom on that body. Other names are refused.
     """
     geoms = range(model.ngeom)
     found = {g for g in geoms if name in (geom_name(model, g), _numbered(model, g))}

@@ -80,11 +80,8 @@ def gather_limits(
 ) -> GatheredLimits:
     """Evaluate any limits at a configuration, or sort the rows G Δq ≤ h that they have stated.
 
-    A row with a single entry becomes a bound, other rows (collision avoidance) stay rows.
-
-    Raises:
-        InvalidInput: If a limit returns NaN, or two limits contradict each other and neither
-            yields.
+    A row with a single entry becomes a bound, other rows (collision avoidance) stay rows. NaN, and
+    limits that contradict each other of which neither yields, are refused.
     """
     boxes: list[Box] = []
     found: list[LimitRows] = []

@@ -43,9 +43,7 @@ def touching_share(clearance: Clearance, pair: int, q: Array) -> float:
 def refuse_never_apart(name: str, clearance: Clearance) -> None:
     """Refuse the clearance of the task ``name`` that no motion keeps.
 
-    Raises:
-        InvalidInput: If pairs are nearer than the distance in every random configuration; with
-            their names, as they are written into the task file.
+    The message has the names of the pairs as they are written into the task file.
     """
     always = [clearance.names[k] for k in never_apart(clearance)]
     if not always:

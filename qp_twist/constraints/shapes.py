@@ -256,12 +256,9 @@ class ClearanceStep:
     ) -> None:
         """Begin a step: its rows may be evaluated several times, its obstacles move once.
 
-        Args:
-            configuration: That of the step.
-            velocity: Velocity of the joints before it, rad/s or m/s, (nv,).
-            hardest: Their acceleration limits, rad/s² or m/s², (nv,); ∞ where there are none.
-            fastest: Their velocity limits, rad/s or m/s, (nv,), likewise; both are read when other
-                arrays are passed. What the joints cannot come near has no row.
+        ``velocity`` is that of the joints before it, rad/s or m/s, (nv,); ``hardest`` and
+        ``fastest`` are their limits, rad/s² and rad/s or m/s² and m/s, (nv,), ∞ without, which are
+        read when other arrays are passed. What the joints cannot come near has no row.
         """
         self._shapes.take_mocap(configuration.data)
         s, self._count, self.has_begun = self._state, -1, True

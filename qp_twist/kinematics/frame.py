@@ -57,12 +57,7 @@ def check_frame(what: str, name: Any, frame_type: Any) -> None:
 
 
 def frame_id(model: mujoco.MjModel, name: str | int, frame_type: str) -> int:
-    """Id of a body, geom or site.
-
-    Raises:
-        mink.UnsupportedFrame: If ``frame_type`` is not ``"body"``, ``"geom"`` or ``"site"``.
-        mink.InvalidFrame: If there is none of that name or id; the message lists the names.
-    """
+    """Id of a body, geom or site; mink's errors name the types, or the names, that there are."""
     check_frame("frame", name, frame_type)
     if isinstance(name, str):
         found = mujoco.mj_name2id(model, mink.FRAME_TO_ENUM[frame_type], name)

@@ -32,13 +32,10 @@ class Edges(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LayerPath:
-    """A path through the layers, possibly incomplete.
+    """A path through the layers, by the configuration in each layer; possibly incomplete.
 
-    Attributes:
-        nodes: Index of the configuration in each layer; ends before the first layer that cannot be
-            reached.
-        value: Value of the whole path; infinite if it is incomplete.
-        first: The layer from which it was searched, whatever comes before.
+    Then it ends before the first layer that cannot be reached, and its value is infinite; it was
+    searched from the layer ``first``, whatever comes before.
     """
 
     nodes: list[int]
@@ -56,13 +53,10 @@ Valid = Callable[[int, Edges], Mask]
 
 
 def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
-    """Edges between configurations q (K, nv) and ``after`` (M, nv) that are one step apart.
+    """Edges between configurations q (K, nv) and those at the next waypoint that are a step apart.
 
-    Args:
-        q: Configurations.
-        after: Configurations at the next waypoint.
-        largest_step: Largest step of each joint, rad or m, (nv,).
-        period: 2π for joints whose whole turns do not matter, 0 for others, (nv,).
+    Both are given by joint, (nv,): the largest step, rad or m, and the ``period``, 2π for joints
+    whose whole turns do not matter, 0 for others.
     """
     if not len(q) or not len(after):
         none = np.zeros(0, dtype=np.intp)
@@ -91,13 +85,11 @@ def cheapest_path(
     Args:
         node_costs: For each layer, (K,); infinite where a node is not allowed.
         connections: Computes the edges.
-        edge_cost: Costs (E,) of the edges from a layer, by its index, to the next; none if
-            ``None``.
-        at_most: A value known to be attainable. A node is dropped if the cost up to it and the
-            least costs of the remaining layers exceed it.
-        allowed: Decides about nodes lazily, if not all of them are allowed; about those of the
-            first layer their costs do.
-        valid: Validates edges lazily, if not all of them are valid.
+        edge_cost: Costs (E,) of the edges from a layer to the next; none if ``None``.
+        at_most: A value known to be attainable: what exceeds it with the least costs of the
+            remaining layers is dropped.
+        allowed: Decides about nodes lazily; about those of the first layer their costs do.
+        valid: Validates edges lazily.
         join: ``np.add`` for the sum of the costs, ``np.maximum`` for the largest one.
     """
     least = [cost.min(initial=np.inf) for cost in node_costs]

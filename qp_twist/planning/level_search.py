@@ -39,14 +39,9 @@ class LevelSearch:
     jump between branches where a longer step just reaches, and could not be corrected into the
     limits. Nodes and edges are checked when a path reaches them.
 
-    Attributes:
-        problem: The problem.
-        levels: What is known of the nodes' clearance.
-        level: The level.
-        strict: Whether the price is that of a feasible path, not of the best one.
-        most: Largest motion of a joint from layer to layer, rad or m.
-        shares: Of some intervals, the shares at which their edges are evaluated.
-        progress: Called with the current phase and its share done.
+    ``strict``: the price is that of a feasible path, not of the best one. ``most`` is the largest
+    motion of a joint from layer to layer, rad or m; ``shares`` are those at which the edges of some
+    intervals are evaluated; ``progress`` is called with the current phase and its share done.
     """
 
     problem: Problem

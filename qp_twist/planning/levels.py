@@ -40,8 +40,7 @@ class SearchStage:
         joints: Least spacing of configurations in any joint, rad or m.
         resolution: The same as a share of the joint's motion, up to :data:`COARSEST`.
         most: Largest motion of a joint from one selected waypoint to the next, rad or m.
-        skips: Number of selected waypoints beyond which it skips up to ``longest_stride`` of them;
-            0 for no such number.
+        skips: Number of selected waypoints beyond which more of them are skipped; 0: none.
     """
 
     motion: float

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,8 +74,9 @@ class Objective:
                     "joint_weights: the margin is that of the worst joint and takes no weights; "
                     "use objective='centering' or 'travel', or leave the weights out."
                 )
-            own = {field.name: getattr(ranges, field.name) for field in fields(JointRanges)}
-            ranges = _WeightedRanges(**own, joints=joints)
+            of_joints = read_only(np.sqrt(joints) * ranges.weight)
+            ranges = replace(ranges)
+            vars(ranges)["weight"] = of_joints  # in place of the cached diagonal of W
         if objective == "margin":
             return cls(ranges, joints, margin=True)
         weights = {objective: 1.0} if isinstance(objective, str) else objective
@@ -115,15 +115,3 @@ class Objective:
         """Distance of each configuration (…, nv) from the nearest limit, degrees, (…,)."""
         margins: Array = np.degrees(self.ranges.room(q).min(axis=-1, initial=np.inf))
         return margins
-
-
-@dataclass(frozen=True, eq=False)
-class _WeightedRanges(JointRanges):
-    """Joint ranges whose z weighs the joints, by ``joints`` (nv,)."""
-
-    joints: Array
-
-    @cached_property
-    def weight(self) -> Array:
-        """Diagonal of √w W, 1/rad or 1/m, (nv,)."""
-        return read_only(np.sqrt(self.joints) * super().weight)

@@ -279,14 +279,7 @@ def motion_limits(
 
 @dataclass(frozen=True, eq=False)
 class JudgedPath:
-    """A joint path and its largest violation.
-
-    Attributes:
-        q: The path, (N, nv).
-        value: Value of the objective.
-        excess: Largest violation of a constraint, rad or m; at most
-            :data:`~qp_twist.planning.hard_constraints.WITHIN` if there is none.
-    """
+    """A joint path (N, nv), its value, and its largest violation of a constraint, rad or m."""
 
     q: Array
     value: float

@@ -51,14 +51,7 @@ def rolled(path_task: PathTask, index: int, rolls: Array) -> tuple[Array, Array]
 
 
 class RollGrid:
-    """All branches of the inverse kinematics at every roll of a grid.
-
-    Attributes:
-        arm: The inverse kinematics.
-        spacing: Spacing of the grid, rad.
-        rolls: Rolls of the grid, relative to each waypoint's, rad.
-        hard: The hard tolerance bands and the constraints.
-    """
+    """All branches of the inverse kinematics at every roll of a grid, relative to a waypoint."""
 
     def __init__(
         self, path_task: PathTask, arm: ParametrisedArm, spacing: float, joints: Array

@@ -54,14 +54,10 @@ the two is halved, in which the least such factor lies."""
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """The outcome of a search.
+    """The outcome of a search: the best feasible path, or why there is none, and a bound.
 
-    Attributes:
-        path: The best feasible path, if there is one.
-        certificate: Why there is one, or none.
-        bound: Bound of the value of any path; NaN if a waypoint has no configuration, and for
-            centering and margin if one leaves more than three degrees free.
-        interrupted: Whether Ctrl-C ended the search, and the path is the best by then.
+    The bound is NaN if a waypoint has no configuration, and for centering and margin if one leaves
+    more than three degrees free. If Ctrl-C ended the search, the path is the best by then.
     """
 
     path: JudgedPath | None

@@ -42,14 +42,8 @@ def smooth(
     """The best path near q (N, nv) that satisfies the constraints at and between the waypoints.
 
     If a band is violated between two waypoints beyond the tolerance, the point of the largest
-    violation is added to the programs.
-
-    Args:
-        problem: The problem.
-        q: A path whose configurations are on their waypoints.
-        iterations: Largest number of programs.
-        progress: Called with the share done.
-        keep: Called with every better path that violates no constraint.
+    violation is added to the programs. The configurations of q are on their waypoints. ``progress``
+    is called with the share done, ``keep`` with every better path that violates no constraint.
     """
     limits, begun, again = problem.limits.evaluated_along(q), q, False
     for _ in range(1 + _POINTS):

@@ -56,11 +56,8 @@ def astray_parts(
 ) -> tuple[Astray, ...]:
     """The parts of a motion that do not follow waypoints which are missed at either end.
 
-    Args:
-        path_task: The task.
-        motion: Joints by degree of freedom.
-        times: When the motion is nearest to the waypoints, s, (N,), non-decreasing.
-        met: Whether it meets them, (N,).
+    ``times`` (N,), s, are those at which the motion is nearest to the waypoints, non-decreasing;
+    ``met`` (N,) whether it meets them.
     """
     on_path = path_task.at(np.arange(len(met), dtype=np.float64)).on_path
     at, count = np.flatnonzero(met & on_path), len(times)

@@ -142,7 +142,7 @@ def examine(
         tolerances: What passes; those of the task if ``None``.
         passing: Times at the waypoints; if ``None``, rows and waypoints correspond, and times are
             seconds if the task has a feed.
-        errors: Result of :func:`errors_of`, if already known.
+        errors: Those of ``errors_of``, if already known.
         limits: Of the joints' speeds and accelerations; ``None``: those of
             :func:`~qp_twist.referee.motion_limits`.
         astray: The parts that do not follow the path, from

@@ -23,14 +23,10 @@ _SPEED = {"rad": np.pi, "m": 1.0}
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Largest joint speeds and accelerations, by degree of freedom.
+    """Largest joint speeds and accelerations, (nv,); ∞ without a limit.
 
-    Attributes:
-        velocity: rad/s or m/s, (nv,); ∞ without a limit.
-        acceleration: rad/s² or m/s², (nv,); ∞ likewise.
-        speeds_of: The known robot whose data sheet some of the speeds are from; else empty.
-        accelerations_of: Where the accelerations are from that the task does not state: the data
-            sheet of a known robot, or the default; else empty.
+    ``speeds_of`` is the known robot whose data sheet some speeds are from; ``accelerations_of``
+    where the accelerations are from that the task does not state; else empty.
     """
 
     velocity: Array

@@ -14,13 +14,10 @@ from qp_twist.referee.path_errors import poses_of
 
 @dataclass(frozen=True, eq=False)
 class RowVerdict:
-    """The verdict on the rows of a joint path; :func:`~qp_twist.referee.examine` has the motion.
+    """What the rows of a joint path do not keep; :func:`~qp_twist.referee.examine` has the motion.
 
-    Attributes:
-        off: Rows whose task error does not pass, (N,).
-        outside: Joints outside their ranges, (N, nv).
-        band: Rows outside a hard tolerance band, (N,).
-        constraint: Rows outside a constraint, (N,).
+    Rows whose task error does not pass, joints outside their ranges (N, nv), and rows outside a
+    hard tolerance band or a constraint, (N,).
     """
 
     off: Mask
