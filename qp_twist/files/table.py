@@ -41,23 +41,11 @@ class Problems:
         column: str = "",
         options: Mapping[str, str | None] | None = None,
     ) -> None:
-        """Add a problem.
-
-        Args:
-            line: Of the file, from 1.
-            what: What was read and what was expected, without a full stop.
-            column: Column or word in the line, if there is one to name.
-            options: Options of a toolpath that settle it.
-        """
+        """Add a problem of a line, from 1: a clause, its column, the options that settle it."""
         self._found.append(InvalidInput(f"{what}.", line=line, column=column, options=options))
 
     def refuse(self) -> None:
-        """Raise if there is a problem.
-
-        Raises:
-            InvalidInput: With every problem in the order of the lines, or the first :data:`SHOWN`
-                and the number of others.
-        """
+        """Raise the only problem, or the first :data:`SHOWN` in the order of the lines."""
         found = sorted(self._found, key=lambda problem: problem.line or 0)
         if len(found) == 1:
             raise found[0]
@@ -108,12 +96,9 @@ class Table:
     def check(
         self, columns: Sequence[int], problems: Problems, *, may_be_blank: int | None = None
     ) -> npt.NDArray[np.bool_]:
-        """Which rows have numbers in some columns, (N,); each other one is a problem.
+        """Which rows have numbers in some columns (one of which may be blank), (N,).
 
-        Args:
-            columns: Their indices.
-            problems: Collects every invalid row.
-            may_be_blank: One of them that may also be blank; NaN there.
+        Each other row becomes a problem.
         """
         whole = np.asarray(np.isfinite(self.numbers[:, list(columns)]).all(axis=1))
         for row in np.flatnonzero(~whole).tolist():
@@ -139,15 +124,14 @@ class TextTable(Table):
         lines: Lines of the file.
         least: Smallest number of numbers in a row.
         expected: Expected contents, for the message.
-        texts: Whether lines of text are allowed between the rows, and between header and rows; if
-            not, they are invalid rows.
+        texts: Whether lines of text are allowed between header and rows, and between rows.
         is_header: Whether some names are those of a header. Without such a line, the header is the
             first line of text (with ``texts`` the last) that has as many entries as a row.
 
     Attributes:
         first_row: Line with the first row.
-        counts: Line, from 1, that has the number of the rows, or numbers the columns from 0, as
-            point clouds and pandas have it; ``None`` without one.
+        counts: Line, from 1, that has the number of rows, as point clouds have it, or numbers the
+            columns, as pandas does; ``None`` without one.
 
     Raises:
         InvalidInput: If there is no row of numbers.

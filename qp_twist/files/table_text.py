@@ -24,11 +24,7 @@ _NOT_FINITE = re.compile(r"[+-]?(?:1\.#)?(?:nan|inf|infinity|ind|qnan)(?:\(\w*\)
 def of_file(name: object) -> Iterator[None]:
     """The boundary of a reader: what it raises about a file's content names the file.
 
-    Content that no reader foresees (a library's own exceptions, numbers beyond the range of a
-    float) is refused as well, with the original exception as the cause.
-
-    Raises:
-        InvalidInput: If the content is refused.
+    What no reader foresees (a library's exceptions, numbers beyond a float) is refused as well.
     """
     try:
         yield
@@ -102,15 +98,10 @@ class Dialect:
 
     @classmethod
     def detected(cls, lines: Sequence[str], least: int, expected: str) -> Dialect:
-        """The dialect in which some lines of a file have the most numbers.
-
-        Args:
-            lines: The first lines, without comments.
-            least: Smallest number of numbers for a line to count.
-            expected: Expected contents, for the message.
+        """The dialect in which some lines, without comments, have the most numbers.
 
         Raises:
-            InvalidInput: If no line has that many numbers in any dialect.
+            InvalidInput: If no line has ``least`` numbers in any dialect.
         """
         marks = [mark for mark in ";\t" if any(mark in line for line in lines)]
         dialects = [cls(delimiter, decimal) for delimiter in marks for decimal in ".,"]

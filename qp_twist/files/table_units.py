@@ -45,16 +45,10 @@ ENDINGS = frozenset(_UNITS.values()) - TIMES.keys() | FEEDS.keys()
 
 
 def split_unit(name: str, endings: Container[str] = ENDINGS) -> tuple[str, str | None]:
-    """A column's name, and the unit after it: ``x [mm]``, ``x_mm``, ``x/mm``.
+    """A column's name, and the unit after it: ``x [mm]``, ``x_mm``, ``x/mm``; ``None`` without one.
 
-    Args:
-        name: The name in the header.
-        endings: Units that are recognised without brackets; others belong to the name.
-
-    Returns:
-        The name without the unit, and the unit, ``None`` without one: spelled as in the tables of
-        this module, or as in the header if it is not known. Brackets without a unit, as in ``nx
-        [-]``, are ignored.
+    Units are spelled as in the tables of this module, or as in the header if they are not known;
+    without brackets only those among ``endings`` count. ``nx [-]`` has no unit.
     """
     bracket = _BRACKETS.fullmatch(name)
     if bracket and bracket[1]:

@@ -33,16 +33,11 @@ def file_path(argument: str, value: object) -> Path:
 
 
 def check_regular(path: Path, noun: str = "file", *, largest: float = LARGEST_FILE) -> None:
-    """Refuse files that are not regular, such as a pipe, which would block the reader.
-
-    Args:
-        path: The path.
-        noun: Its kind, for the message: ``"task file"``.
-        largest: Largest size, bytes.
+    """Refuse what is no regular file, such as a pipe, which would block the reader.
 
     Raises:
-        InvalidInput: If there is no such file, it is a folder, a pipe, a socket, a device or larger
-            than ``largest``, or cannot be accessed.
+        InvalidInput: If there is no such ``noun``, it is a folder, a pipe, a socket, a device
+            or larger than ``largest`` bytes, or cannot be accessed.
     """
     try:
         status = path.stat()

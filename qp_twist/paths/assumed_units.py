@@ -54,15 +54,11 @@ def named_length_unit(lines: Sequence[str]) -> tuple[LengthUnit, str] | None:
 def assumed_length_unit(
     positions: Array, convention: LengthUnit | None = None
 ) -> tuple[LengthUnit, str] | None:
-    """The only likely unit of some positions, and why; ``None`` if two are likely, or none.
+    """The only likely unit of positions (N, 3), and why; ``None`` if two are likely, or none.
 
-    Points of robots are in mm or in m; inches have to be stated. Where the numbers agree with the
-    convention of the program that writes such columns, it counts. Otherwise they are mm if in m
-    they would be beyond any arm, and m if in mm they would be too short or too close together.
-
-    Args:
-        positions: In their own unit, (N, 3).
-        convention: Unit in which the program that writes such columns has positions.
+    Points of robots are in mm or in m; inches have to be stated. The unit by ``convention`` of the
+    program that writes such columns counts if the numbers agree. Otherwise they are mm if in m they
+    would be beyond any arm, and m if in mm they would be too short or too close together.
     """
     if not len(positions):
         return None
@@ -87,16 +83,11 @@ def assumed_length_unit(
 def assumed_angle_unit(
     angles: Array, convention: AngleUnit | None, length_unit: LengthUnit
 ) -> AngleUnit | None:
-    """The likely unit of some angles or rotation vectors; ``None`` if both are.
+    """The likely unit of angles or rotation vectors (N, 3); ``None`` if both are.
 
     More than a whole turn in radians are degrees. Within it they are radians if some are a half or
     a quarter of a turn, as tools often are, or if positions are in metres: who writes SI units
-    writes both; controllers write mm and degrees.
-
-    Args:
-        angles: (N, 3).
-        convention: Unit of such columns, if they have one; of vectors no other one is likely.
-        length_unit: Of the positions beside them.
+    writes both; controllers write mm and degrees. Vectors are in radians by ``convention``.
     """
     size = np.abs(angles[np.isfinite(angles)])
     if not size.any():

@@ -36,13 +36,10 @@ def is_bag(content: bytes) -> bool:
 
 
 def bag_table(content: bytes) -> tuple[Table, list[str]]:
-    """The poses of a bag, and a note.
-
-    Poses of ROS are in metres (REP 103). Of several messages that are a path each, the last counts.
+    """The poses of a bag, in metres (REP 103), and a note; of several paths the last counts.
 
     Raises:
-        InvalidInput: If it has no poses or those of several topics, or the library is not
-            installed.
+        InvalidInput: If it has no poses or those of several topics, or a library is missing.
     """
     read = _mcap if content.startswith(_MCAP) else _sqlite if content[:6] == b"SQLite" else _ros_1
     topics: dict[tuple[str, str], list[_Message]] = {}

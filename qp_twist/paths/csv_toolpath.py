@@ -89,15 +89,8 @@ def table_toolpath(
     """The toolpath of a table.
 
     A blank line, a line of text between rows, or a new entry in the curve column begins another
-    curve; the text is its name.
-
-    Args:
-        path: The file.
-        table: Its points.
-        options: How to read it.
-        lines: Of the file, which may name the unit of length.
-        notes: On what was assumed already.
-        passed_over: What was passed over already.
+    curve; the text is its name. The lines of the file may name the unit of length; ``notes`` and
+    ``passed_over`` are those of its reader.
 
     Raises:
         InvalidInput: If the table is ambiguous, or rows are invalid; with line and column of each.
@@ -167,11 +160,7 @@ def _length_unit(
     notes: list[str],
     lines: Sequence[str],
 ) -> tuple[LengthUnit, bool]:
-    """The unit of the positions and whether the header states it; else the likely one, with a note.
-
-    Raises:
-        InvalidInput: If it is not stated, and the numbers leave it open.
-    """
+    """The unit of the positions and whether the header states it; a likely one with a note."""
     chosen = options.length_unit
     stated = any(split_unit(table.names[i])[1] for i in where.position if table.names)
     if chosen is None and not stated:
@@ -242,8 +231,7 @@ def _leaned(positions: Array, normals: Array, lean: Array, ends: Sequence[int]) 
 def _rapid(table: Table, where: ColumnRoles) -> Mask | None:
     """Which motions are rapid by a column of their types; ``None`` without such a column.
 
-    Raises:
-        InvalidInput: If some are arcs, whose centres a table has no columns for.
+    Arcs are refused: a table has no columns for their centres.
     """
     if "type" not in where.single:
         return None

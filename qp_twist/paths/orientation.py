@@ -11,7 +11,7 @@ from qp_twist.errors import InvalidInput
 
 
 def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Array:
-    r"""Rotations whose z is the tool axis and whose y lies in a plane.
+    r"""Rotations whose z are tool axes (N, 3) and whose y lie in a plane.
 
     .. math::
 
@@ -20,15 +20,7 @@ def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Ar
         \mathbf x = \mathbf y \times \mathbf z
 
     With n = y of the base it is the paper's rule for resolved motion rate, "y coplanar to the
-    xz-plane of the robot base". The rule leaves the sign open: ``flip`` takes the other one.
-
-    Args:
-        axes: Tool axes z, unit vectors in the world, (N, 3).
-        plane_normal: n, world, (3,).
-        flip: Use −y.
-
-    Returns:
-        Rotations to the world, (N, 3, 3).
+    xz-plane of the robot base". The rule leaves the sign open: ``flip`` takes −y.
 
     Raises:
         InvalidInput: If an axis is parallel to n, where the rule says nothing.

@@ -166,8 +166,8 @@ def _angles(values: Array, at: range) -> tuple[str, tuple[int, ...], str, bool, 
 def are_vectors(values: Array) -> bool:
     """Whether three numbers, rad, are rotation vectors rather than angles.
 
-    Controllers write vectors no longer than half a turn. A tool that points down, and is turned
-    about its axis, has vectors of nearly half a turn; as roll, pitch, yaw it would have longer.
+    Controllers write vectors no longer than half a turn, and nearly so long of a tool that points
+    down and is turned about its axis.
     """
     lengths, turned = np.linalg.norm(values, axis=1), np.linalg.norm(values[:, 1:], axis=1)
     near = lengths.max() <= 1.001 * np.pi and np.median(lengths) > 0.9 * np.pi

@@ -27,12 +27,9 @@ from qp_twist.paths.toolpath_points import (
 
 
 class ToolpathFormat(NamedTuple):
-    """A format of toolpath files.
+    """A format of toolpath files: which it matches, how they are read, options it has no use for.
 
-    Attributes:
-        matches: Whether a file is of this format, by its suffix (lower case) and its lines.
-        read: (file, lines, options) to the toolpath.
-        refused: Why it has no use for some options, by their names.
+    Files are matched by suffix (lower case) and lines; each refused option has its reason.
     """
 
     matches: Callable[[str, Sequence[str]], bool]
@@ -65,16 +62,9 @@ class ProgramWords(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A point of a file and the motion that leads to it.
+    """A point of a file (m) and the motion that leads to it, in its line, from 1.
 
-    Attributes:
-        position: m.
-        direction: Three or four numbers, or none.
-        line: Line of the file, from 1.
-        feed: m/s; NaN without one.
-        rapid: Whether the tool gets there in rapid motion.
-        begins: Whether it is unknown where the tool comes from.
-        name: Name of the part of the file.
+    The feed is in m/s, NaN without one. Where it ``begins``, the motion to it is not known.
     """
 
     position: tuple[float, ...]
@@ -93,11 +83,7 @@ class TooManyPoints(InvalidInput):
 class Feeds:
     """The feed in force of a program: a length per minute, per turn of the spindle, or by time.
 
-    Attributes:
-        per_turn: Whether it is per turn of the spindle.
-        turns_per_minute: Of the spindle.
-        by_time: Whether each motion states how many of its kind would take a minute.
-        motions_per_minute: What the motion states that is read.
+    By time each motion states how many of its kind would take a minute.
     """
 
     def __init__(self) -> None:
@@ -153,15 +139,8 @@ class Feeds:
 class ProgramBuilder:
     """A toolpath as it is read, line by line, from the program of a machine tool.
 
-    Attributes:
-        options: Of the reader.
-        words: Of the format.
-        problems: Those found so far.
-        line: Line that is being read.
-        unit: Unit of length that the file states.
-        name: Name of the part of the file that is being read.
-        rows: The points so far.
-        feeds: The feed in force.
+    It has the problems found so far, and the line, the name of the part of the file, the stated
+    unit of length and the feed that are in force.
     """
 
     def __init__(self, options: ReadingOptions, words: ProgramWords) -> None:

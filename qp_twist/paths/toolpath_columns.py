@@ -103,11 +103,7 @@ class ColumnChoice(Section):
 
 
 class UnclearColumns(InvalidInput):
-    """The header of a table does not identify its columns.
-
-    Attributes:
-        suggestion: Their likely meaning by the numbers, if there is one.
-    """
+    """The columns of a table are open; ``suggestion`` is their likely meaning by the numbers."""
 
     def __init__(
         self, message: str, suggestion: Suggestion | None = None, *, or_none: bool = False
@@ -158,7 +154,7 @@ def column_roles(
     orientation: Orientation | None,
     feed_unit: FeedUnit | None = None,
 ) -> ColumnRoles:
-    """Roles of the columns: as chosen, else by usual names, else the only ones possible.
+    """Roles of the columns: as chosen, else by usual names, else by the numbers.
 
     A feed column is used only if its unit is known: ``speed`` alone may be that of a spindle.
 
@@ -233,11 +229,7 @@ def _length_by_words(table: Table) -> LengthUnit | None:
 
 
 def _by_numbers(table: Table, orientation: Orientation | None) -> Suggestion:
-    """The columns of a table without a header, if its numbers leave nothing open.
-
-    Raises:
-        UnclearColumns: If they do.
-    """
+    """The columns of a table without a header, if its numbers leave nothing open."""
     found = suggested(table.numbers[:LOOKED_AT])
     first = getattr(table, "first_row", "")
     if found is None or not found.settled or re.search(r"[(\[{=]", first):
@@ -390,11 +382,7 @@ def _evident(table: Table, angles: tuple[int, ...]) -> Orientation | None:
 
 
 def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
-    """The roles with the unit and the note of a convention, if the numbers agree with it.
-
-    Raises:
-        UnclearColumns: If they contradict it.
-    """
+    """The roles with the unit and the note of a convention, if the numbers agree with it."""
     where = replace(where, length_unit=where.length_unit or naming.length, angle_unit=naming.unit)
     if not naming.called:
         return where
@@ -424,10 +412,9 @@ def _checked(table: Table, where: ColumnRoles, naming: Naming) -> ColumnRoles:
 
 
 def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
-    """Refuse to leave out columns that may state an orientation: the path would be without one.
+    """Refuse to leave out columns in a unit of angles, or neighbours of length 1.
 
-    Raises:
-        UnclearColumns: If unused columns are in a unit of angles, or neighbours have length 1.
+    They may state an orientation, and the path would be without one.
     """
     named = usual(table.names)
     used = {i for group in ("curve", "feed") for at in named.get(group, {}).values() for i in at}

@@ -111,9 +111,9 @@ def toolpath_of(
 
     Args:
         path: The file.
-        orientation: Meaning of the directions.
+        orientation: Meaning of the directions, whose columns messages name ``call``.
         curves: Their points.
-        call: Name of the direction's columns in messages.
+        call: See ``orientation``.
         problems: Those of the reader; raised here together with those of the points.
         assumptions: What the reader assumed, a sentence each.
         passed_over: What it passed over, likewise.
@@ -152,12 +152,9 @@ def toolpath_of(
 
 
 class UnitQuestion(NamedTuple):
-    """Whether a file is in another unit, in words, and the options that say so.
+    """Whether a file is in another unit, in words without a full stop, and options that say so.
 
-    Attributes:
-        text: For a message, without a full stop.
-        likely: The unit in which it is small enough; ``None`` if there is none.
-        options: Options of the toolpath; none if the unit is to be changed in the file.
+    ``likely`` is the unit in which it is small enough. A file that states its unit has no options.
     """
 
     text: str
