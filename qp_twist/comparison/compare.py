@@ -7,6 +7,8 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,18 +76,16 @@ class Comparison:
 
         ``None`` without a plan, or if the methods have different starts.
         """
+        starts = np.array([run.q[0] for run in self.trajectories.values()])
         for run in self.trajectories.values():
             if run.z_bound is not None and math.isfinite(run.z_bound):
-                starts = np.array([other.q[0] for other in self.trajectories.values()])
-                same = np.abs(starts - run.q[0]).max() < _SAME_START
-                return run.z_bound if same else None
+                return run.z_bound if np.abs(starts - run.q[0]).max() < _SAME_START else None
         return None
 
     def findings(self) -> list[str]:
         """What the comparison shows, in sentences computed from its numbers."""
-        runs = map(MethodRun.of, self.trajectories.values())
-        topics = by_topic(list(runs), self.not_run, self.z_bound)
-        return [sentence for sentences in topics.values() for sentence in sentences]
+        runs = list(map(MethodRun.of, self.trajectories.values()))
+        return list(chain(*by_topic(runs, self.not_run, self.z_bound).values()))
 
     def table(self) -> str:
         """The table as plain text, each closed form next to its QP counterpart."""
@@ -95,7 +95,7 @@ class Comparison:
         """Matplotlib figures by name.
 
         ``joints``: resolved motion rate and the twist decomposition, the paper's Fig. 3;
-        ``joints_NAME``: a closed form beside its QP; ``along_the_path``: z, margin, task error;
+        ``joints_NAME``: a QP with its closed forms; ``along_the_path``: z, margin, task error;
         ``roadmap``: the configurations inside the limits, for an industrial arm with a free roll or
         a planar arm with one redundant degree of freedom (the paper's Fig. 4).
         """
@@ -127,7 +127,7 @@ class Comparison:
 
         Args:
             folder: Folder to write to; created if necessary.
-            command: Command that reproduces the report; if ``None``, an equivalent one.
+            command: Command that reproduces the report; if ``None``, an equivalent call.
 
         Returns:
             The written files, one path per line, and a sentence for what could not be written.
@@ -136,32 +136,28 @@ class Comparison:
         from qp_twist.pages.comparison_page import comparison_page
 
         folder, content = Path(folder), self.to_dict()
-        lines = self.save(folder)
-        figures = self.figures()
-        # Remove figures of an earlier comparison in this folder.
-        for name in {"roadmap", *(f"joints_{method}" for method in METHODS)} - set(figures):
+        lines, figures = self.save(folder), self.figures()
+        # Remove pictures of an earlier comparison in this folder.
+        for name in ("roadmap", "scene", *(f"joints_{method}" for method in METHODS)):
             (folder / f"{name}.png").unlink(missing_ok=True)
         for name, figure in figures.items():
             lines.append(str(save_figure(figure, folder / f"{name}.png")))
+        picture = None
         try:
             text = f"The robot at the start of {self.path_task.name}, and the path."
             picture = picture_of(self.path_task.shown, text, width=1280, height=960)
             lines.append(str(picture.save(folder / "scene.png")))
         except NoPicture as why:
-            picture = None
-            (folder / "scene.png").unlink(missing_ok=True)
             lines.append(str(why))
         runs = list(map(MethodRun.of, self.trajectories.values()))
+        findings = by_topic(runs, self.not_run, self.z_bound)
+        del findings[KEPT]  # what the page begins with
         page = comparison_page(
             self.path_task,
             self.trajectories,
             content,
             faults={run.name: "; ".join(run.faults) for run in runs},
-            findings={  # what was kept is what the page begins with
-                topic: sentences
-                for topic, sentences in by_topic(runs, self.not_run, self.z_bound).items()
-                if topic != KEPT
-            },
+            findings=findings,
             table=metrics_table(content),
             roadmap=figures.get("roadmap"),
             picture=picture,
@@ -176,10 +172,8 @@ class Comparison:
         """A small table, for notebooks; see also :meth:`table` and :meth:`report`."""
         content = self.to_dict()
         table = metrics_table(content)
-        rows: list[tuple[str, ...]] = [
-            (name, *(cell.text for cell in cells), content["methods"][name]["status"])
-            for name, cells in table.rows.items()
-        ]
+        status = {name: numbers["status"] for name, numbers in content["methods"].items()}
+        rows = [(n, *(c.text for c in cells), status[n]) for n, cells in table.rows.items()]
         rows += [(n, *[""] * len(table.columns), f"not run: {w}") for n, w in self.not_run.items()]
         title = f"{self.path_task.name}, {len(self.path_task.waypoints)} waypoints"
         return html_table(title, rows, ("method", *table.columns, "status"))
@@ -240,18 +234,13 @@ def compare(
     if options:
         task = with_options(task, names, options, "compare")
     task = with_start(task, planning)
-    order = {name: index for index, name in enumerate(METHODS)}
     trajectories: dict[str, Trajectory] = {}
     not_run: dict[str, str] = {}
-    ordered = sorted(dict.fromkeys(names), key=order.__getitem__)
+    ordered = [name for name in METHODS if name in names]
     for name in ordered:
-
-        def report_progress(done: int, name: str = name) -> None:
-            if progress is not None:
-                progress(name, done)
-
+        report = None if progress is None else partial(progress, name)
         try:
-            run = follow(task, name, solver=solver, progress=report_progress, planning=planning)
+            run = follow(task, name, solver=solver, progress=report, planning=planning)
             trajectories[name] = run
             if run.interrupted_plan is not None:  # the comparison is interrupted, too
                 raise KeyboardInterrupt

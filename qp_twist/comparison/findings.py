@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from qp_twist.comparison.metrics import compiled_share, faults, metrics
 from qp_twist.following import Trajectory
@@ -17,21 +16,16 @@ AS_GOOD = 0.05
 """Two runs that keep limits and task count as equally good up to this share of z and travel."""
 
 
-@dataclass(frozen=True)
-class MethodRun:
-    """Data of one method for the sentences.
-
-    Attributes:
-        name: Name of the method.
-        numbers: Its :func:`~qp_twist.comparison.metrics`.
-        faults: What it did not keep; empty if it kept all.
-        compiled: Share of its waypoints that compiled code computed.
-    """
+class MethodRun(NamedTuple):
+    """Data of one method for the sentences."""
 
     name: str
     numbers: Mapping[str, Any]
+    """Its :func:`~qp_twist.comparison.metrics`."""
     faults: Sequence[str] = ()
-    compiled: float = 0.0
+    """What it did not keep; empty if it kept all."""
+    code: str = "in Python"
+    """What computed it; times compare only for the same."""
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> MethodRun:
@@ -43,16 +37,21 @@ class MethodRun:
             found.append(
                 f"needs {times} times the speed limit of {speed.joint} at waypoint {speed.waypoint}"
             )
-        return cls(trajectory.method, numbers, found, compiled_share(trajectory))
+        compiled = compiled_share(trajectory)
+        code = "compiled" if compiled >= 1.0 else "partly compiled" if compiled else "in Python"
+        if METHODS[trajectory.method].peer:
+            code = "by another library"
+        return cls(trajectory.method, numbers, found, code)
 
     @property
-    def code(self) -> str:
-        """The code of its run; times compare only for the same code."""
-        if METHODS[self.name].peer:
-            return "by another library"
-        if self.compiled >= 1.0:
-            return "compiled"
-        return "in Python" if self.compiled <= 0.0 else f"{100 * self.compiled:.0f} % compiled"
+    def z(self) -> float:
+        """The mean z."""
+        return float(self.numbers["mean_z"])
+
+    @property
+    def travel(self) -> float:
+        """The travel, degrees."""
+        return float(self.numbers["travel_deg"])
 
 
 def by_topic(
@@ -81,9 +80,8 @@ def by_topic(
 
 def _kept(runs: Sequence[MethodRun]) -> list[str]:
     names = [run.name for run in runs if not run.faults]
-    who = _listed(names) if names else "No method"
     return [
-        f"{who} kept limits and task all the way.",
+        f"{_listed(names) if names else 'No method'} kept limits and task all the way.",
         *(f"{run.name}: {'; '.join(run.faults)}." for run in runs if run.faults),
     ]
 
@@ -93,24 +91,19 @@ def _best(runs: Sequence[MethodRun], bound: float | None) -> list[str]:
     kept = [run for run in runs if not run.faults]
     if not kept or len(runs) < 2 or all(run.numbers["min_margin"] is None for run in runs):
         return []
-    best, z = _least(kept, _mean_z, _digits)
-    text = f"Of the methods that kept limits and task, the least mean z, {z}, is that of "
-    text += _listed([run.name for run in best])
+    best, z = _least({run.name: run.z for run in kept}, _digits)
+    text = f"Of the methods that kept limits and task, the least mean z, {z}, is that of {best}"
     if bound is not None and bound > 0.0:
-        ratio = _digits(min(map(_mean_z, best)) / bound)
+        ratio = _digits(min(run.z for run in kept) / bound)
         times = "" if ratio == "1.00" else f"{ratio} times "
         text += f"; it is {times}the bound {_digits(bound)} that no motion from that start is below"
     sentences = [f"{text}."]
-    least, travel = _least(kept, lambda run: float(run.numbers["travel_deg"]), "{:.0f}".format)
-    costs = [f"{run.name} travels {run.numbers['travel_deg']:.0f}°" for run in best]
     if len(kept) > 1:
-        names = _listed([run.name for run in least])
+        names, travel = _least({run.name: run.travel for run in kept}, "{:.0f}".format)
+        costs = [f"{run.name} travels {run.travel:.0f}°" for run in kept if _digits(run.z) == z]
         sentences.append(f"{_listed(costs)}; the least travel is {travel}°, of {names}.")
-    lower = [
-        f"{run.name} ({_digits(_mean_z(run))})"
-        for run in runs
-        if run.faults and _mean_z(run) < float(z) and _digits(_mean_z(run)) != z
-    ]
+    lower = [f"{run.name} ({_digits(run.z)})" for run in runs
+             if run.faults and run.z < float(z) and _digits(run.z) != z]  # fmt: skip
     if lower:
         sentences.append(f"A lower mean z came with a fault: {_listed(lower)}.")
     return sentences
@@ -118,11 +111,11 @@ def _best(runs: Sequence[MethodRun], bound: float | None) -> list[str]:
 
 def _pairs(runs: Sequence[MethodRun]) -> list[str]:
     ran = {run.name: run for run in runs}
-    sentences = []
-    for run in runs:
-        counterpart = METHODS[run.name].counterpart
-        if counterpart in ran and not METHODS[run.name].constrained:
-            sentences.append(_pair(run, ran[counterpart]))
+    sentences = [
+        _pair(run, ran[method.counterpart])
+        for run in runs
+        if (method := METHODS[run.name]).counterpart in ran and not method.constrained
+    ]
     if sentences:
         sentences.append(
             f"“As good” means: limits and task kept, mean z and travel no more than "
@@ -140,8 +133,7 @@ def _pair(closed: MethodRun, qp: MethodRun) -> str:
     if qp.faults:
         return f"{closed.name} was better than {qp.name}: it kept limits and task."
     # Compare as printed: differences below the digits do not count.
-    z = _ratio(closed.numbers["mean_z"], qp.numbers["mean_z"])
-    travel = _ratio(closed.numbers["travel_deg"], qp.numbers["travel_deg"])
+    z, travel = _ratio(closed.z, qp.z), _ratio(closed.travel, qp.travel)
     low, high = 1.0 / (1.0 + AS_GOOD), 1.0 + AS_GOOD
     if max(z, travel) <= high:
         verdict = "was better than" if min(z, travel) < low else "was as good as"
@@ -159,16 +151,10 @@ def _pair(closed: MethodRun, qp: MethodRun) -> str:
     )
 
 
-def _least(
-    runs: Sequence[MethodRun], value: Callable[[MethodRun], float], shown: Callable[[float], str]
-) -> tuple[list[MethodRun], str]:
-    """The runs with the least value as printed, and that value."""
-    text = shown(min(map(value, runs)))
-    return [run for run in runs if shown(value(run)) == text], text
-
-
-def _mean_z(run: MethodRun) -> float:
-    return float(run.numbers["mean_z"])
+def _least(values: Mapping[str, float], shown: Callable[[float], str]) -> tuple[str, str]:
+    """The names of the least values as printed, listed, and the text that is printed."""
+    text = shown(min(values.values()))
+    return _listed([name for name, value in values.items() if shown(value) == text]), text
 
 
 def _ratio(value: float, other: float) -> float:
@@ -186,8 +172,6 @@ def _factor(ratio: float) -> str:
 
 def _digits(value: float) -> str:
     """Three significant digits, without a power of ten if possible."""
-    if not math.isfinite(value):
-        return "∞" if value > 0.0 else "−∞"
     if 1e-4 <= abs(value) < 999.5:
         return f"{value:#.3g}".rstrip(".")
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e5 else f"{value:.3g}"

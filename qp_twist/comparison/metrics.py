@@ -16,8 +16,8 @@ OUTSIDE = 1e-9
 """Violation from which a joint counts as outside its limits, rad or m."""
 RECONFIGURATION_DEG = 15.0
 """A step larger than this in any joint is a reconfiguration, degrees."""
-EXCESSES = {"band_excess_max": "tolerance band", "constraint_excess_max": "constraint"}
-"""Metrics of tasks with bands or constraints, and the name of what is left if they are not 0."""
+EXCESSES = ("band_excess_max", "constraint_excess_max")
+"""Metrics of tasks with bands or constraints, 0 where none is left."""
 
 
 def metrics(trajectory: Trajectory) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from itertools import groupby
 from typing import Any
 
 from rich import box
@@ -59,7 +60,7 @@ def _cells(numbers: dict[str, Any], compiled: float, tolerances: Tolerances) -> 
     code = "*" if compiled >= 1.0 else "(*)" if compiled > 0.0 else ""
     return [
         Cell(where, "bad") if first else Cell("no", "good"),
-        _cell("–" if margin is None else f"{margin:.3f}", bad=margin is not None and margin < 0.0),
+        Cell("–") if margin is None else _cell(f"{margin:.3f}", bad=margin < 0.0),
         Cell(significant(numbers["mean_z"])),
         _cell(significant(1e3 * position), bad=position > tolerances.position),
         _cell(significant(math.degrees(axis)), bad=axis > tolerances.axis),
@@ -92,13 +93,12 @@ def rich_table(comparison: dict[str, Any]) -> RichTable:
     table.add_column("method", no_wrap=True)
     for number, heading in enumerate(content.columns):
         table.add_column(heading, justify="right" if number else "left", no_wrap=True)
-    pairs = [METHODS[name].qp for name in content.rows]
-    for (name, cells), pair, following in zip(
-        content.rows.items(), pairs, [*pairs[1:], None], strict=True
-    ):
-        method = Text(name, style="bold" if METHODS[name].constrained else "")
-        texts = [Text(cell.text, style=_COLOURS[cell.state]) for cell in cells]
-        table.add_row(method, *texts, end_section=pair != following)
+    for _, names in groupby(content.rows, key=lambda name: METHODS[name].qp):
+        for name in names:
+            method = Text(name, style="bold" if METHODS[name].constrained else "")
+            cells = content.rows[name]
+            table.add_row(method, *(Text(cell.text, _COLOURS[cell.state]) for cell in cells))
+        table.add_section()
     return table
 
 
@@ -130,15 +130,13 @@ def csv_table(comparison: dict[str, Any]) -> str:
     status and nothing else.
     """
     methods: dict[str, dict[str, Any]] = comparison["methods"]
-    keys = list(next(iter(methods.values())))
     file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(["method", *keys])
+    writer = csv.DictWriter(file, ["method", *next(iter(methods.values()))], lineterminator="\n")
+    writer.writeheader()
     for name, numbers in methods.items():
-        writer.writerow([name, *(_csv_cell(numbers[key]) for key in keys)])
+        writer.writerow({"method": name, **{k: _csv_cell(v) for k, v in numbers.items()}})
     for name, why in comparison.get("not_run", {}).items():
-        cells = {"status": f"not run: {why}"}
-        writer.writerow([name, *(cells.get(key, "") for key in keys)])
+        writer.writerow({"method": name, "status": f"not run: {why}"})
     return file.getvalue()
 
 

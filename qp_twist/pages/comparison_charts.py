@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib as mpl
@@ -10,14 +10,13 @@ import mink
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy.optimize import isotonic_regression
 
 from qp_twist.checks import Array
 from qp_twist.drawing.charts import draw_chart, draw_joint, joint_panels
 from qp_twist.drawing.figures import METHOD, SVG_RC, ShownFigure, inline_svg
 from qp_twist.drawing.palette import RC, RED
 from qp_twist.following import Trajectory
-from qp_twist.following.joint_speeds import speed_shares
+from qp_twist.following.joint_speeds import has_speed_limits, speed_shares
 from qp_twist.kinematics import JointRanges, frame_jacobian
 from qp_twist.pages.method_style import entitle, line_style, method_curves, method_handles
 from qp_twist.pages.page import figure_html
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 
 FLOOR = 1e-6
 """Smaller errors (mm, degrees) are drawn at this value: they are within the tolerances."""
-_APART = 0.062
-"""Least distance of two labels, as a share of a panel's height."""
 _TOUCHING = "#FBE3E3"
 
 Trajectories = Mapping[str, Trajectory]
@@ -51,27 +48,38 @@ class Quantity(NamedTuple):
     top: float | None = None
 
 
-def error_quantities(path_task: PathTask, trajectories: Trajectories) -> list[Quantity]:
+def quantities(path_task: PathTask, trajectories: Trajectories) -> dict[str, list[Quantity]]:
+    """What is drawn along the path, by the section of the page; a section may be empty."""
+    return {
+        "error": _errors(path_task, trajectories),
+        "clearance": _clearances(path_task, trajectories) if path_task.clearances else [],
+        "z": _centring(trajectories),
+        "sigma": [
+            Quantity("sigma-task", "σ min of TJ", "Smallest singular value of the task's rows "
+                     "UᵀJ, with T = UUᵀ, at each waypoint.",
+                     {name: t.sigma_min for name, t in trajectories.items()}, bottom=0.0),
+            Quantity("sigma-whole", "σ min of J", "Smallest singular value of all operational "
+                     "rows of J, at each waypoint.",
+                     {name: _whole_sigma(t) for name, t in trajectories.items()}, bottom=0.0),
+        ],
+        "speed": _speeds(trajectories) if has_speed_limits(path_task) else [],
+    }  # fmt: skip
+
+
+def _errors(path_task: PathTask, trajectories: Trajectories) -> list[Quantity]:
     """Position error and, if the task holds an angle, orientation error."""
     position = {n: np.maximum(1e3 * t.position_error, FLOOR) for n, t in trajectories.items()}
     axis = {n: np.maximum(np.degrees(t.axis_error), FLOOR) for n, t in trajectories.items()}
+    words = "error at each waypoint, in the rows of the task only, logarithmic."
     found = [
-        Quantity(
-            "error-position", "position error, mm",
-            "Position error at each waypoint, in the rows of the task only, logarithmic.",
-            position, log=True,
-        ),
-        Quantity(
-            "error-axis", "orientation error, degrees",
-            "Orientation error at each waypoint, in the rows of the task only, logarithmic.",
-            axis, log=True,
-        ),
-    ]  # fmt: skip
+        Quantity("error-position", "position error, mm", f"Position {words}", position, log=True),
+        Quantity("error-axis", "orientation error, °", f"Orientation {words}", axis, log=True),
+    ]
     angular = any(t.angular.rank > 0 for t in path_task.projectors)
     return found if angular else found[:1]
 
 
-def centring_quantities(trajectories: Trajectories) -> list[Quantity]:
+def _centring(trajectories: Trajectories) -> list[Quantity]:
     """z, and the smallest joint margin; nothing if no joint has limits."""
     z = {name: t.z for name, t in trajectories.items()}
     margins = {name: t.margins.min(axis=1, initial=np.inf) for name, t in trajectories.items()}
@@ -94,27 +102,10 @@ def centring_quantities(trajectories: Trajectories) -> list[Quantity]:
     ]  # fmt: skip
 
 
-def singular_quantities(trajectories: Trajectories) -> list[Quantity]:
-    """σ_min of the task rows, and of all operational rows."""
-    return [
-        Quantity(
-            "sigma-task", "σ min of TJ",
-            "Smallest singular value of the task's rows UᵀJ, with T = UUᵀ, at each waypoint.",
-            {name: t.sigma_min for name, t in trajectories.items()}, bottom=0.0,
-        ),
-        Quantity(
-            "sigma-whole", "σ min of J",
-            "Smallest singular value of all operational rows of J, at each waypoint.",
-            {name: _whole_sigma(t) for name, t in trajectories.items()}, bottom=0.0,
-        ),
-    ]  # fmt: skip
-
-
 def _whole_sigma(trajectory: Trajectory) -> Array:
     """Smallest singular value of the operational rows of J at each waypoint, (N,)."""
     task = trajectory.path_task
-    configuration = mink.Configuration(task.model)
-    rows = []
+    configuration, rows = mink.Configuration(task.model), []
     for q in trajectory.q:
         configuration.update(q)
         jacobian = frame_jacobian(configuration, task.frame_name, task.frame_type)
@@ -124,20 +115,20 @@ def _whole_sigma(trajectory: Trajectory) -> Array:
     return smallest
 
 
-def speed_quantity(trajectories: Trajectories) -> Quantity:
+def _speeds(trajectories: Trajectories) -> list[Quantity]:
     """Speed of the fastest joint, as a share of its limit."""
     shares = {name: speed_shares(t).max(axis=1) for name, t in trajectories.items()}
     low = min(float(s[1:].min(initial=1.0)) for s in shares.values())
     high = max(float(s.max()) for s in shares.values())
-    return Quantity(
+    return [Quantity(
         "speed", "speed ÷ limit, fastest joint",
         "Speed of the fastest joint between waypoints over its limit, logarithmic; above the red "
         "line at 1 it is too fast.", {name: np.maximum(s, 1e-6) for name, s in shares.items()},
         limits=[1.0], log=True, bottom=max(0.5 * low, 1e-3), top=max(2.0, 1.3 * high),
-    )  # fmt: skip
+    )]  # fmt: skip
 
 
-def clearance_quantity(path_task: PathTask, trajectories: Trajectories) -> Quantity:
+def _clearances(path_task: PathTask, trajectories: Trajectories) -> list[Quantity]:
     """Distance of the nearest pair that may collide, mm."""
     asked = sorted({1e3 * clearance.distance for clearance in path_task.clearances})
     values = {
@@ -146,21 +137,20 @@ def clearance_quantity(path_task: PathTask, trajectories: Trajectories) -> Quant
     }
     least = min(float(v.min()) for v in values.values())
     high = max(*(1.05 * float(v.max()) for v in values.values()), 2.0 * asked[-1])
-    return Quantity(
+    return [Quantity(
         "clearance", "nearest pair, mm",
         "Distance of the nearest pair at each waypoint. Red: the distance that is asked for; "
         "shaded: bodies overlap, by the depth shown. A dot marks the least distance of a method, "
         "at or between waypoints.", values, limits=asked,
         bottom=min(1.05 * least, -0.1 * high), top=high,
-    )  # fmt: skip
+    )]  # fmt: skip
 
 
 def quantity_html(path_task: PathTask, trajectories: Trajectories, quantity: Quantity) -> str:
-    """The chart of a quantity, with the methods' names at the ends of their curves."""
+    """The chart of a quantity."""
     with mpl.rc_context(SVG_RC):
-        height = max(2.6, 0.155 * len(quantity.values) + 0.9)
-        figure = Figure(figsize=(8.6, height))
-        panel = figure.add_axes((0.085, 0.52 / height, 0.735, 1.0 - 0.7 / height))
+        figure = Figure(figsize=(8.6, 2.7))
+        panel = figure.add_axes((0.085, 0.18, 0.905, 0.77))
         _draw_quantity(panel, path_task, quantity)
         if quantity.key == "clearance":
             panel.axhspan(panel.get_ylim()[0], 0.0, color=_TOUCHING, linewidth=0.0, zorder=0)
@@ -172,7 +162,6 @@ def quantity_html(path_task: PathTask, trajectories: Trajectories, quantity: Qua
                     panel.plot(near.at + 1.0, 1e3 * near.distance, "o", ms=4, zorder=6,
                                color=line_style(name)["color"], clip_on=False,
                                gid=f"{METHOD}{name}")  # fmt: skip
-        _label_ends(panel, quantity.values)
         panel.set_xlabel("waypoint")
         panel.set_ylabel(quantity.label)
     caption = quantity.caption + (" Shaded: T changes." if path_task.segments else "")
@@ -181,20 +170,20 @@ def quantity_html(path_task: PathTask, trajectories: Trajectories, quantity: Qua
 
 def path_figure(path_task: PathTask, trajectories: Trajectories) -> Figure:
     """z, smallest margin and the task errors over the waypoint index, a panel each."""
-    quantities = centring_quantities(trajectories) + error_quantities(path_task, trajectories)
+    drawn = _centring(trajectories) + _errors(path_task, trajectories)
     with mpl.rc_context(RC):
-        size = (10.5, 2.0 * len(quantities) + 1.4)
-        figure = ShownFigure(figsize=size, layout="constrained")
-        panels = figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0]
-        for panel, quantity in zip(panels, quantities, strict=True):
+        figure = ShownFigure(figsize=(10.5, 2.0 * len(drawn) + 1.4))
+        panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+        for panel, quantity in zip(panels, drawn, strict=True):
             _draw_quantity(panel, path_task, quantity)
             panel.set_title(quantity.label)
         panels[-1].set_xlabel("waypoint")
         shaded = "; shaded: T changes" if path_task.segments else ""
-        entitle(
-            figure, "Along the path (solid: QPs of this package; broken: closed forms, other "
-            f"libraries{shaded})", method_handles(trajectories),
-        )  # fmt: skip
+        title = (
+            "Along the path (solid: QPs of this package; broken: closed forms, other "
+            f"libraries{shaded})"
+        )
+        entitle(figure, title, method_handles(trajectories))
     return figure
 
 
@@ -207,56 +196,21 @@ def _draw_quantity(panel: Axes, path_task: PathTask, quantity: Quantity) -> None
     panel.set_xlim(1, len(path_task.waypoints))
 
 
-def _label_ends(panel: Axes, curves: Mapping[str, Array]) -> None:
-    """The method's name at the right of each curve's end, moved apart where they would collide.
-
-    Needs the panel's final view.
-    """
-    ends = np.array([(len(values), values[-1]) for values in curves.values()])
-    shares = panel.transAxes.inverted().transform(panel.transData.transform(ends))
-    shares = np.clip(np.nan_to_num(shares), 0.0, 1.0)
-    order = np.argsort(shares[:, 1], kind="stable")
-    for k, place in zip(order, spread(shares[order, 1], _APART), strict=True):
-        name = list(curves)[k]
-        colour, gid = line_style(name)["color"], f"{METHOD}{name}"
-        panel.annotate(
-            name, shares[k], xycoords="axes fraction", xytext=(1.035, place),
-            textcoords="axes fraction", va="center", fontsize=7.5, color=colour,
-            annotation_clip=False, gid=gid,
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 1,
-                        "shrinkB": 1, "relpos": (0.0, 0.5), "patchA": None, "gid": gid},
-        )  # fmt: skip
-
-
-def spread(places: Array, apart: float) -> Array:
-    """Sorted places in [0, 1], (K,), moved as little as possible to be ``apart``.
-
-    With ``y_k = x_k + k apart`` the least squares change under ``y_k ≥ y_{k−1} + apart`` is a
-    monotone regression; clipped to the ends it is the best inside them.
-    """
-    steps = apart * np.arange(len(places))
-    moved = isotonic_regression(places - steps).x
-    spread_out: Array = np.clip(moved, 0.0, 1.0 - steps[-1]) + steps
-    return spread_out
-
-
 def joint_figures(
     path_task: PathTask, trajectories: Trajectories, numbers: Metrics
 ) -> dict[str, Figure]:
-    """The paper's figure (``joints``) and one for each closed form with its QP counterpart."""
+    """The paper's figure (``joints``) and one for each QP with its closed forms."""
     title = "Joint positions between their limits: "
     groups = {"joints": (["twa", "rmr"], f"{title}twist decomposition and resolved motion rate")}
     for name, method in METHODS.items():
         if method.constrained and name in trajectories:
-            pair = [n for n, m in METHODS.items() if m.counterpart == name]
-            names = [n for n in [*pair, name] if n in trajectories]
+            pair = [n for n, m in METHODS.items() if m.counterpart == name and n in trajectories]
+            names = [*pair, name]
             groups[f"joints_{name}"] = (names, title + ", ".join(reversed(names)))
     return {
-        key: joint_figure(
-            path_task, {n: trajectories[n] for n in names if n in trajectories}, numbers, title
-        )
+        key: joint_figure(path_task, found, numbers, title)
         for key, (names, title) in groups.items()
-        if any(n in trajectories for n in names)
+        if (found := {n: trajectories[n] for n in names if n in trajectories})
     }
 
 
@@ -280,7 +234,7 @@ def joint_figure(
     rows = -(-joints // 2) if joints > 3 else joints
     with mpl.rc_context(RC if title else SVG_RC):
         size = (10.5, 2.0 * rows + 1.1) if title else (8.6, 1.75 * rows + 0.3)
-        figure = ShownFigure(figsize=size, layout="constrained")
+        figure = ShownFigure(figsize=size, layout=None if title else "constrained")
         for dof, panel in joint_panels(figure, ranges)[0].items():
             curves = {name: q[:, dof] for name, q in positions.items()}
             draw_joint(panel, ranges, dof, method_curves(curves))
@@ -313,15 +267,13 @@ def _mark_joint(
                        gid=gid)  # fmt: skip
 
 
-def _marks(trajectories: Trajectories, numbers: Metrics) -> list[Line2D]:
+def _marks(names: Iterable[str], numbers: Metrics) -> list[Line2D]:
     """Legend entries of limits and marks."""
     found = [Line2D([], [], color=RED, linewidth=1.2, label="joint limit")]
-    if any(numbers[name]["first_violation"] for name in trajectories):
-        found.append(
-            Line2D([], [], color=RED, marker="x", ms=8, mew=2, ls="", label="first violation")
-        )
-    if any(numbers[name]["reconfigurations"] for name in trajectories):
-        found.append(
-            Line2D([], [], color="black", marker="^", ls="", label="reconfiguration (step > 15°)")
-        )
-    return found
+    few = [numbers[name] for name in names]
+    cross, triangle = (
+        Line2D([], [], color=RED, marker="x", ms=8, mew=2, ls="", label="first violation"),
+        Line2D([], [], color="black", marker="^", ls="", label="reconfiguration (step > 15°)"),
+    )
+    found += [cross] if any(one["first_violation"] for one in few) else []
+    return found + ([triangle] if any(one["reconfigurations"] for one in few) else [])

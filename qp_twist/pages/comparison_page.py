@@ -2,46 +2,42 @@
 
 from __future__ import annotations
 
-import html
 import platform
-import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from itertools import groupby
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from qp_twist import __version__
 from qp_twist.checks import Array
 from qp_twist.drawing import Picture
-from qp_twist.drawing.figures import SVG_RC, inline_svg
-from qp_twist.drawing.palette import GRID
-from qp_twist.following.joint_speeds import OVER, has_speed_limits, peak_speed
+from qp_twist.drawing.figures import inline_svg
+from qp_twist.following.joint_speeds import OVER, peak_speed
 from qp_twist.pages.comparison_charts import (
     FLOOR,
     Trajectories,
-    centring_quantities,
-    clearance_quantity,
-    error_quantities,
     joint_figure,
+    quantities,
     quantity_html,
-    singular_quantities,
-    speed_quantity,
 )
-from qp_twist.pages.method_style import kind, line_style, swatch
+from qp_twist.pages.method_style import kind, swatch
 from qp_twist.pages.page import figure_html, fill_template, still_html
 from qp_twist.pages.recordings import recorded_scene
 from qp_twist.pages.tables import TIME, Cell, Table
-from qp_twist.paths import METHODS, PathTask, shipped_tasks
+from qp_twist.paths import METHODS, PathTask
 
 _PACKAGES = ("mujoco", "mink", "qpsolvers", "numpy", "scipy")
 _KINDS = {"closed": "closed form", "peer": "another library's step", "qp": "QP"}
 _FIRST_SHOWN = ("gradient_projection", "qp_gradient", "twa", "qp", "qp_planned")
 """Methods in the figures when the page opens; with fewer than three of them, all that ran."""
+_JOINTS = (
+    "Joint positions; the limits are the red lines. A red cross with its waypoint marks where a "
+    "method first leaves a joint's limits, a triangle on the axis a step above 15°."
+)
+_ROADMAP = "What the limits leave of the free motion along the path, with all methods over it."
 _FRAMES = 100
 """Approximate number of waypoints that the moving scene shows."""
 
@@ -74,20 +70,14 @@ def comparison_page(
     names = list(trajectories)
     few = [name for name in _FIRST_SHOWN if name in names]
     first = few if len(few) > 2 and len(names) > 5 else names
-    quantities = {
-        "error": error_quantities(path_task, trajectories),
-        "clearance": [clearance_quantity(path_task, trajectories)] if path_task.clearances else [],
-        "z": centring_quantities(trajectories),
-        "sigma": singular_quantities(trajectories),
-        "speed": [speed_quantity(trajectories)] if has_speed_limits(path_task) else [],
-    }
     charts = {
-        section: "".join(quantity_html(path_task, trajectories, q) for q in of_section)
-        for section, of_section in quantities.items()
+        section: "".join(quantity_html(path_task, trajectories, quantity) for quantity in drawn)
+        for section, drawn in quantities(path_task, trajectories).items()
     }
-    charts["joints"] = _joints(path_task, trajectories, content["methods"])
-    charts["times"] = _times(content, table)
-    charts["roadmap"] = "" if roadmap is None else _roadmap(roadmap)
+    joints = joint_figure(path_task, trajectories, content["methods"])
+    for key, figure, caption in (("joints", joints, _JOINTS), ("roadmap", roadmap, _ROADMAP)):
+        svg = "" if figure is None else inline_svg(figure, key, caption)
+        charts[key] = svg and figure_html(svg, caption)
     return fill_template(
         "comparison",
         script="comparison.js",
@@ -105,14 +95,12 @@ def comparison_page(
         nearest=_nearest_table(trajectories),
         no_speeds="no feed" if path_task.durations is None else "no joint speed limits",
         fastest=_fastest_table(trajectories),
+        times=_times(content, table),
         table=table,
         bodies=[list(pair) for _, pair in groupby(names, key=lambda name: METHODS[name].qp)],
         remarks={n: m["status"] for n, m in content["methods"].items() if m["status"] != "ok"},
-        findings={
-            topic: [_with_marked_names(sentence, names) for sentence in sentences]
-            for topic, sentences in findings.items()
-        },
-        command=command or _command(path_task, content),
+        findings=findings,
+        command=command or f"qt.compare(path_task, {[*names, *content.get('not_run', {})]})",
         settings=_settings_table(path_task, content),
         facts=_facts(path_task, content),
     )
@@ -145,51 +133,14 @@ def _frames(q: Array) -> Array:
     return frames
 
 
-def _joints(path_task: PathTask, trajectories: Trajectories, numbers: Mapping[str, Any]) -> str:
-    caption = (
-        "Joint positions; the limits are the red lines. A red cross with its waypoint marks where "
-        "a method first leaves a joint's limits, a triangle on the axis a step above 15°."
-    )
-    figure = joint_figure(path_task, trajectories, numbers)
-    return figure_html(inline_svg(figure, "joints", caption), caption)
-
-
-def _roadmap(figure: Figure) -> str:
-    caption = "What the limits leave of the free motion along the path, with all methods over it."
-    return figure_html(inline_svg(figure, "roadmap", caption), caption)
-
-
-def _times(content: Mapping[str, Any], table: Table) -> str:
-    """Wall time per waypoint, one point per method, logarithmic."""
+def _times(content: Mapping[str, Any], table: Table) -> list[tuple[str, str, float]]:
+    """Name, time a waypoint, and its place on a logarithmic scale, %."""
     times = {n: numbers["time_per_waypoint_us"] for n, numbers in content["methods"].items()}
-    with mpl.rc_context(SVG_RC):
-        height = 0.22 * len(times) + 0.75
-        figure = Figure(figsize=(8.6, height))
-        panel = figure.add_axes((0.2, 0.5 / height, 0.68, 1.0 - 0.55 / height))
-        panel.set_xscale("log")
-        low = 0.5 * min(times.values())
-        for row, (name, time) in enumerate(times.items()):
-            colour = line_style(name)["color"]
-            inside = {"qp": colour, "closed": "white", "peer": GRID}[kind(name)]
-            panel.plot([low, time], [row, row], color=colour, linewidth=1.0)
-            panel.plot(time, row, "o", color=colour, markerfacecolor=inside, ms=6, zorder=3)
-            panel.annotate(table.of(name, TIME).text, (time, row), va="center", xytext=(7, 0),
-                           textcoords="offset points", fontsize=8)  # fmt: skip
-        panel.set_xlim(low, 2.0 * max(times.values()))
-        panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        panel.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        panel.xaxis.set_minor_formatter(NullFormatter())
-        panel.set_yticks(np.arange(len(times)), list(times))
-        panel.set_ylim(len(times) - 0.4, -0.6)
-        panel.grid(visible=False, axis="y")
-        panel.set_xlabel("µs a waypoint")
-    caption = (
-        "Wall time for each waypoint, all its iterations and the kinematics included: filled for "
-        "QPs of this package, open for closed forms, grey for other libraries' steps. Times with a "
-        "* are of compiled code, the others of Python; only those of one kind compare. One run on "
-        "one machine; the plan of qp_planned is made before and not counted."
-    )
-    return figure_html(inline_svg(figure, "times", caption), caption)
+    low, high = 0.5 * min(times.values()), max(times.values())
+    return [
+        (name, table.of(name, TIME).text, 100.0 * float(np.log(time / low) / np.log(high / low)))
+        for name, time in times.items()
+    ]
 
 
 def _nearest_table(trajectories: Trajectories) -> Table:
@@ -256,19 +207,3 @@ def _facts(path_task: PathTask, content: Mapping[str, Any]) -> dict[str, str]:
         except PackageNotFoundError:  # a backend with another package name
             continue
     return facts
-
-
-def _command(path_task: PathTask, content: Mapping[str, Any]) -> str:
-    """The command line; for a task built in Python, the call."""
-    names = ",".join([*content["methods"], *content.get("not_run", {})])
-    if path_task.source is None:
-        return f'qt.compare(path_task, methods="{names}".split(","), solver="{content["solver"]}")'
-    shipped = path_task.source in shipped_tasks()
-    task = path_task.name if shipped else str(path_task.source)
-    return f"qp-twist compare {task} --methods {names} --solver {content['solver']}"
-
-
-def _with_marked_names(sentence: str, names: list[str]) -> str:
-    """A sentence as HTML, with the methods' names marked."""
-    words = "|".join(sorted(map(re.escape, names), key=len, reverse=True))
-    return re.sub(rf"(?<![\w-])({words})(?![\w-])", r"<code>\1</code>", html.escape(sentence))

@@ -63,9 +63,18 @@ def method_handles(names: Iterable[str]) -> list[Line2D]:
 
 
 def entitle(figure: Figure, title: str, handles: list[Any]) -> None:
-    """A title at the left, and a legend below."""
+    """A title at the left, and a legend below; the panels fill what is between."""
     figure.suptitle(title, x=0.01, ha="left", fontsize=11, fontweight="bold")
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    if figure.get_layout_engine() is not None:
+        figure.legend(handles=handles, loc="outside lower center", ncols=3)
+        return
+    figure.legend(handles=handles, loc="lower center", ncols=3)
+    width, height = figure.get_size_inches()
+    below = 0.58 + 0.19 * -(-len(handles) // 3)
+    figure.subplots_adjust(
+        left=0.78 / width, right=1.0 - 0.15 / width, bottom=below / height,
+        top=1.0 - 0.6 / height, hspace=0.32, wspace=0.2,
+    )  # fmt: skip
 
 
 def swatch(name: str) -> str:

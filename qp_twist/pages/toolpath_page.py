@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,7 @@ def show_toolpath(toolpath: Toolpath, file: str | Path) -> Path:
         file=toolpath.source.name,
         lead=lead(toolpath, summary),
         feeds="" if _feed_range(toolpath) is None else facts["feed"],
-        ramp=", ".join(_hex(colour) for colour in _ramp(np.linspace(0.0, 1.0, 9))),
+        ramp=", ".join(map(mpl.colors.to_hex, mpl.colormaps[_COLOURS](np.linspace(0.0, 1.0, 9)))),
         has_axes=summary.tilt is not None,
         axes="surface normals" if toolpath.meaning == "normal" else "tool axes",
         has_rapids=summary.rapids > 0.0,
@@ -86,44 +85,38 @@ def toolpath_facts(toolpath: Toolpath, summary: ToolpathSummary) -> dict[str, st
     """What there is to know of a toolpath, in the unit of its file, by name."""
     unit, scale = toolpath.unit, LENGTHS[toolpath.unit]
 
-    def length(value: float) -> str:
-        return (
-            f"{value / scale:,.4g} {unit}"
-            if value < 1e4 * scale
-            else f"{value / scale:,.0f} {unit}"
-        )
+    def length(metres: float) -> str:
+        value = metres / scale
+        return f"{value:,.4g} {unit}" if value < 1e4 else f"{value:,.0f} {unit}"
+
+    def span(low: float, high: float, digits: int, end: str) -> str:
+        return f"{low:.{digits}g}{f' to {high:.{digits}g}' if high > low else ''}{end}"
 
     # Without what rounding leaves of zero.
     lower, upper = (np.round(corner / scale, 9) + 0.0 for corner in (summary.low, summary.high))
-    sides = upper - lower
+    sides = " × ".join(f"{side:.4g}" for side in upper - lower)
     ranges = [
-        f"{name} {begin:.6g} to {end:.6g}"
-        for name, begin, end in zip("xyz", lower, upper, strict=True)
+        f"{n} {low:.6g} to {high:.6g}" for n, low, high in zip("xyz", lower, upper, strict=True)
     ]
     found = {
         "unit": f"{unit}, {'as the file states' if toolpath.unit_in_file else 'not in the file'}",
-        "extent": f"{' × '.join(f'{side:.4g}' for side in sides)} {unit}: {', '.join(ranges)}",
+        "extent": f"{sides} {unit}: {', '.join(ranges)}",
         "curves": length(summary.cut) + ("" if summary.time is None else f", {summary.time:.4g} s"),
         "ways between": length(summary.rapids),
+        "feed": "none in the file",
     }
     if summary.feeds is not None:
         low, high = (60.0 * feed / scale for feed in summary.feeds)
-        found["feed"] = f"{low:.4g}" + (f" to {high:.4g}" if high > low else "") + f" {unit}/min"
-    else:
-        found["feed"] = "none in the file"
-    if summary.longest_step is not None:
-        step = summary.longest_step
+        found["feed"] = span(low, high, 4, f" {unit}/min")
+    if (step := summary.longest_step) is not None:
         found["longest step"] = f"{length(step.value)}, to line {step.line}"
-    turn = summary.largest_turn
-    if turn is not None and turn.value > SAME_DIRECTION:
+    if (turn := summary.largest_turn) is not None and turn.value > SAME_DIRECTION:
         found["largest turn of the axis"] = (
             f"{np.degrees(turn.value):.3g}° from a point to the next, to line {turn.line}"
         )
     if summary.tilt is not None:
         least, largest = np.degrees(summary.tilt)
-        found["axis to z"] = f"{least:.3g}°" + (
-            f" to {largest:.3g}°" if largest - least > 0.05 else ""
-        )
+        found["axis to z"] = span(least, largest if largest - least > 0.05 else least, 3, "°")
     return found
 
 
@@ -133,24 +126,14 @@ def _feed_range(toolpath: Toolpath) -> tuple[float, float] | None:
     return None if feeds is None or feeds[1] <= feeds[0] else feeds
 
 
-def _ramp(shares: Array) -> Array:
-    """Colours, 0 to 1, (N, 3), of feeds by their share of the range; NaN has the path's blue."""
-    colours = mpl.colormaps[_COLOURS](np.nan_to_num(shares))[:, :3]
-    colours[np.isnan(shares)] = mpl.colors.to_rgb(BLUE)
-    return np.asarray(colours)
-
-
-def _hex(colour: Array) -> str:
-    return str(mpl.colors.to_hex(tuple(colour.tolist())))
-
-
 def _colours(toolpath: Toolpath, motion: ToolMotion) -> Array:
-    """The colour of the motion to each point, 0 to 1, (N, 3)."""
+    """The colour of the motion to each point, 0 to 1, (N, 3): by feed, or blue; rapids grey."""
     feeds = _feed_range(toolpath)
-    shares = np.full(len(motion.feeds), np.nan)
+    colours = np.tile(mpl.colors.to_rgb(BLUE), (len(motion.feeds), 1))
     if feeds is not None:
-        shares = (motion.feeds - feeds[0]) / (feeds[1] - feeds[0])
-    colours = _ramp(shares)
+        known = np.isfinite(motion.feeds)
+        shares = (motion.feeds[known] - feeds[0]) / (feeds[1] - feeds[0])
+        colours[known] = mpl.colormaps[_COLOURS](shares)[:, :3]
     colours[~motion.cut] = mpl.colors.to_rgb(QUIET)
     return colours
 
@@ -233,30 +216,23 @@ def _charts(toolpath: Toolpath, motion: ToolMotion) -> list[dict[str, str]]:
     unit, scale = toolpath.unit, LENGTHS[toolpath.unit]
     cut = motion.cut
     along = np.cumsum(motion.steps[cut]) / scale
-    charts: list[tuple[str, str, Array, Callable[[float], str]]] = [
-        ("Feed", f"{unit}/min", 60.0 * motion.feeds[cut] / scale, lambda v: f"up to {v:.4g}"),
-        ("Steps", unit, motion.steps[cut] / scale, lambda v: f"up to {v:.3g}"),
-        ("Turn of the axis in a step", "°", np.degrees(motion.turns[cut]),
-         lambda v: f"up to {v:.3g}"),
-    ]  # fmt: skip
-    return [
-        {
-            "key": title.split()[0].lower(),
-            "title": title,
-            "number": f"{said(float(np.nanmax(values)))} {others}",
-            "svg": small_chart(
-                [_of_steps(along, values)],
-                others,
-                f"{unit} along the curves",
-                0.0,
-                1.2 * float(np.nanmax(values)) or 1.0,
-                key=title.split()[0].lower(),
-                description=f"{title} along the curves.",
-            ),
-        }
-        for title, others, values, said in charts
-        if len(values) > 1 and np.nanmax(values, initial=0.0) > np.nanmin(values, initial=np.inf)
-    ]
+    charts = []
+    for title, of, values, digits in (
+        ("Feed", f"{unit}/min", 60.0 * motion.feeds[cut] / scale, 4),
+        ("Steps", unit, motion.steps[cut] / scale, 3),
+        ("Turn of the axis in a step", "°", np.degrees(motion.turns[cut]), 3),
+    ):
+        high = float(np.nanmax(values, initial=0.0))
+        if len(values) < 2 or high <= np.nanmin(values, initial=np.inf):
+            continue
+        key = title.split()[0].lower()
+        svg = small_chart(
+            [_of_steps(along, values)], of, f"{unit} along the curves", 0.0, 1.2 * high or 1.0,
+            key=key, description=f"{title} along the curves.",
+        )  # fmt: skip
+        number = f"up to {high:.{digits}g} {of}"
+        charts.append({"key": key, "title": title, "number": number, "svg": svg})
+    return charts
 
 
 def _of_steps(along: Array, values: Array) -> Curve:
