@@ -13,7 +13,6 @@ import numpy as np
 from PIL import Image
 
 import qp_twist as qt
-from qp_twist.pages.local_server import free_port
 from qp_twist.viewing.page import Page
 from qp_twist.viewing.session import Session
 from qp_twist.viewing.settings import PageSettings
@@ -31,7 +30,7 @@ def main() -> None:
     """Drag the tool of the deburring robot out of reach, and take the picture."""
     task = qt.load_task("deburring")
     session = Session(task, PageSettings.of(task, "qp_minimum_norm"))
-    page, stop = Page(session, free_port()), threading.Event()
+    page, stop = Page(session, None), threading.Event()
     clock = threading.Thread(target=page.run, args=(stop,))
     clock.start()
     try:

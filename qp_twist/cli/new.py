@@ -99,7 +99,7 @@ def new(
             the table of known robots, a file with a table of its own (.toml), or "as modelled".
         force: Overwrite the task file, and the folder of its scene.
     """
-    at = None if place is None else _pose("--place", place)
+    at = _pose("--place", place)
     try:
         request = Request(
             robot,
@@ -116,12 +116,12 @@ def new(
             angular_speed_deg=angular_speed,
             search_seconds=search_time,
             tool_mesh=None if tool in ("into", "out") else Path(tool),
-            tcp=None if tcp is None else _pose("--tcp", tcp),
+            tcp=_pose("--tcp", tcp),
             part_mesh=part,
             fixture_meshes=fixture,
             mesh_unit=mesh_units,
             relative_to=relative_to,
-            tool_at=None if tool_at is None else _pose("--tool-at", tool_at),
+            tool_at=_pose("--tool-at", tool_at),
             packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
             arguments=_named("--arg", arg, ":="),
             controller=controller,
@@ -142,17 +142,17 @@ def new(
     if json_:
         cli.show_json(_facts(task))
     cli.say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
-    if not task.runs:
-        cli.say(
-            "  the robot does not come to the end of the path; the notes above say why.",
-            f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}",
-        )
-        raise SystemExit(1)
     name = quote(str(out) if len(out.parts) > 1 else f"./{out}")
-    cli.say(f"next: qp-twist run {name} --method {task.method} --out {quote(out.stem)}_joints.csv")
-    if not task.path_task.joint_moves:
-        cli.say(f"or, all methods side by side: qp-twist compare {name}")
+    motion = f"{quote(out.stem)}_joints.csv"
+    if not task.runs:
+        cli.say("  the robot does not come to the end of the path; the notes above say why.")
+    else:
+        cli.say(f"next: qp-twist run {name} --method {task.method} --out {motion}")
+        if not task.path_task.joint_moves:
+            cli.say(f"or, all methods side by side: qp-twist compare {name}")
     cli.say(f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}")
+    if not task.runs:
+        raise SystemExit(1)
 
 
 def _facts(task: NewTask) -> dict[str, Any]:
@@ -187,8 +187,10 @@ def _named(option: str, texts: tuple[str, ...], mark: str) -> dict[str, str]:
     return found
 
 
-def _pose(option: str, text: str) -> tuple[float, ...]:
+def _pose(option: str, text: str | None) -> tuple[float, ...] | None:
     """Position in m, and roll, pitch and yaw in degrees."""
+    if text is None:
+        return None
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

@@ -43,13 +43,10 @@ def starts(
     ranges = JointRanges.of(scene.model)
     cli.only_json(json_)
     cli.show(_table(found, ranges))
-    best = found[0]
-    key, values = "q", best.q
-    if ranges.hinge.all():
-        key, values = "q_deg", np.degrees(best.q)
-    cli.say(
-        "[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in np.round(values, 4) + 0.0)}]"
-    )
+    best, degrees = found[0], bool(ranges.hinge.all())
+    values = np.round(np.degrees(best.q) if degrees else best.q, 4) + 0.0
+    key = "q_deg" if degrees else "q"
+    cli.say("[start]", f"{key} = [{', '.join(f'{value:.10g}' for value in values)}]")
     if json_:
         cli.show_json([_facts(start, ranges) for start in found])
     if not best.completed:
@@ -81,20 +78,17 @@ def _table(found: list[FoundStart], ranges: JointRanges) -> Table:
         table.add_column(column, justify="right")
     table.add_column(f"{', '.join(ranges.names)} [{'° or m' if not ranges.hinge.all() else '°'}]")
     for number, start in enumerate(found, start=1):
-        shown = np.where(ranges.hinge, np.degrees(start.q), start.q)
-        margin = f"{start.margin:.2f}" if np.isfinite(start.margin) else "–"
+        shown = [
+            f"{round(np.degrees(value), 1) + 0.0:7.1f}" if hinge else f"{value + 0.0:7.3f}"
+            for value, hinge in zip(start.q, ranges.hinge, strict=True)
+        ]
         table.add_row(
             str(number),
             "–" if start.branch is None else str(start.branch + 1),
             f"{start.z:.4f}",
-            margin,
+            f"{start.margin:.2f}" if np.isfinite(start.margin) else "–",
             f"{start.sigma_min:.3f}",
             f"{start.reached}/{start.waypoints}",
-            "  ".join(map(_number, shown, ranges.hinge)),
+            "  ".join(shown),
         )
     return table
-
-
-def _number(value: float, hinge: np.bool_) -> str:
-    digits = 1 if hinge else 3
-    return f"{round(value, digits) + 0.0:7.{digits}f}"

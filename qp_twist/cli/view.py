@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import webbrowser
+from contextlib import closing
 
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load
@@ -29,23 +30,21 @@ def view(
         port: Port of 127.0.0.1; if omitted, the first free one from 8080 on.
         browser: Open the page in a browser, if this runs in a terminal.
     """
-    from qp_twist.pages.local_server import free_port
     from qp_twist.viewing.session import Session
     from qp_twist.viewing.settings import PageSettings
 
-    free = free_port(port)
     path_task = load(task, path)
     settings = PageSettings.of(path_task, method, solver)
     from qp_twist.viewing.page import Page  # its libraries take a second
 
-    session = Session(path_task, settings)
-    page = Page(session, free)
-    cli.say(f"{path_task.name}: {page.server.url} (Ctrl-C ends)")
-    if browser and sys.stdout.isatty():
-        webbrowser.open(page.server.url)
-    try:
-        page.run()
-    except KeyboardInterrupt:
-        cli.say("ended.")
-    finally:
-        page.close()
+    with closing(Session(path_task, settings)) as session:
+        page = Page(session, port)
+        cli.say(f"{path_task.name}: {page.server.url} (Ctrl-C ends)")
+        if browser and sys.stdout.isatty():
+            webbrowser.open(page.server.url)
+        try:
+            page.run()
+        except KeyboardInterrupt:
+            cli.say("ended.")
+        finally:
+            page.server.stop()

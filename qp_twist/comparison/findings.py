@@ -61,10 +61,8 @@ def by_topic(
 ) -> dict[str, list[str]]:
     """What a comparison shows: sentences under short headings, of which none is empty.
 
-    Args:
-        runs: The runs of the methods.
-        not_run: Why a method could not start, by method name.
-        bound: Lower bound of the mean z of all motions, if a plan has one.
+    ``not_run`` says why a method could not start; ``bound`` is a lower bound of the mean z of all
+    motions, if a plan has one.
     """
     topics = {
         KEPT: _kept(runs),

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array
 from qp_twist.drawing.figures import SVG_RC, ShownFigure, inline_svg
 from qp_twist.drawing.palette import BLUE, GRID, INK, RC, RED
 from qp_twist.kinematics import JointRanges
@@ -18,8 +17,6 @@ from qp_twist.kinematics import JointRanges
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_POINTS = 240
-"""Approximate number of points of a curve."""
 _FLOOR = 1e-9
 """Smaller errors (mm, degrees) are drawn at this value."""
 _SMALL: Any = SVG_RC | {
@@ -30,13 +27,7 @@ _SMALL: Any = SVG_RC | {
 
 
 class Curve(NamedTuple):
-    """A curve and its style.
-
-    Attributes:
-        x: (N,), ascending.
-        y: (N,).
-        style: Matplotlib's keywords of a line.
-    """
+    """A curve, x ascending, and Matplotlib's keywords of its line."""
 
     x: Array
     y: Array
@@ -60,20 +51,12 @@ def draw_chart(
 ) -> None:
     """Draw curves into a panel, limits as red lines, and grey stretches behind them.
 
-    Args:
-        panel: The panel.
-        curves: The curves, the upper ones last.
-        limits: Heights of the red lines.
-        shaded: Begin and end of each stretch.
-        log: Whether the vertical axis is logarithmic.
-        bottom: Lower end of the vertical axis; that of the curves if ``None``.
-        top: Its upper end, likewise.
+    The ends of the vertical axis are those of the curves where they are ``None``.
     """
     for begin, end in shaded:
         panel.axvspan(begin, end, color=GRID, linewidth=1.0, zorder=0)
     for x, y, style in curves:
-        index = thinned(y)
-        panel.plot(x[index], y[index], **style)
+        panel.plot(x, y, **style)
     panel.margins(x=0.0)
     if log:
         panel.set_yscale("log")
@@ -97,17 +80,8 @@ def small_chart(
 ) -> str:
     """A chart that stands with others in a page, as an ``<svg>`` element.
 
-    Args:
-        curves: The curves, the upper ones last.
-        unit: Of the values; it stands above their axis.
-        x_label: At the right end of the other axis.
-        bottom: Lower end of the vertical axis.
-        top: Its upper end.
-        key: Begins the ids in it.
-        description: For readers who do not see it.
-        x_range: Ends of the horizontal axis; those of the curves if ``None``.
-        limit: Height of a red line, if there is one.
-        shaded: Begin and end of each grey stretch.
+    The unit stands above the vertical axis, from ``bottom`` to ``top``; ``key`` begins the ids in
+    it, and ``description`` is for readers who do not see it.
     """
     with mpl.rc_context(_SMALL):
         figure = Figure(figsize=(3.6, 1.55))
@@ -125,23 +99,6 @@ def small_chart(
         panel.locator_params(axis="y", nbins=4)
         panel.locator_params(axis="x", nbins=6)
     return inline_svg(figure, key, description)
-
-
-def thinned(y: Array) -> Indices:
-    """Indices of about ``_POINTS`` points of a curve (N,): of each few the least and the largest.
-
-    A curve through them has its ends and its extremes.
-    """
-    count = len(y)
-    if count <= _POINTS:
-        return np.arange(count)
-    edges = np.linspace(0, count, _POINTS // 2 + 1).astype(np.intp)
-    extremes = [
-        begin + place
-        for begin, end in pairwise(edges)
-        for place in (np.argmin(y[begin:end]), np.argmax(y[begin:end]))
-    ]
-    return np.unique([0, *extremes, count - 1])
 
 
 def draw_joint(panel: Axes, ranges: JointRanges, dof: int, curves: Sequence[Curve]) -> None:
@@ -171,10 +128,7 @@ def joint_panels(
 ) -> tuple[dict[int, Axes], Any]:
     """A panel for each joint, by its index, down the columns; and all panels of the figure.
 
-    Args:
-        figure: An empty figure.
-        ranges: Of the joints.
-        below: Number of rows of two more panels below them.
+    ``below`` is the number of rows of two more panels below them.
     """
     joints = [dof for dof in range(len(ranges.names)) if ranges.qpos[dof] >= 0]
     columns = 2 if len(joints) > 3 or below else 1
@@ -198,12 +152,7 @@ def run_figure(
 ) -> Figure:
     """Each joint between its limits over the waypoints, then both errors, logarithmic.
 
-    Args:
-        ranges: Of the joints.
-        q: Configurations, (N, nq).
-        position_error: m, (N,).
-        axis_error: rad, (N,).
-        tolerances: Largest errors that a check lets through, m and rad.
+    Configurations (N, nq), errors (N,) and the tolerances of a check in m and rad.
     """
     style = {"color": BLUE}
     rows = -(-sum(ranges.qpos >= 0) // 2) + 1

@@ -68,12 +68,7 @@ def picture_of(
 ) -> Picture:
     """The robot at its start, what is around it, and the path in red, or other lines.
 
-    Args:
-        drawn: The task.
-        text: What it shows.
-        lines: Drawn instead of the path.
-        width: px.
-        height: px.
+    ``text`` says what it shows; the size is in px.
 
     Raises:
         NoPicture: If there is no OpenGL; the message says what to install.
@@ -94,15 +89,9 @@ def draw_scene(
     height: int = 960,
     camera: str = "overview",
 ) -> bytes:
-    """Draw a scene without a screen; the PNG file.
+    """Draw a configuration (nq,) of a scene without a screen, with lines as tubes; the PNG file.
 
-    Args:
-        model: The scene.
-        configuration: Rad or m, (nq,).
-        lines: Drawn as tubes.
-        width: px.
-        height: px.
-        camera: Camera of the scene; without it MuJoCo's free camera.
+    If the scene has no such camera, it is MuJoCo's free one.
 
     Raises:
         NoPicture: If there is no OpenGL; the message says what to install.

@@ -220,13 +220,8 @@ def joint_figure(
     """One panel per joint: limits in red, violations and reconfigurations marked.
 
     A red cross marks a joint's first waypoint outside its limits, a triangle on the axis a
-    waypoint that was reached by a step above 15° in some joint.
-
-    Args:
-        path_task: The task.
-        trajectories: Trajectories by method name.
-        numbers: The metrics of each method.
-        title: Its title; without one it has no legend either, and is as wide as a page.
+    waypoint that was reached by a step above 15° in some joint. Without a title it has no legend
+    either, and is as wide as a page.
     """
     ranges = JointRanges.of(path_task.model)
     positions = {name: ranges.positions(t.q) for name, t in trajectories.items()}

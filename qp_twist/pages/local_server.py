@@ -13,7 +13,6 @@ import inspect
 import io
 import logging
 import re
-import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import version
@@ -24,15 +23,14 @@ import websockets.asyncio.server as asyncio_server
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
-from qp_twist.checks import whole_number
 from qp_twist.errors import InvalidInput, QpTwistError
 
 HOST = "127.0.0.1"
 """The address that is served."""
 NAMES = (HOST, "localhost", "[::1]")
 """Host names under which a page is served; none that DNS could assign to others."""
-_FIRST_PORT, _TRIED = 8080, 50
-"""The ports of which the first free one is taken."""
+_FIRST_PORT = 8080
+"""The first port that is tried."""
 _FOREIGN = "foreign.invalid"
 """A host name that no machine has (RFC 2606), to test the refusal."""
 _LONGEST, _MOST = 200, 20
@@ -65,21 +63,33 @@ class LocalServer(viser.ViserServer):
     of another page, nor contact other servers (``Content-Security-Policy``).
     """
 
-    def __init__(self, port: int, names: Sequence[str] = NAMES, **options: Any) -> None:
+    def __init__(
+        self, port: int | None = None, names: Sequence[str] = NAMES, **options: Any
+    ) -> None:
         """Serve at 127.0.0.1.
 
         Args:
-            port: Port of this machine; 0 for a free one.
+            port: Port of this machine; the first free one from 8080 on if ``None``.
             names: Host names that it answers; if empty, it refuses every request.
             options: Options of :class:`viser.ViserServer`.
 
         Raises:
+            InvalidInput: If that is no port, or it is taken.
             OpenServer: If it answers a request that it must refuse, as with a later version of
                 viser.
         """
+        if port is not None and not 1 <= port <= 65535:
+            raise InvalidInput(f"--port: expected a number from 1 to 65535, got {port}.")
         requests = _RequestFilter(names)
         with contextlib.redirect_stdout(io.StringIO()), _filtering(requests):
-            super().__init__(host=HOST, port=port, verbose=False, **options)
+            # viser takes the next free one.
+            super().__init__(host=HOST, port=port or _FIRST_PORT, verbose=False, **options)
+        if port is not None and self.get_port() != port:
+            self.stop()
+            raise InvalidInput(
+                f"--port: {port} cannot be used: another program listens there, or it is reserved; "
+                "leave --port out to take the first free one."
+            )
         if not _refuses(self.get_port()):
             self.stop()
             raise OpenServer(
@@ -102,40 +112,6 @@ class LocalServer(viser.ViserServer):
         """Stop, without the line that viser prints."""
         with contextlib.redirect_stdout(io.StringIO()):
             super().stop()
-
-
-def free_port(port: int | None = None) -> int:
-    """``port`` if it is free; the first free one from 8080 on if it is ``None``.
-
-    Raises:
-        InvalidInput: If it is not a port, or in use.
-    """
-    if port is None:
-        for candidate in range(_FIRST_PORT, _FIRST_PORT + _TRIED):
-            if _is_free(candidate):
-                return candidate
-        raise InvalidInput(
-            f"--port: ports {_FIRST_PORT} to {_FIRST_PORT + _TRIED - 1} are all taken; give "
-            "another one with --port."
-        )
-    if not 1 <= whole_number("--port", port, at_least=1) <= 65535:
-        raise InvalidInput(f"--port: expected a number from 1 to 65535, got {port}.")
-    if not _is_free(port):
-        raise InvalidInput(
-            f"--port: {port} cannot be used: another program listens there, or it is reserved; "
-            "leave --port out to take the first free one."
-        )
-    return port
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((HOST, port))
-        except OSError:
-            return False
-    return True
 
 
 class _RequestFilter:

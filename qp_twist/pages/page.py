@@ -13,14 +13,9 @@ _FOLDER = Path(__file__).parent
 
 
 def fill_template(name: str, script: str = "", **values: object) -> str:
-    """A page: the template ``NAME.html.j2`` with these values, all of which it has to be given.
+    """A page: the template ``NAME.html.j2`` with all its values, and a script beside the player's.
 
     Texts are escaped; HTML is what has ``__html__``.
-
-    Args:
-        name: Name of the template.
-        script: Name of a script that the page has beside the player's.
-        values: Its values.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -53,12 +48,6 @@ def still_html(picture: Picture, pixels: int = 1100) -> str:
 
 
 def image_html(content: bytes, kind: str, text: str) -> str:
-    """An ``<img>`` with the picture in it.
-
-    Args:
-        content: Of the picture's file.
-        kind: ``"png"`` or ``"jpeg"``.
-        text: For readers who do not see it.
-    """
+    """An ``<img>`` with the content of a file, ``"png"`` or ``"jpeg"``; its text is read aloud."""
     data = base64.b64encode(content).decode("ascii")
     return f'<img src="data:image/{kind};base64,{data}" alt="{html.escape(text, quote=True)}">'

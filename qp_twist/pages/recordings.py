@@ -22,14 +22,7 @@ DURATION_S = 8.0
 
 
 class DrawnLines(NamedTuple):
-    """Lines of a recording.
-
-    Attributes:
-        name: Of these lines.
-        segments: Both ends of each, m, (M, 2, 3).
-        colours: Of each, 0 to 1, (M, 3).
-        thickness: In pixels.
-    """
+    """Lines by both ends, m, (M, 2, 3), with colours, 0 to 1, (M, 3), so many pixels thick."""
 
     name: str
     segments: Array
@@ -46,11 +39,8 @@ def recorded_scene(
 ) -> str:
     """Motions of a robot in its scene, and the player, as elements of a page.
 
-    Args:
-        path_task: The task.
-        motions: Frames by name, at equal times: configurations, (K, nq).
-        seconds: Playing time of each.
-        path_rgb: Colour of the path from each waypoint to the next, (N − 1, 3); red if ``None``.
+    Motions are configurations at equal times, (K, nq), by name; ``path_rgb`` is the colour of the
+    path from each waypoint to the next, (N − 1, 3), red if ``None``.
     """
     from qp_twist.pages.task_scene import CARRIER, TaskScene, add_lines
 
@@ -72,13 +62,9 @@ def recorded_scene(
 
 
 def recorded_lines(lines: Sequence[DrawnLines], tip: Array) -> str:
-    """Lines in space, a ball that moves along them, and the player, as elements of a page.
+    """Lines, a ball at ``tip`` (K, 3) at equal times, m, and the player, as elements of a page.
 
-    Args:
-        lines: The lines.
-        tip: The ball at equal times, m, (K, 3). The picture shows these points as large as it can.
-
-    Its name is ``toolpath``.
+    The picture shows the tip's points as large as it can; its name is ``toolpath``.
     """
     from qp_twist.pages.task_scene import add_lines
 
@@ -127,7 +113,7 @@ def _with_player(recordings: Mapping[str, bytes]) -> str:
 @contextlib.contextmanager
 def _server() -> Iterator[Any]:
     """A viser server that refuses every request: only a server can serialize a scene."""
-    server = LocalServer(0, names=())
+    server = LocalServer(names=())
     try:
         yield server
     finally:

@@ -34,13 +34,7 @@ class TaskScene:
     """
 
     def __init__(self, server: Any, path_task: PathTask, *, shadows: bool) -> None:
-        """Draw it.
-
-        Args:
-            server: A viser server.
-            path_task: The task.
-            shadows: Whether lights cast shadows.
-        """
+        """Draw it in the scene of a viser server; ``shadows``: whether lights cast them."""
         self.server = server
         self.shown = path_task.shown
         self.model = coloured(self.shown.model)  # a copy, which mjviser modifies
@@ -119,15 +113,7 @@ class TaskScene:
 def add_lines(
     server: Any, name: str, segments: Array, colours: npt.NDArray[np.uint8], pixels: float
 ) -> None:
-    """Draw lines.
-
-    Args:
-        server: A viser server.
-        name: Of the lines in its scene.
-        segments: Both ends of each, m, (M, 2, 3).
-        colours: Of each, or of all, 0 to 255, (M, 3) or (3,).
-        pixels: Their width.
-    """
+    """Draw lines by both ends, m, (M, 2, 3), in colours of each or of all, (M, 3) or (3,)."""
     # The player takes colours of lines as linear.
     linear = np.round(255.0 * (np.asarray(colours) / 255.0) ** 2.2).astype(np.uint8)
     server.scene.add_line_segments(

@@ -29,13 +29,8 @@ class Page:
         controls: What a user may change.
     """
 
-    def __init__(self, session: Session, port: int) -> None:
-        """Serve the page; :meth:`run` updates it.
-
-        Args:
-            session: The session that it shows.
-            port: A free port of this machine.
-        """
+    def __init__(self, session: Session, port: int | None) -> None:
+        """Serve the page at a port, the first free one if ``None``; :meth:`run` updates it."""
         self.session = session
         self.server = LocalServer(port, label="qp-twist")
         gui = self.server.gui

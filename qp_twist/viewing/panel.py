@@ -46,21 +46,15 @@ class Bar(NamedTuple):
     """Texts below the track by their place."""
 
 
-def panel_html(path_ranges: JointRanges, moment: Moment, near: NearPair | None) -> str:
-    """All readings of a moment.
-
-    Args:
-        path_ranges: Joint ranges of the model.
-        moment: The state that is shown.
-        near: The nearest pair of geoms that may collide, if there is one.
-    """
-    bars = joint_bars(path_ranges, moment.q, moment.binding)
+def panel_html(ranges: JointRanges, moment: Moment, near: NearPair | None) -> str:
+    """All readings of a moment, with the nearest pair of geoms, if some may collide."""
+    bars = joint_bars(ranges, moment.q, moment.binding)
     return _TEMPLATE.render(
         bars=[*bars, *([] if near is None else [clearance_bar(near)])],
         near=near,
         roll=None if moment.roll is None else _fixed(np.degrees(moment.roll), 1) + "°",
         roll_deg=None if moment.roll is None else np.degrees(moment.roll),
-        readings=_readings(path_ranges, moment),
+        readings=_readings(ranges, moment),
         **_COLOURS,
     )
 
@@ -77,12 +71,9 @@ def status_html(title: str, text: str, *, wrong: bool) -> str:
 
 
 def joint_bars(ranges: JointRanges, q: Array, binding: Sequence[str] = ()) -> list[Bar]:
-    """One row per joint; a joint without a range has only a value.
+    """One row per joint at a configuration (nq,); a joint without a range has only a value.
 
-    Args:
-        ranges: Joint ranges of the model.
-        q: Configuration, rad or m, (nq,).
-        binding: Names of the active limits, as ``joint_1 (upper velocity limit)``.
+    Active limits are named as ``joint_1 (upper velocity limit)``.
     """
     positions, margins = ranges.positions(q), ranges.margins(q)
     bars = []

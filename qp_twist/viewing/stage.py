@@ -32,13 +32,7 @@ class Stage:
     """
 
     def __init__(self, server: viser.ViserServer, path_task: PathTask, point: Array) -> None:
-        """Draw the scene.
-
-        Args:
-            server: The page's server.
-            path_task: The task.
-            point: The handle point (3,) of the workpiece, m.
-        """
+        """Draw the scene; the workpiece's handle is at a point (3,), m."""
         self.server = server
         with server.atomic():
             self.scene = TaskScene(server, path_task, shadows=False)

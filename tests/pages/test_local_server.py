@@ -26,7 +26,7 @@ KEY = "dGhlIHNhbXBsZSBub25jZQ=="
 
 @pytest.fixture(scope="module")
 def server():
-    opened = LocalServer(0)
+    opened = LocalServer()
     try:
         yield opened
     finally:
@@ -153,7 +153,7 @@ def test_a_server_that_cannot_look_at_requests_does_not_start(monkeypatch):
     stop = LocalServer.stop
     monkeypatch.setattr(LocalServer, "stop", lambda self: (started.append(self), stop(self)))
     with pytest.raises(OpenServer, match="take commands from any web page; install"):
-        LocalServer(0)
+        LocalServer()
     with pytest.raises(OSError), socket.create_connection(
         ("127.0.0.1", started[0].get_port()), timeout=5.0
     ):  # fmt: skip
@@ -165,7 +165,7 @@ def page():
     task = qt.load_task("planar_line")
     session = Session(task, PageSettings.of(task, "minimum_norm"))
     session.runs.wait(session.key, 240.0)
-    opened, stop = Page(session, local_server.free_port()), threading.Event()
+    opened, stop = Page(session, None), threading.Event()
     clock = threading.Thread(target=opened.run, args=(stop,))
     clock.start()
     try:

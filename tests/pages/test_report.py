@@ -13,7 +13,6 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -22,7 +21,6 @@ from oracles.browser import open_page
 import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison import csv_table
-from qp_twist.drawing.sight import sight
 
 METHODS = ["gradient_projection", "qp_gradient", "twa", "qp", "qp_planned", "rmr"]
 SECTIONS = [
@@ -264,32 +262,3 @@ def test_a_folder_that_cannot_be_is_refused_before_the_methods_run(
     with pytest.raises(SystemExit):
         main(["compare", "planar_line", "--json", "--csv"])
     assert "give one of them" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", ["deburring", "planar_line"])
-def test_without_a_camera_of_its_own_the_arm_and_the_path_fill_the_sight(name: str) -> None:
-    task = qt.load_task(name)
-    spec = mujoco.MjSpec.from_file(str(task.scene))
-    for camera in list(spec.cameras):
-        spec.delete(camera)
-    bare = dataclasses.replace(task, model=spec.compile())
-    seen = sight(bare)
-    data = mujoco.MjData(bare.model)
-    data.qpos[:] = bare.start
-    mujoco.mj_kinematics(bare.model, data)
-    points = np.vstack([data.xpos[1:], bare.positions]) - (
-        seen.look_at - seen.distance * seen.forward
-    )
-    right = np.cross(seen.forward, (0.0, 0.0, 1.0))
-    up = np.cross(right, seen.forward)
-    depth = points @ seen.forward * np.tan(0.5 * seen.fov)
-    for side in (right, up):  # as shares of half a square picture
-        shares = points @ (side / np.linalg.norm(side)) / depth
-        assert np.abs(shares).max() < 1.0
-    assert np.ptp(points @ up / np.linalg.norm(up) / depth) > 0.5  # and not lost in the distance
-    camera = sight(task)  # with one, that of the scene
-    at = task.model.camera("overview").id
-    mujoco.mj_forward(task.model, task_data := mujoco.MjData(task.model))
-    np.testing.assert_allclose(
-        camera.look_at - camera.distance * camera.forward, task_data.cam_xpos[at], atol=1e-9
-    )

@@ -16,8 +16,6 @@ import pytest
 from matplotlib.image import imread
 from oracles.browser import open_page
 
-from qp_twist.cli import main
-
 # Where the tests run in the background, Ctrl-C is ignored, and what they start inherits that.
 COMMAND = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -106,14 +104,3 @@ def test_the_page_shows_the_robot_and_its_bars_move_when_scrubbed():
         process.send_signal(signal.SIGINT)
         rest, error = process.communicate(timeout=30.0)
         assert (process.returncode, rest, error) == (0, "ended.\n", "")
-
-
-def test_a_taken_port_is_said_in_a_sentence(capsys):
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        taken = str(other.getsockname()[1])
-        with pytest.raises(SystemExit) as ended:
-            main(["view", "planar_line", "--port", taken])
-    assert ended.value.code == 2
-    assert f"{taken} cannot be used" in capsys.readouterr().err

@@ -1,7 +1,6 @@
 """What stands behind the live page: runs, the arm in the hand, bars and dial."""
 
 import dataclasses
-import socket
 import threading
 import time
 import xml.etree.ElementTree as ET
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
-from qp_twist.pages.local_server import LocalServer, free_port
+from qp_twist.pages.local_server import LocalServer
 from qp_twist.pages.near_pairs import NearPair, nearest_pair
 from qp_twist.viewing.live_arm import LiveArm
 from qp_twist.viewing.one_run import Run, run_once
@@ -383,15 +382,18 @@ def test_the_panel_is_html_with_units_and_signs(session):
 
 
 def test_a_port_that_is_taken_is_refused_and_passed_over():
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        taken = other.getsockname()[1]
-        with pytest.raises(qt.InvalidInput, match=str(taken)):
-            free_port(taken)
+    first = LocalServer(names=())
+    try:
+        taken = first.get_port()
+        with pytest.raises(qt.InvalidInput, match=f"{taken} cannot be used"):
+            LocalServer(taken, names=())
+        second = LocalServer(names=())
+        second.stop()
+        assert second.get_port() != taken
+    finally:
+        first.stop()
     with pytest.raises(qt.InvalidInput, match="65535"):
-        free_port(70000)
-    assert free_port() >= 8080
+        LocalServer(70000, names=())
 
 
 # Clearance
@@ -429,7 +431,7 @@ def test_the_dragged_arm_stops_before_the_clamp_and_leaves_the_tasks_constraints
 def test_the_live_page_shows_a_moving_part_where_it_is_in_the_cell() -> None:
     """Body poses by MuJoCo in the scene; path, handles and lit shapes are children of one frame."""
     path_task = qt.load_task("part_in_hand")
-    server = LocalServer(0, names=())
+    server = LocalServer(names=())
     try:
         stage = Stage(server, path_task, path_task.positions[0])
         q = path_task.start + 0.1
