@@ -21,26 +21,13 @@ EXCESSES = ("band_excess_max", "constraint_excess_max")
 
 
 def metrics(trajectory: Trajectory) -> dict[str, Any]:
-    """All metrics of a trajectory, ready for JSON. Waypoint indices are 1-based, as in the paper.
+    """All metrics of a trajectory, ready for JSON; the page *Reports and metrics* defines each.
 
-    ``violations``: (waypoint, joint) pairs outside the limits by more than 1e-9.
-    ``first_violation``: for each joint that leaves its limits, the first waypoint.
-    ``min_margin``: smallest 1 − |θ − θ̄|/half-range; negative outside.
-    ``mean_z``, ``max_z``: of z = ½‖W(θ̄ − θ)‖², the start included.
-    ``position_error_max_m``, ``axis_error_max_rad``: largest task error after the inner iterations.
-    ``travel_deg``: sum of |Δθ| over hinges and waypoints; ``max_step_deg``: the largest of them.
-    ``reconfigurations``: waypoints reached by a step above 15° in a hinge.
-    ``closure_rad``: ‖θ_end − θ_start‖. ``sigma_min``: smallest singular value of UᵀJ on the path.
-    ``time_per_waypoint_us``: wall time, kinematics and all; it compares methods only where the same
-    share of the waypoints was :func:`compiled <compiled_share>`.
-    ``band_excess_max``, ``constraint_excess_max``: largest excess of a tolerance band and of a
-    constraint, only where the task has such.
-    ``min_clearance_m``: least distance of a pair of geoms that may collide, at and between the
-    waypoints, where joints go straight, and ``asked_clearance_m``; only where the task has such
-    pairs.
-    ``status``: the run in a sentence. Like the errors it is about the waypoints; for the motion
-    between them see :attr:`~qp_twist.Trajectory.between` and :func:`~qp_twist.check_trajectory`,
-    whose tolerances are the same.
+    Waypoints are counted from 1, as in the paper. Errors and ``status`` are about the waypoints;
+    for the motion between them see :attr:`~qp_twist.Trajectory.between` and
+    :func:`~qp_twist.check_trajectory`, whose tolerances are the same. Distances are also those
+    between waypoints, where joints go straight. Times compare methods only where the same share of
+    the waypoints was :func:`compiled <compiled_share>`.
     """
     ranges = JointRanges.of(trajectory.path_task.model)
     q = ranges.positions(trajectory.q)

@@ -19,6 +19,8 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
+from scipy.ndimage import distance_transform_edt
 
 from qp_twist.checks import Array, Mask
 from qp_twist.drawing.charts import draw_joint
@@ -43,6 +45,8 @@ SINGULAR = 0.1
 _OUTSIDE, _TOUCHED, _STUCK = "#D9D9D9", "#8F9499", "#444444"
 _KEPT, _LEFT = "#333333", "#C8C8C8"
 """Parts of manifolds inside all limits, and outside."""
+_NAMED, _ROOM = 3, 7.0
+"""Largest number of pairs that are named in a panel; least radius of a named region, in nodes."""
 _DRAWN, _SPACING = 50, np.radians(3.0)
 """Approximate number of waypoints whose manifolds are drawn; distance of their points, rad."""
 
@@ -144,8 +148,8 @@ def _draw_manifolds(panel: Axes, dof: int, waypoints: Array, q: Array, kept: Mas
 def roll_figure(roll_map: RollMap, trajectories: Mapping[str, Trajectory]) -> Figure:
     """Margin by colour, red at the joint limits, grey outside; each method's roll over it.
 
-    Dark grey where a pair of geoms is nearer than the task allows. One panel for each branch of
-    which more than 0.5 % is free, or that a method uses.
+    Dark grey where a pair of geoms is nearer than the task allows, with the names of the pairs. One
+    panel for each branch of which more than 0.5 % is free, or that a method uses.
     """
     ways = {name: roll_map.locate(t.q) for name, t in trajectories.items()}
     margins = roll_map.margins
@@ -222,7 +226,25 @@ def _draw_margins(panel: Axes, roll_map: RollMap, branch: int, largest: float) -
         with mpl.rc_context({"hatch.color": _STUCK, "hatch.linewidth": 0.5}):
             panel.contourf(index, rolls, stuck.astype(float), levels=[0.5, 1.5], colors="none",
                            hatches=["...."])  # fmt: skip
+    _name_pairs(panel, roll_map, branch)
     return image
+
+
+def _name_pairs(panel: Axes, roll_map: RollMap, branch: int) -> None:
+    """Name the most frequent pairs, each in the middle of its largest region."""
+    touched = roll_map.touched[:, :, branch]
+    for name in list(roll_map.in_the_way([branch]))[:_NAMED]:
+        own = np.pad(touched == roll_map.pairs.index(name), 1)
+        depth = distance_transform_edt(own)[1:-1, 1:-1]
+        if depth.max() < _ROOM:
+            continue
+        k, roll = np.unravel_index(int(depth.argmax()), depth.shape)
+        panel.annotate(
+            name.replace(" to ", "\nto "),
+            (roll_map.waypoints[k] + 1, np.degrees(roll_map.rolls[roll])), fontsize=7,
+            ha="center", va="center", zorder=6, linespacing=1.0,
+            path_effects=[withStroke(linewidth=2.0, foreground=_TOUCHED)],
+        )  # fmt: skip
 
 
 def _nearer_than(roll_map: RollMap, shown: list[int]) -> str:
