@@ -79,16 +79,6 @@ def coordinates(of: Statement) -> tuple[float, ...]:
     return tuple(number(f"{of.word}, {name}", argument) for name, argument in pairs)
 
 
-def nested(text: str, counts: tuple[int, ...]) -> list[float]:
-    """Numbers of a nested definition."""
-    words = text.split(",")
-    if len(words) not in counts:
-        raise InvalidInput(
-            f"GOFWD: expected {' or '.join(map(str, counts))} numbers, got {shortened(text)!r}"
-        )
-    return [number("GOFWD", word) for word in words]
-
-
 def unit_vector(word: str, vector: Sequence[float]) -> Array:
     """The direction of an axis."""
     axis = np.array(vector)

@@ -8,18 +8,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform, Rotation
 
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, shortened
 from qp_twist.paths.apt_arcs import Circle, arc_to_line
 from qp_twist.paths.apt_cycles import cycle_of
-from qp_twist.paths.apt_frames import Frames
 from qp_twist.paths.apt_motions import Motions
 from qp_twist.paths.apt_statements import (
     NUMBER,
     Statement,
     coordinates,
-    nested,
     not_read,
     number,
     statements,
@@ -39,6 +39,7 @@ from qp_twist.paths.apt_words import (
 )
 from qp_twist.paths.arcs import ArcAxis, check_radius
 from qp_twist.paths.machine_tool import Hole
+from qp_twist.paths.program_frame import NOTHING
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
     STATED_BY_PROGRAMS,
@@ -128,7 +129,9 @@ class _Reader:
         self.out = ProgramBuilder(options, _WORDS)
         self.to = Motions(self.out, sense)
         self.has_axis = False
-        self._frames = Frames()
+        self._first: RigidTransform | None = None  # the frame of the toolpath, the first one stated
+        self._now = NOTHING  # that of the points, in it
+        self._moved = self._in_world = False
         self._tangent: tuple[float, ...] | None = None  # of INDIRV
         self._hole: Hole | None = None
         self._zero = 0  # the first line whose axis is zero
@@ -142,7 +145,7 @@ class _Reader:
             "TRNTYP": self._set_up, "CSYS": self._set_up, "TOOL PATH": self._tool_path,
             "CUTCOM": self._cutcom,
             "SET": self._set, "MODE": self._set, "SPINDL": self._spindl, "MULTAX": self._multax,
-            "MSYS": self._frame, "MCS": self._frame,
+            "MSYS": self._set_frame, "MCS": self._set_frame,
         }  # fmt: skip
 
     def read(self, found: Sequence[Statement]) -> None:
@@ -200,11 +203,11 @@ class _Reader:
         if len(numbers) == 6 and not any(numbers[3:]):
             self._zero = self._zero or of.line  # the previous axis holds
         elif len(numbers) == 6:
-            axis, self.has_axis = self._frames.vector(numbers[3:6]), True
+            axis, self.has_axis = self._vector(numbers[3:6]), True
         if len(of.arguments) == 7:
             self.out.note("a seventh number of GOTO ({}) is not used; a feed is stated by FEDRAT.",
                           left_out=True)  # fmt: skip
-        point, self.to.last = scale * self._frames.point(np.array(numbers[:3])), last
+        point, self.to.last = scale * self._point(numbers[:3]), last
         if self._hole is not None:
             self.to.bore(self._hole, point, axis)
             return
@@ -229,7 +232,7 @@ class _Reader:
         numbers = coordinates(of)
         if self.to.last is None:
             raise InvalidInput("GODLTA: where the tool is before it is not known")
-        way = self._frames.vector([self.out.scale() * value for value in numbers])
+        way = self._vector([self.out.scale() * value for value in numbers])
         self.to.straight(self.to.last + np.array(way), self.to.axis)
 
     def _circle(self, of: Statement) -> None:
@@ -251,8 +254,8 @@ class _Reader:
             raise InvalidInput(f"{of.word}: where the arc begins is not known; expected a GOTO")
         if angle is not None and not 0.0 < abs(angle) <= 360.0:
             raise InvalidInput(f"{of.word}: expected an angle up to 360 degrees, got {angle:g}")
-        centre = scale * self._frames.point(np.array(values[:3]))
-        axis = np.array(self._frames.vector(unit_vector(of.word, values[3:6])))
+        centre = scale * self._point(values[:3])
+        axis = np.array(self._vector(unit_vector(of.word, values[3:6])))
         check_radius(float(np.abs(centre - self.to.last).max()))
         self.to.arcs.begun = Circle(
             self.out.line, of.word, centre, axis,
@@ -272,7 +275,7 @@ class _Reader:
         spline = self.to.begun_spline("CNTRL")
         if len(of.arguments) != 3:
             raise InvalidInput(f"CNTRL takes x, y, z; got {len(of.arguments)} numbers")
-        point = self._frames.point(np.array(coordinates(of)))
+        point = self._point(coordinates(of))
         spline.control.append(self.out.scale() * point)
 
     def _begin_cycle(self, of: Statement) -> None:
@@ -299,20 +302,22 @@ class _Reader:
                 "GOFWD is a move along a surface, of which (CIRCLE/x,y,z,r),ON,(LINE/…) with six "
                 "numbers is read; write the path as GOTO lines (in the CAM system: linear output)"
             )
-        circle, ends = nested(match[1], (4, 7)), nested(match[3], (6,))
+        circle, ends = ([number("GOFWD", w) for w in text.split(",")] for text in match.group(1, 3))
+        if len(circle) not in (4, 7) or len(ends) != 6:
+            raise InvalidInput(f"GOFWD: expected 4 or 7 and 6 numbers, got {shortened(of.rest)!r}")
         if self.to.last is None or heading is None:
             lacking = "a GOTO" if self.to.last is None else "an INDIRV"
             raise InvalidInput(f"GOFWD: expected {lacking} before it")
         scale = self.out.scale()
-        centre = scale * self._frames.point(np.array(circle[:3]))
+        centre = scale * self._point(circle[:3])
         axis = unit_vector("GOFWD", circle[3:6] if len(circle) == 7 else [0.0, 0.0, 1.0])
-        axis = np.array(self._frames.vector(axis))
+        axis = np.array(self._vector(axis))
         # A circle without an axis is a cylinder along z: the arc is at the height of the tool.
         centre = centre + axis * float((self.to.last - centre) @ axis)
-        line = [scale * self._frames.point(np.array(ends[k : k + 3])) for k in (0, 3)]
+        line = [scale * self._point(ends[k : k + 3]) for k in (0, 3)]
         try:
             arc = arc_to_line(
-                self.to.last, np.array(self._frames.vector(heading[:3])), centre, axis,
+                self.to.last, np.array(self._vector(heading[:3])), centre, axis,
                 scale * circle[-1], line, 2 if match[2] else 1,
             )  # fmt: skip
         except InvalidInput as error:
@@ -337,12 +342,12 @@ class _Reader:
         numbers = coordinates(of) if len(of.arguments) == 3 else ()
         if not any(numbers):
             raise InvalidInput("TLAXIS takes i, j, k, not all of them zero")
-        self.to.axis, self.has_axis = self._frames.vector(numbers), True
+        self.to.axis, self.has_axis = self._vector(numbers), True
 
     def _multax(self, of: Statement) -> None:
         self.out.pass_over(of.word)
         if of.arguments[:1] == ["OFF"]:
-            self.to.axis = self._frames.vector((0.0, 0.0, 1.0))
+            self.to.axis = self._vector((0.0, 0.0, 1.0))
 
     def _cutcom(self, of: Statement) -> None:
         self.out.pass_over(of.word)
@@ -350,21 +355,55 @@ class _Reader:
             self.out.note("CUTCOM ({}) has a machine shift the path by the radius of its tool; "
                           "here the points are the path of the tool's tip.")  # fmt: skip
 
-    def _frame(self, of: Statement) -> None:
-        """MSYS, MCS: another frame, whose z is the tool axis unless another one is stated."""
+    def _point(self, point: Sequence[float]) -> Array:
+        """A point, in the unit of the file, in the frame of the toolpath."""
+        found = np.array(point)
+        return found if self._now is NOTHING else self._now.apply(found)
+
+    def _vector(self, vector: Sequence[float] | Array) -> tuple[float, ...]:
+        """A direction in the frame of the toolpath."""
+        found = np.array(vector, dtype=np.float64)
+        turned = found if self._now is NOTHING else self._now.rotation.apply(found)
+        return tuple(turned.tolist())
+
+    def _set_frame(self, of: Statement) -> None:
+        """MSYS (NX: origin, x, y), MCS (CAMplete: x, y, z, origin): the frame of the points behind.
+
+        Points in another one than the first are moved into the first. Its z is the tool axis unless
+        another one is stated.
+        """
         self.out.pass_over(of.word)
-        if self._frames.msys(of):
+        numbers = [number(of.word, argument) for argument in of.arguments]
+        count = {"MSYS": 9, "MCS": 12}[of.word]
+        if len(numbers) != count:
+            raise InvalidInput(f"{of.word} takes {count} numbers, an origin and axes")
+        axes, origin = (numbers[3:], numbers[:3]) if count == 9 else (numbers[:6], numbers[9:])
+        x, y = np.reshape(axes, (2, 3))
+        matrix = np.column_stack([x, y, np.cross(x, y)])
+        if not np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-4):
+            raise InvalidInput(f"{of.word}: its axes are not perpendicular unit vectors")
+        frame = RigidTransform.from_components(origin, Rotation.from_matrix(matrix))
+        if self._first is None:
+            self._first = frame
+        way = self._first.inv() * frame
+        self._now = NOTHING if np.allclose(way.as_matrix(), np.eye(4), atol=1e-9) else way
+        if self._now is not NOTHING:
+            self._moved = True
             self.out.note("another frame ({}): the points are moved into the first frame of the "
                           "file, and the tool axes turned.")  # fmt: skip
-        if self._frames.moved:
-            self.has_axis, self.to.axis = True, self._frames.vector((0.0, 0.0, 1.0))
+        if self._moved:
+            self.has_axis, self.to.axis = True, self._vector((0.0, 0.0, 1.0))
 
     def _set_up(self, of: Statement) -> None:
-        """TRNTYP, CSYS: whether the points are in the frame of a set-up."""
+        """TRNTYP, CSYS of CAMWorks: a frame of the machine's set-up, and none of the points."""
         self.out.pass_over(of.word)
         if of.word == "TRNTYP":
-            self._frames.trntyp(of)
-        elif self._frames.csys(of):
+            if of.arguments[:1] != ["WORLD"]:
+                raise not_read(f"TRNTYP/{','.join(of.arguments[:1])}", "a change of coordinates")
+            self._in_world = True
+        elif [number(of.word, word) for word in of.arguments] != np.eye(3, 4).ravel().tolist():
+            if not self._in_world:
+                raise not_read("CSYS", "a change of coordinates")
             self.out.note("CSYS ({}) is a frame of the machine's set-up; the points are in the "
                           "part's, as TRNTYP/WORLD states.")  # fmt: skip
 

@@ -116,8 +116,8 @@ class Job(Program):
         name = f"{match['kind'].upper()}{match['number']}"
         if re.search(r"\bB[CP]\d", match["rest"], re.IGNORECASE):
             raise refuse(line, match[0], "moves the base of the robot, which is not read.")
-        if re.search(r"\bE[CX]\d", match["rest"], re.IGNORECASE):
-            self.moves.noted(line, "external axes", "passed")
+        if re.search(r"\bE[CX]\d|\+", match["rest"]):
+            self.moves.noted(line, "other axes or robots", "passed")
         if zone := re.search(r"\bPL=\d+", match["rest"], re.IGNORECASE):
             self.moves.rounds(line, zone[0])
         if name not in self.points:
