@@ -24,8 +24,9 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Procedure, Program, Rule
+from qp_twist.programs.program import Procedure, Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, shown
+from qp_twist.programs.syntax import Rule
 from qp_twist.programs.values import Unknown, Values, pose_of, zyx_quaternion
 
 LONGEST = 9999

@@ -7,6 +7,7 @@ motion does is not claimed here, but checked against the task.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 
@@ -95,49 +96,27 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     header: Mapping[str, str] = moves.header
     if not header:
         return
-    if header["unit"] != dialect.unit:
-        raise InvalidInput(
-            f"the header says unit: {header['unit']}, but angles of {dialect.title} are in "
-            f"{dialect.unit}; the program is for something else, or was changed."
-        )
-    if robot and header["robot"] == AS_MODELLED:
-        raise InvalidInput(f"it is read for {robot}, but {WRITTEN_AS_MODELLED}")
-    if header["robot"] != (robot or AS_MODELLED):
-        raise InvalidInput(
-            f"the header says robot: {header['robot']}, but it is read for "
-            f"{robot or 'joints as the model counts them'}; export the trajectory for this robot."
-        )
-    if header["points"] != str(len(moves.angles)):
-        if moves.waits:
-            line, what = moves.waits[0]
-            raise InvalidInput(
-                f"{what}, which is none of the {header['points']} points that the header says; "
-                "remove it.",
-                line=line,
-            )
-        raise InvalidInput(
-            f"the header says points: {header['points']}, but the program moves to "
-            f"{len(moves.angles)}; a line was lost or added. Export it again, or remove the header."
-        )
-    total = None if moves.durations is None else float(moves.durations.sum())
-    tick = 10.0**-dialect.time_decimals
+    total = math.nan if moves.durations is None else float(moves.durations.sum())
     try:
-        same = total is not None and abs(float(header["seconds"]) - total) < 0.6 * tick
+        same = abs(float(header["seconds"]) - total) < 0.6 * 10.0**-dialect.time_decimals
     except ValueError:
         same = False
-    if not same:
-        if moves.untimed is not None:
-            line, why = moves.untimed
+    wait, untimed = next(iter(moves.waits), None), moves.untimed
+    modelled = header["robot"] == AS_MODELLED
+    for key, there, culprit, do in (
+        ("unit", dialect.unit, None, "the program is for something else, or was changed."),
+        ("robot", robot or AS_MODELLED, None, WRITTEN_AS_MODELLED if modelled
+         else "export the trajectory for this robot."),
+        ("points", str(len(moves.angles)), wait, "a line was lost or added."),
+        ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
+    ):  # fmt: skip
+        if header[key] != there:
+            line, what = culprit or (None, "")
             raise InvalidInput(
-                f"{why}, but the header says seconds: {header['seconds']}; "
-                f"{'restore its time' if why.endswith('no time') else 'remove it'}.",
+                f"{what}{what and '; '}the header says {key}: {header[key]}, but here it is "
+                f"{there}; {do}",
                 line=line,
             )
-        takes = "does not say how long it takes" if total is None else f"takes {total:.9g} s"
-        raise InvalidInput(
-            f"the header says seconds: {header['seconds']}, but the program {takes}; a time was "
-            "changed. Export it again, or remove the header."
-        )
     claimed = header["axes"].split("\n") if header["axes"] else []
     if len(claimed) != len(equations):
         raise InvalidInput(

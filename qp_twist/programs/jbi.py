@@ -15,8 +15,9 @@ import mink
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Beside
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, refuse
+from qp_twist.programs.syntax import Rule
 from qp_twist.programs.values import Values, pose_of, zyx_quaternion
 
 _POINT = re.compile(r"\s*([CP])0*(\d+)\s*=\s*(.*)", re.ASCII)

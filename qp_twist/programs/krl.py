@@ -25,8 +25,9 @@ from qp_twist.files import text_lines
 from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.program import Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.syntax import Rule
 from qp_twist.programs.values import IN_DEGREES, Unknown, Values, pose_of, zyx_quaternion
 
 _TOP = """\

@@ -8,26 +8,17 @@ otherwise a statement without coordinates is passed over and listed.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import count, zip_longest
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.moves import Kind, Moves
 from qp_twist.programs.statements import Statements, refuse, shown, split
+from qp_twist.programs.syntax import MOVING, Effect, Rule, Syntax
 from qp_twist.programs.values import Unknown, Values
 
-Effect = Literal["joint", "path", "leaves", "assigns", "call", "skip", "silent"] | Kind
-"""What a statement does: a joint move; a move, or a change of frames or speeds, that is none;
-leaves a loop, a procedure or the program; … ``skip``: moves nothing, and is not known well enough
-to vouch for that; ``silent``: not worth a note."""
-_MOVING = ("joint", "path", "leaves")
-Act = Callable[[int, "re.Match[str]"], str | None]
-"""What a statement does, from its line and its match; perhaps a signal, on which runs what behind
-it: ``break``, ``continue``, ``return``, ``end`` (of the program) or ``to`` a label."""
-Rule = tuple[str, Act, Effect]
-"""The pattern of a statement, and what it does."""
 _MOST = 200_000
 """Statements that a program may execute."""
 _DEEPEST = 30
@@ -81,17 +72,7 @@ class Program:
         self.assigned: dict[str, list[str]] = {}
         self._changing: set[str] = set()
         self._unknown: dict[str, list[int]] = {}
-        self._acts: dict[str, tuple[Act, re.Match[str], Effect]] = {}
-        self._opens = [
-            (re.compile(begin, self.flags), end, role) for begin, end, role in self.opens
-        ]
-        begins = "|".join(re.sub(r"\(\?P<\w+>", "(", begin) for begin, *_ in self.opens)
-        ends = "|".join(re.sub(r"\(\?P<\w+>", "(", end) for _, end, _ in self.opens)
-        self._begins = re.compile(begins or r"(?!)", self.flags)
-        self._closes = re.compile(ends or r"(?!)", self.flags)
-        self._rules = [
-            (re.compile(p, self.flags), act, effect) for p, act, effect in self.grammar()
-        ]
+        self._syntax = Syntax(self.opens, self.grammar(), self.flags)
 
     def grammar(self) -> Sequence[Rule]:
         """Statements; the first rule that fits counts, and the last one fits all."""
@@ -152,17 +133,17 @@ class Program:
         """Refuse what is not known, and find the lines where variables are assigned."""
         inside: list[str] = []
         for line, text in statements:
-            opened, effect = self._opened(text), "silent"
+            opened, effect = self._syntax.opened(text), "silent"
             if opened is not None:
                 role, match, _ = opened
                 inside.append(role)
                 if role == "procedure" and match["arguments"].strip():
                     raise refuse(line, text, "procedures with arguments are not read.")
                 known = role in ("procedure", "once")
-            elif self._closes.fullmatch(text):
+            elif self._syntax.closes(text):
                 known = bool(inside) and bool(inside.pop())
             else:
-                _, match, effect = self._act(text)
+                _, match, effect = self._syntax.act(text)
                 known = effect not in ("path", "skip")
                 fits = re.fullmatch(self.outside, text, self.flags)
                 if "procedure" not in inside and (not fits or (self.enclosed and not inside)):
@@ -189,14 +170,14 @@ class Program:
             k, self._count = k + 1, self._count + 1
             if self._count > _MOST:
                 raise InvalidInput(f"the program executes more than {_MOST:,} statements.")
-            opened = self._opened(text)
+            opened = self._syntax.opened(text)
             try:
                 if opened is None:
-                    act, match, _ = self._act(text)
+                    act, match, _ = self._syntax.act(text)
                     signal = act(line, match) or ""
                 else:
                     role, match, close = opened
-                    end = self._end(statements, k, close)
+                    end = self._syntax.end(statements, k, close)
                     signal = self._block(line, role, match, statements[k:end], statements[end][1])
                     k = end + 1
             except InvalidInput as error:
@@ -232,7 +213,10 @@ class Program:
         elif kind and not value:
             self.values.forget(name, f"{name} is declared in line {line} without a value")
         if self.moves.strict:
-            if self._act(f"{name}()")[2] not in ("call", "path") or key in self.values.functions:
+            if (
+                self._syntax.act(f"{name}()")[2] not in ("call", "path")
+                or key in self.values.functions
+            ):
                 raise refuse(line, match[0], "this name has a meaning already.")
             if part or not isinstance(self.values.names[key], bool | float | list | dict):
                 self.moves.noted(line, kind or name, "passed")
@@ -303,7 +287,7 @@ class Program:
             if key in self.values.functions:
                 continue
             moves = key in self.procedures and self._moving(self.procedures[key].body)
-            if self.moves.strict or moves or self._act(f"{word}()")[2] == "joint":
+            if self.moves.strict or moves or self._syntax.act(f"{word}()")[2] == "joint":
                 raise refuse(
                     line, expression,
                     f"calls {word}, which moves, inside an expression; that is not read. Write the "
@@ -321,34 +305,6 @@ class Program:
         )
 
     # ------------------------------------------------------------ blocks
-
-    def _opened(self, text: str) -> tuple[str, re.Match[str], str] | None:
-        """What becomes of the block that a statement begins, and the pattern of its end."""
-        if not self._begins.fullmatch(text):
-            return None
-        fits = ((role, pattern.fullmatch(text), end) for pattern, end, role in self._opens)
-        return next((role, match, end) for role, match, end in fits if match)
-
-    def _end(self, statements: Statements, begin: int, end: str) -> int:
-        """Where the block ends whose first statement is ``begin``."""
-        ends = [end]
-        for k in range(begin, len(statements)):
-            text = statements[k][1]
-            opened = self._opened(text)
-            if opened is not None:
-                ends.append(opened[2])
-            elif self._closes.fullmatch(text):
-                if not re.fullmatch(ends.pop(), text, self.flags):
-                    break
-                if not ends:
-                    return k
-        raise refuse(*statements[begin - 1], "has no end; a line was lost.")
-
-    def _act(self, text: str) -> tuple[Act, re.Match[str], Effect]:
-        if text not in self._acts:
-            fits = ((act, pattern.fullmatch(text), effect) for pattern, act, effect in self._rules)
-            self._acts[text] = next((act, match, e) for act, match, e in fits if match)
-        return self._acts[text]
 
     def _block(self, line: int, role: str, match: re.Match[str], body: Statements, end: str) -> str:
         """Execute a block; its signal."""
@@ -428,8 +384,8 @@ class Program:
         depth = 0
         for statement in body:
             other = re.fullmatch(self.otherwise, statement[1], self.flags)
-            depth += self._opened(statement[1]) is not None
-            depth -= self._closes.fullmatch(statement[1]) is not None
+            depth += self._syntax.opened(statement[1]) is not None
+            depth -= self._syntax.closes(statement[1])
             if other and not depth:
                 branches.append((other["condition"], []))
             else:
@@ -456,7 +412,7 @@ class Program:
     def _moving(self, body: Statements) -> tuple[int, str] | None:
         """The first statement that moves, or may."""
         for number, text, _, effect in self._reached(body):
-            if effect in _MOVING or (effect == "call" and self._has_coordinates(text)):
+            if effect in MOVING or (effect == "call" and self._has_coordinates(text)):
                 return number, text
         return None
 
@@ -465,8 +421,8 @@ class Program:
     ) -> Iterator[tuple[int, str, re.Match[str], Effect]]:
         """Statements that may run, those of called procedures too."""
         for number, text in body:
-            if not self._opened(text) and not self._closes.fullmatch(text):
-                _, match, effect = self._act(text)
+            if not self._syntax.opened(text) and not self._syntax.closes(text):
+                _, match, effect = self._syntax.act(text)
                 yield number, text, match, effect
                 called = self.values.key(match.groupdict().get("called") or "")
                 if called in self.procedures and called not in inside:

@@ -20,8 +20,9 @@ import mink
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.program import Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.syntax import Rule
 from qp_twist.programs.values import (
     IN_DEGREES,
     Unknown,

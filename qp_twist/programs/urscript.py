@@ -20,8 +20,9 @@ import numpy as np
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Program, Rule
+from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, by_name, refuse, split, without_texts
+from qp_twist.programs.syntax import Rule
 from qp_twist.programs.values import LARGEST_NUMBER, Pose, Unknown, Values, list_literal
 
 _TERMS = {

@@ -199,7 +199,7 @@ def test_programs_written_as_modelled_say_so(
     abb = ControllerJoints.of_robot(named_robot("ABB IRB 2400"), rows.joint_names)
     with pytest.raises(qt.InvalidInput, match=r"for another robot\.$"):
         read_trajectory(written("ls")[0], None, abb)
-    with pytest.raises(qt.InvalidInput, match=r"for ABB IRB 2400, but .* as modelled: add"):
+    with pytest.raises(qt.InvalidInput, match=r"but here it is ABB IRB 2400; .* as modelled: add"):
         read_trajectory(written("rapid")[0], None, abb)
     with pytest.raises(qt.InvalidInput, match=r"not in ls; choose a file that ends in \.mod\.$"):
         write_trajectory(rows, written("ls")[0], abb)
@@ -212,7 +212,7 @@ def test_programs_for_another_robot_are_refused(
     task, rows = deburring
     path, _ = written("ls")
     other = ControllerJoints.of_robot(named_robot("Fanuc M-20iA"), rows.joint_names)
-    with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but it is read for Fanuc M"):
+    with pytest.raises(qt.InvalidInput, match="robot: Fanuc M-16iB/20, but here it is Fanuc M"):
         read_trajectory(path, None, other)
     # J3 of a Fanuc is the forearm's angle to the floor, which no model counts.
     modelled = joints_of(task, rows.joint_names, as_modelled=True)
