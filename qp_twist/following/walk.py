@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import cached_property, lru_cache, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import mink
@@ -17,9 +17,9 @@ from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import LARGEST_JOINT, Iteration, Job, Resolver
 from qp_twist.following.sampling import fine_rows, plan_at
 from qp_twist.following.trajectory import Trajectory
-from qp_twist.geometry import TwistProjector
+from qp_twist.geometry import twist_error
 from qp_twist.kernel import COMPILED
-from qp_twist.kinematics import TwistTask
+from qp_twist.kinematics import frame_pose
 from qp_twist.paths import METHODS, MethodSettings, PathTask, Waypoints, twist_task
 from qp_twist.planning.starts import corrected_start, missed_by, reached
 from qp_twist.qp import NoSolutionFound
@@ -280,16 +280,12 @@ class _Run:
             return False
         return not self.job.path_task.tolerances.met(*self._errors(len(self.rows)))
 
-    @cached_property
-    def _measured(self) -> Callable[[TwistProjector], TwistTask]:
-        """The task that measures errors in a projector."""
-        return lru_cache(partial(twist_task, self.job.path_task))
-
     def _errors(self, index: int) -> tuple[float, float]:
         """Lengths of the task error at a row, in the path's projector there, m and rad."""
-        task = self._measured(self.job.path.projectors[index])
-        task.set_target(self.job.path.target(index))
-        error = task.state(self._configuration).error
+        task, path = self.job.path_task, self.job.path
+        R, p = frame_pose(self._configuration, task.frame_name, task.frame_type)
+        target = path.rotations[index], path.positions[index]
+        error = twist_error(R, p, *target, path.projectors[index])
         return float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
     def _record(self, row: _Row, errors: Array | None) -> None:

@@ -1,13 +1,8 @@
 """Paths: task files, waypoints, and toolpaths of CAM systems."""
 
-from qp_twist.files import AngleUnit as AngleUnit
-from qp_twist.files import FeedUnit as FeedUnit
-from qp_twist.files import LengthUnit as LengthUnit
 from qp_twist.shipped import shipped_folder as shipped_folder
 from qp_twist.shipped import shipped_tasks as shipped_tasks
 
-from .arcs import ARC_ERROR as ARC_ERROR
-from .arcs import ArcAxis as ArcAxis
 from .column_names import Orientation as Orientation
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
@@ -30,25 +25,19 @@ from .rerooted import rerooted as rerooted
 from .resample import MOST as MOST
 from .resample import Sampling as Sampling
 from .resample import resampled as resampled
-from .rotary_axes import Rollover as Rollover
 from .rotary_axes import Rotary as Rotary
 from .segment import Segment as Segment
 from .shown import Shown as Shown
 from .task_file import load_scene as load_scene
 from .task_file import load_task as load_task
 from .tolerances import Tolerances as Tolerances
-from .toolpath import SAME_DIRECTION as SAME_DIRECTION
-from .toolpath import SAME_POINT as SAME_POINT
 from .toolpath import Curve as Curve
 from .toolpath import Lines as Lines
 from .toolpath import Toolpath as Toolpath
 from .toolpath_columns import ColumnChoice as ColumnChoice
 from .toolpath_columns import UnclearColumns as UnclearColumns
-from .toolpath_options import Format as Format
 from .toolpath_options import ReadingOptions as ReadingOptions
 from .toolpath_options import ToolpathOptions as ToolpathOptions
 from .toolpath_points import UnitQuestion as UnitQuestion
-from .turning import angles_between as angles_between
 from .turning import transported as transported
-from .turning import turns_between as turns_between
 from .waypoints import Waypoints as Waypoints

@@ -33,7 +33,7 @@ from qp_twist.paths.turning import angles_between, transported, turns_between
 
 @dataclass(frozen=True, eq=False)
 class PlacedPath:
-    """The waypoints of a path.
+    """The waypoints of a path, as :class:`PathTask` has them.
 
     Attributes:
         positions: In the world, m, (N, 3).
@@ -41,11 +41,10 @@ class PlacedPath:
         flipped: The same with the rule's other sign; ``None`` without a rule.
         from_start: Which part of the rotations is taken from the start.
         toolpath: The file as read, if the path is from one, and then
-        lines: Line of the file at or before each waypoint, (N,);
-        parts: Part of the path that each waypoint belongs to;
-        feeds: Feeds of the file for the motion to each waypoint, m/s, (N,), NaN without one;
-            ``None`` if the file has none, or they are not used;
-        joint_moves: Indices of the waypoints that a joint move leads to.
+        lines, joint_moves: as in the task,
+        parts: the part of the path that each waypoint belongs to,
+        feeds: of the file for the motion to each waypoint, m/s, (N,), NaN without one; ``None`` if
+            the file has none, or they are not used.
     """
 
     positions: Array

@@ -75,11 +75,10 @@ def _chosen(path_task: PathTask, index: Indices, start: Array) -> PathTask:
             projector = segment.projector
         elif first < len(index):
             segments.append(replace(segment, first=first))
-    durations = None if path_task.durations is None else path_task.durations[index]
+    flipped, durations, lines = path_task.flipped_waypoints, path_task.durations, path_task.lines
     if durations is not None:
-        durations[0] = 0.0
-    flipped = path_task.flipped_waypoints
-    places = {int(k): place for place, k in enumerate(index)}
+        durations = np.append(0.0, durations[index[1:]])
+    moves = np.flatnonzero(np.isin(index[1:], path_task.joint_moves)) + 1
     return replace(
         path_task,
         waypoints=tuple(path_task.waypoints[k] for k in index),
@@ -90,7 +89,7 @@ def _chosen(path_task: PathTask, index: Indices, start: Array) -> PathTask:
         durations=durations,
         projector=projector,
         segments=tuple(segments),
-        joint_moves=tuple(places[k] for k in path_task.joint_moves if places.get(k, 0)),
-        lines=None if path_task.lines is None else path_task.lines[index],
+        joint_moves=tuple(moves.tolist()),
+        lines=None if lines is None else lines[index],
         from_start="nothing" if index[0] else path_task.from_start,
     )

@@ -1,9 +1,7 @@
 """The methods by name, the default method, and the default settings of each.
 
-All defaults of the package are defined here: :data:`DEFAULT_METHOD`, the
-fields of :class:`MethodSettings`, and deviations of single methods in :data:`METHODS`.
-docs/choose.md documents the measurements behind them. ``[methods.NAME]`` of a task file overrides
-them, and an option of ``follow`` overrides both.
+``[methods.NAME]`` of a task file overrides them, an option of ``follow`` both. docs/choose.md has
+the measurements behind them.
 """
 
 from __future__ import annotations
@@ -101,15 +99,13 @@ class MethodSettings(Section):
 
     def __str__(self) -> str:
         """The secondary and its numbers, e.g. ``centering, weight natural, gain 0.05``."""
-        if self.own_secondary is not None:
-            return f"{type(self.secondary).__name__}, gain {self.own_secondary.gain:g}"
-        match self.secondary:
-            case "none":
-                return "no secondary"
-            case "centering":
-                return f"centering, weight {self.weight}, gain {self.gain:g}"
-            case name:
-                return f"{name}, gain {self.gain:g}"
+        own = self.own_secondary
+        if own is not None:
+            return f"{type(own).__name__}, gain {own.gain:g}"
+        if self.secondary == "none":
+            return "no secondary"
+        weight = f", weight {self.weight}" if self.secondary == "centering" else ""
+        return f"{self.secondary}{weight}, gain {self.gain:g}"
 
 
 @dataclass(frozen=True)
@@ -156,9 +152,8 @@ class Method:
 
     def unused(self, settings: MethodSettings) -> dict[str, str]:
         """The settings that change nothing, by name, and why."""
-        free = self.constrained or self.peer or self.defaults.secondary != "none"
         found: dict[str, str] = {}
-        if not free:
+        if not (self.constrained or self.peer or self.defaults.secondary != "none"):
             reason = "the method has no secondary"
             found = dict.fromkeys(("secondary", "gain", "weight", "objective"), reason)
         elif settings.own_secondary is not None:

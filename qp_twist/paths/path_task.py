@@ -67,11 +67,6 @@ class PathTask:
         waypoints: Poses in the world, with the roll of the roll rule.
         flipped_waypoints: The same with the rule's other sign; ``None`` without a rule.
         start: Starting configuration, before it is corrected onto the first waypoint, (nq,).
-        best_start: Whether to search the start: ``True`` that of the best plan, ``"central"`` that
-            of least z on the first waypoint.
-        starts: Starting configurations of single methods, by name, instead of ``start``.
-        roll_normal: Normal of the roll rule's plane, in the world, (3,); ``None`` without a rule.
-        study: What a study varies, and its criterion of success; the file's ``[study]``.
         durations: Time for each waypoint, s, (N,); the first is 0; ``None`` for an untimed path. A
             joint move may take any time: 0 asks for none.
         velocity_limits: Of the joints, rad/s or m/s, (nv,); ∞ without a limit.
@@ -82,13 +77,18 @@ class PathTask:
         bands: Tolerance bands in directions that T leaves free.
         constraints: Further constraints on every configuration. The model's joint couplings
             (:class:`~qp_twist.JointCouplings`) are always appended, and what must not touch.
+        best_start: Whether to search the start: ``True`` that of the best plan, ``"central"`` that
+            of least z on the first waypoint.
+        starts: Starting configurations of single methods, by name, instead of ``start``.
+        roll_normal: Normal of the roll rule's plane, (3,); ``None`` without a rule.
+        study: What a study varies, and its criterion of success.
         toolpath: The toolpath file as read, if the path is from one.
         lines: Line of that file at or before each waypoint, (N,).
         from_start: Which part of the waypoints' orientation is taken from the start.
         joint_moves: Indices, from 0, of the waypoints that a joint move leads to, inside limits and
             constraints: no path holds from the waypoint before. One between two is a via point.
-        relative_to: Name of the body that carries the path, and in whose frame then is what is
-            stated in the world: a part on a turn table or in another robot's hand; ``None``: none.
+        relative_to: Name of the body that carries the path, in whose frame then is what is stated
+            in the world: a part on a turn table or in another robot's hand; ``None``: none.
         scene_model: With ``relative_to``: the scene as it stands, which pictures show.
         controller: How programs count the joints: name of a known robot, path of a table of one's
             own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and geometry.
@@ -163,11 +163,7 @@ class PathTask:
         return replace(self, constraints=tuple(constraints))
 
     def show(self, *, width: int = 960, height: int = 720) -> Picture:
-        """A picture of the robot at its start, the part and the path, which notebooks display.
-
-        Args:
-            width: px.
-            height: px.
+        """A picture of the robot at its start, the part and the path, px, which notebooks display.
 
         Raises:
             QpTwistError: If there is no OpenGL; the message says what to install.

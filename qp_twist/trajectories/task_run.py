@@ -24,9 +24,8 @@ class TaskRun:
     """Result of a task.
 
     Attributes:
-        trajectory: The trajectory as it was followed: at the task's waypoints, and between them
-            where joints that go straight would leave the path.
-        rows: The same with rows inserted where its joints left the path nevertheless.
+        trajectory: The trajectory as it was followed.
+        rows: The same with rows inserted where its joints left the path between others.
         timed: The timed trajectory; ``None`` without a feed.
         check: Check of the file; ``None`` if the run was given up, or ended at its start.
         written: Whether the file was written.

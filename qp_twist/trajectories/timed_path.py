@@ -230,13 +230,9 @@ _CARTESIAN = re.compile(
 
 
 def resting_axis(name: str, travel: float) -> str:
-    """A note about an axis that the file has and the robot's model lacks.
+    """A note about an axis of a file that the robot's model lacks, and that moves by ``travel``.
 
     What is named as a component of the tool centre point (``tcp_x``) is no axis, and may change.
-
-    Args:
-        name: Of the axis.
-        travel: How far it moves, rad or m.
 
     Raises:
         InvalidInput: If it moves: then the motion is not that of the model.

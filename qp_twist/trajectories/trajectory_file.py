@@ -15,7 +15,7 @@ from qp_twist.checks import clause, float_array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.paths import PathTask
-from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, Dialect, dialect_of
+from qp_twist.programs import DOES_NOT_PASS, SUFFIXES, dialect_of
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import (
     csv_trajectory,
@@ -111,21 +111,17 @@ def write_trajectory(
         InvalidInput: If the suffix is unknown, or the trajectory or robot do not fit a program.
     """
     path = Path(path)
-    dialect = dialect_of(path)
-    if dialect is not None:
-        return _write_program(path, _program_texts(trajectory, path, dialect, joints))
-    encode, _ = _format(path)
-    return write_atomically(path, encode(TimedPath.of(trajectory)))
+    return _write(path, _encoded(trajectory, path, joints))
 
 
-def _program_texts(
-    trajectory: Trajectory | TimedPath,
-    path: Path,
-    dialect: Dialect,
-    joints: ControllerJoints | None,
-) -> Mapping[str, str]:
-    """The files of a program, by name; messages name ``path``."""
-    rows = TimedPath.of(trajectory)
+def _encoded(
+    trajectory: Trajectory | TimedPath, path: Path, joints: ControllerJoints | None
+) -> Mapping[str, str | bytes]:
+    """The files to write, by name; a program may have several. Messages name ``path``."""
+    rows, dialect = TimedPath.of(trajectory), dialect_of(path)
+    if dialect is None:
+        encode, _ = _format(path)
+        return {path.name: encode(rows)}
     if joints is None:
         run = getattr(trajectory, "trajectory", trajectory)
         task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
@@ -134,11 +130,11 @@ def _program_texts(
         return program_trajectory.encode(rows, dialect, joints, path.stem)
 
 
-def _write_program(path: Path, texts: Mapping[str, str]) -> Path:
-    """Write the files of a program, that of this name last: it calls the others."""
-    for name, text in reversed(list(texts.items())):
+def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
+    """Write the files, that of this name last: the program in it calls the others."""
+    for name, content in reversed(list(files.items())):
         same = Path(name).stem == path.stem
-        write_atomically(path if same else path.parent / name, text)
+        write_atomically(path if same else path.parent / name, content)
     return path
 
 
@@ -166,24 +162,19 @@ def write_checked(
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
-
-    def checked(file: Path) -> Check:
-        return check_trajectory(read_trajectory(file, joint_names, joints), path_task)
-
-    dialect = dialect_of(path)
-    if dialect is None:
-        return CheckedFile(checked(write_trajectory(trajectory, path)), True)
-    texts = _program_texts(trajectory, path, dialect, joints)
+    dialect, files = dialect_of(path), _encoded(trajectory, path, joints)
     with tempfile.TemporaryDirectory() as folder:
-        check = checked(_write_program(Path(folder) / path.name, texts))
-    if check.passes or force:
-        if not check.passes:
-            verdict = "; ".join([*check.problems, *check.sources]).replace("°", "deg")
-            verdict = " ".join(verdict.encode("ascii", "replace").decode().split())
-            line = f"{DOES_NOT_PASS}: {verdict}"
-            texts = {name: dialect.stopped(text, line) for name, text in texts.items()}
-        _write_program(path, texts)
-    return CheckedFile(check, check.passes or force)
+        file = _write(Path(folder) / path.name, files)
+        check = check_trajectory(read_trajectory(file, joint_names, joints), path_task)
+    if dialect is not None and not check.passes:
+        if not force:
+            return CheckedFile(check, False)
+        verdict = "; ".join([*check.problems, *check.sources]).replace("°", "deg")
+        verdict = " ".join(verdict.encode("ascii", "replace").decode().split())
+        line = f"{DOES_NOT_PASS}: {verdict}"
+        files = {name: dialect.stopped(str(text), line) for name, text in files.items()}
+    _write(path, files)
+    return CheckedFile(check, True)
 
 
 def read_trajectory(

@@ -119,7 +119,8 @@ def step(
     for k in np.flatnonzero(~done) if others else ():
         try:
             moving = before[k] if len(before) else None
-            taken = _one(controller, given[k], dt, aims[k], bool(use_secondary), moving)
+            options = {"use_secondary": bool(use_secondary), "velocity": moving}
+            taken = _one(controller, given[k], aims[k], dt, **options)
         except QpTwistError as error:
             found[k], scale[k], failures[int(k)] = np.nan, np.nan, str(error)
         else:
@@ -127,9 +128,7 @@ def step(
     return Steps(found, scale, ~done, failures)
 
 
-def _aims(
-    tasks: Sequence[TwistTask], own: Array, targets: Any, rows: int
-) -> npt.NDArray[np.float64]:
+def _aims(tasks: Sequence[TwistTask], own: Array, targets: Any, rows: int) -> Array:
     """R_d (9), p_d (3) and twist (6) of every task, (K, T, 18)."""
     aims = np.tile(own, (rows, 1, 1))
     if targets is None:
@@ -142,37 +141,25 @@ def _aims(
             "targets: expected a sequence of mink.SE3, one for each row, or matrices (K, 4, 4); "
             f"got {type(targets).__name__}."
         )
-    several = [targets] if len(tasks) == 1 and not _is_list_of_targets(targets) else targets
+    # One pose for each row, or for each task a sequence of them.
+    each_row = len(targets) and (isinstance(targets[0], mink.SE3) or np.ndim(targets[0]) == 2)
+    several = [targets] if len(tasks) == 1 and (each_row or not len(targets)) else targets
     if len(several) != len(tasks):
         raise InvalidInput(
             f"targets: expected a sequence of targets for each of {len(tasks)} tasks, got "
             f"{len(several)}."
         )
-    for number_of, poses in enumerate(several):
+    for k, poses in enumerate(several):
         motions = rigid_motions("targets", poses)
         if len(motions) != rows:
             raise InvalidInput(
                 f"targets: expected one for each of {rows} rows, got {len(motions)}."
             )
-        aims[:, number_of, :12], aims[:, number_of, 12:] = motions, 0.0
+        aims[:, k, :12], aims[:, k, 12:] = motions, 0.0
     return aims
 
 
-def _is_list_of_targets(targets: Any) -> bool:
-    """Whether there is a sequence for each task, and not one pose for each row."""
-    if isinstance(targets, np.ndarray):
-        return targets.ndim == 4
-    return bool(len(targets)) and not isinstance(targets[0], mink.SE3) and np.ndim(targets[0]) != 2
-
-
-def _one(
-    controller: Controller,
-    q: Array,
-    dt: float,
-    aims: Array,
-    use_secondary: bool,
-    velocity: Array | None,
-) -> Step:
+def _one(controller: Controller, q: Array, aims: Array, dt: float, **options: Any) -> Step:
     """A step of the reference, which leaves the controller unchanged."""
     tasks = controller.twist_tasks
     before = [(task.target, task.feedforward) for task in tasks]
@@ -180,12 +167,7 @@ def _one(
     try:
         for task, aim in zip(tasks, aims, strict=True):
             task.set_target(pose_of(aim), aim[12:])
-        return controller.step(
-            mink.Configuration(controller.model, q),
-            dt,
-            use_secondary=use_secondary,
-            velocity=velocity,
-        )
+        return controller.step(mink.Configuration(controller.model, q), dt, **options)
     finally:
         for task, (target, twist) in zip(tasks, before, strict=True):
             if target is not None:
