@@ -24,8 +24,6 @@ from qp_twist.paths import (
     without_via_points,
 )
 from qp_twist.planning import Plan
-from qp_twist.planning.manifold_net import BOUNDED
-from qp_twist.planning.path_rows import PathRows
 from qp_twist.qp import check_solver
 
 
@@ -107,25 +105,16 @@ def follow(
     if method in path_task.starts:
         path_task = replace(path_task, start=path_task.starts[method], best_start=False)
     path_task = with_start(path_task, planning)
-    start: Array | None = None
-    motion: Array | None = None
-    bound: float | None = None
-    interrupted: Plan | None = None
-    if settings.secondary == "plan" and not METHODS[method].peer:  # these refuse it
-        if plan is None:
-            plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
-            interrupted = plan if plan.interrupted else None
-        motion = plan.at_waypoints
-        # With more than three free degrees the bound knows too few local optima.
-        free = int(PathRows(path_task).freedom.max())
-        of_z = plan.objective == "centering" and not plan.joint_weights
-        bound = plan.bound if of_z and free <= BOUNDED and not path_task.joint_moves else None
-        start = motion[0]
+    if settings.secondary != "plan" or METHODS[method].peer:  # these refuse it
+        plan = None
+    elif plan is None:
+        plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
+    motion = None if plan is None else plan.at_waypoints
     trajectory = follow_stretches(
         path_task,
         method,
         settings,
-        start=start,
+        start=None if motion is None else motion[0],
         solver=solver,
         plan=motion,
         slow_down=slow_down,
@@ -133,7 +122,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return replace(trajectory, z_bound=bound, interrupted_plan=interrupted)
+    return replace(trajectory, plan=plan)
 
 
 def with_options(

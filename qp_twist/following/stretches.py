@@ -14,7 +14,7 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
-from qp_twist.paths import MethodSettings, PathTask, stretch_task, stretches
+from qp_twist.paths import MethodSettings, PathTask, stretches
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
@@ -131,21 +131,14 @@ def _joined_runs(parts: Sequence[Trajectory], moves: Sequence[_Move]) -> Traject
     if not moves:
         return parts[0]
 
-    def chained(name: str) -> tuple[Any, ...]:
-        return tuple(itertools.chain.from_iterable(getattr(part, name) for part in parts))
-
-    stacked: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("q", "s", "scale", "iterations")
-    }
     joined = dataclasses.replace(
         parts[-1],
-        binding=chained("binding"),
-        statuses=chained("statuses"),
+        q=np.concatenate([part.q for part in parts]),
+        s=np.concatenate([part.s for part in parts]),
+        steps=tuple(itertools.chain.from_iterable(part.steps for part in parts)),
         failure=next((part.failure for part in parts if part.failure), ""),
         seconds=sum(part.seconds for part in parts),
         compiled=sum(part.compiled for part in parts),
-        **stacked,
     )
     durations = None
     if parts[0].durations is not None:
@@ -180,7 +173,7 @@ def plan_stretches(
     for run in runs:
         if plans and plans[-1].interrupted:
             raise KeyboardInterrupt
-        task = stretch_task(path_task, run, path_task.start)
+        task = path_task.part(run)
         best = planned(task, None if plans else start)
         if best.q is None:
             return _none(path_task, best, run, "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import mink
 import numpy as np
@@ -17,10 +17,24 @@ from qp_twist.kinematics import FramePair, JointRanges, frame_jacobian, largest_
 from qp_twist.notebook import html_table
 from qp_twist.paths import METHODS, PathTask, Waypoints
 from qp_twist.planning import Plan
+from qp_twist.planning.manifold_net import BOUNDED
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import PathErrors, RowVerdict, poses_of, straight_errors, task_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+class RowSteps(NamedTuple):
+    """How a row was reached."""
+
+    scale: float = 1.0
+    """The smallest of its iterations."""
+    iterations: int = 0
+    binding: tuple[str, ...] = ()
+    """Names of the limits that were active, or because of which it took longer."""
+    status: Status = Status.SOLVED
+    """The worst of its iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,21 +50,14 @@ class Trajectory:
         path_task: The task that was followed.
         method: Name of the method.
         q: Joint configurations, rad or m, (N, nq).
-        scale: Smallest scale of the waypoint's steps; 1 for closed forms, (N,).
-        iterations: Iterations that each waypoint took, (N,).
-        binding: Names of the limits active in a step of the waypoint, or because of which its
-            duration was extended, for each waypoint.
-        statuses: The worst status of the waypoint's steps, for each waypoint.
+        steps: How each row was reached, (N,).
         seconds: Wall time of the whole run, without the start's correction, s.
         diverged_at: 1-based waypoint from which the method had no finite step, or ``None``.
         failure: Why and where there was no step; empty if there always was one.
         durations: Duration of each waypoint, s, (N,): the task's, or longer if
             :func:`~qp_twist.follow` slowed down; ``None`` if untimed.
-        z_bound: Lower bound of the mean z of all motions from this start, if the followed plan has
-            one.
+        plan: The plan that was followed, if one was.
         compiled: Number of waypoints that were reached by compiled code; the rest by Python.
-        interrupted_plan: The plan that was followed, if it was made by the method ``qp_planned``
-            itself and Ctrl-C ended its search.
         blocked_by: Names of the limits, as far as known, because of which a run that may slow down
             ended before the next waypoint; ``None`` if none did.
         s: Parameter of the path at each row (``PathTask.at``), (N,): the number of a waypoint,
@@ -60,23 +67,57 @@ class Trajectory:
     path_task: PathTask
     method: str
     q: Array
-    scale: Array
-    iterations: npt.NDArray[np.int64]
-    binding: tuple[tuple[str, ...], ...]
-    seconds: float
-    diverged_at: int | None
-    statuses: tuple[Status, ...]
-    failure: str
     durations: Array | None
-    z_bound: float | None = None
+    steps: tuple[RowSteps, ...] = ()
+    seconds: float = 0.0
+    diverged_at: int | None = None
+    failure: str = ""
+    plan: Plan | None = None
     compiled: int = 0
-    interrupted_plan: Plan | None = None
     blocked_by: tuple[str, ...] | None = None
     s: Array = None  # type: ignore[assignment]  # __post_init__ sets it
 
     def __post_init__(self) -> None:
         if self.s is None or len(self.s) != len(self.q):
             object.__setattr__(self, "s", np.arange(len(self.q), dtype=np.float64))
+        if not self.steps:
+            object.__setattr__(self, "steps", (RowSteps(),) * len(self.q))
+
+    @cached_property
+    def scale(self) -> Array:
+        """Smallest scale of each waypoint's steps; 1 for closed forms, (N,)."""
+        return np.array([row.scale for row in self.steps])
+
+    @cached_property
+    def iterations(self) -> npt.NDArray[np.int64]:
+        """Iterations that each waypoint took, (N,)."""
+        return np.array([row.iterations for row in self.steps])
+
+    @property
+    def binding(self) -> tuple[tuple[str, ...], ...]:
+        """Of each waypoint the limits active in its steps, or that extended its duration."""
+        return tuple(row.binding for row in self.steps)
+
+    @property
+    def statuses(self) -> tuple[Status, ...]:
+        """The worst status of each waypoint's steps."""
+        return tuple(row.status for row in self.steps)
+
+    @property
+    def interrupted_plan(self) -> Plan | None:
+        """The plan that was followed, if Ctrl-C ended its search."""
+        return self.plan if self.plan is not None and self.plan.interrupted else None
+
+    @cached_property
+    def z_bound(self) -> float | None:
+        """Lower bound of the mean z of all motions from this start, if the followed plan has one.
+
+        With more than three free degrees the bound knows too few local optima.
+        """
+        plan, task = self.plan, self.path_task
+        if plan is None or plan.objective != "centering" or plan.joint_weights or task.joint_moves:
+            return None
+        return plan.bound if int(PathRows(task).freedom.max()) <= BOUNDED else None
 
     @cached_property
     def path(self) -> Waypoints:
@@ -164,10 +205,7 @@ class Trajectory:
             self,
             q=np.insert(self.q, at, q, axis=0),
             s=np.insert(self.s, at, s),
-            scale=np.insert(self.scale, at, 1.0),
-            iterations=np.insert(self.iterations, at, 0),
-            binding=tuple(() if k < 0 else self.binding[k] for k in kept),
-            statuses=tuple(Status.SOLVED if k < 0 else self.statuses[k] for k in kept),
+            steps=tuple(RowSteps() if k < 0 else self.steps[k] for k in kept),
             durations=durations,
         )
 

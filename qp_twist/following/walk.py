@@ -16,7 +16,7 @@ from qp_twist.control import Status
 from qp_twist.following.blending import resolvers_along
 from qp_twist.following.resolver import LARGEST_JOINT, Iteration, Job, Resolver
 from qp_twist.following.sampling import fine_rows, plan_at
-from qp_twist.following.trajectory import Trajectory
+from qp_twist.following.trajectory import RowSteps, Trajectory
 from qp_twist.geometry import twist_error
 from qp_twist.kernel import COMPILED
 from qp_twist.kinematics import frame_pose
@@ -112,14 +112,11 @@ def _compiled(job: Job) -> CompiledWalk | None:
 
 
 class _Row(NamedTuple):
-    """A recorded row: its configuration, how long the way to it takes, and how it was found."""
+    """A recorded row: its configuration, how long the way to it takes, and how it was reached."""
 
     q: Array
     duration: float = 0.0
-    scale: float = 1.0
-    iterations: int = 0
-    binding: tuple[str, ...] = ()
-    status: Status = Status.SOLVED
+    steps: RowSteps = RowSteps()
 
 
 class _Run:
@@ -177,7 +174,8 @@ class _Run:
         for k in range(len(q)):
             self._compiled += 1
             duration = float(self._feed[len(self.rows)])
-            self._record(_Row(q[k].copy(), duration, iterations=int(iterations[k])), errors[k])
+            steps = RowSteps(iterations=int(iterations[k]))
+            self._record(_Row(q[k].copy(), duration, steps), errors[k])
             if self.stopped:
                 break
         self._configuration.update(self.rows[-1].q)
@@ -199,7 +197,7 @@ class _Run:
         if job.slow_down and not self.going:
             self.stopped = True
         elif self._is_blocked(row):
-            self._blocked_by, self.stopped = row.binding, True
+            self._blocked_by, self.stopped = row.steps.binding, True
         else:
             self._record(row._replace(q=self._configuration.q.copy()), None)
 
@@ -261,13 +259,13 @@ class _Run:
             # Blocked by limits: further iterations would not move it either.
             if np.abs(move.dq).max(initial=0.0) < 1e-13 or not _sane(configuration.q):
                 break
-        names = dict.fromkeys((*before.binding, *(name for m in moves for name in m.binding)))
-        row = before._replace(
-            scale=min((move.scale for move in moves), default=1.0),
-            iterations=len(moves),
-            binding=tuple(names),
-            status=max((m.status for m in moves), default=Status.SOLVED, key=lambda s: s.severity),
-        )
+        names = dict.fromkeys((*before.steps.binding, *(name for m in moves for name in m.binding)))
+        row = before._replace(steps=RowSteps(
+            min((move.scale for move in moves), default=1.0),
+            len(moves),
+            tuple(names),
+            max((m.status for m in moves), default=Status.SOLVED, key=lambda s: s.severity),
+        ))  # fmt: skip
         if not self._slows or not _sane(configuration.q):
             return row, np.inf
         return row, missed_by(task, resolver.task, configuration)
@@ -276,7 +274,7 @@ class _Run:
         """Whether the limits, or a singularity, keep the run from the next row at any speed."""
         if not self._slows or self.job.method.peer:
             return False
-        if row.status in (Status.SOLVED, Status.PRIORITIZED):
+        if row.steps.status in (Status.SOLVED, Status.PRIORITIZED):
             return False
         return not self.job.path_task.tolerances.met(*self._errors(len(self.rows)))
 
@@ -302,16 +300,13 @@ class _Run:
     def trajectory(self, seconds: float) -> Trajectory:
         """The recorded trajectory."""
         job, rows = self.job, self.rows
-        q, durations, scales, iterations, binding, statuses = zip(*rows, strict=True)
+        q, durations, steps = zip(*rows, strict=True)
         return Trajectory(
             path_task=job.path_task,
             method=job.method.name,
             q=np.array(q),
             s=job.path.s[: len(rows)],
-            scale=np.array(scales),
-            iterations=np.array(iterations),
-            binding=binding,
-            statuses=statuses,
+            steps=steps,
             durations=None if job.path.feed_times is None else np.array(durations),
             seconds=seconds,
             diverged_at=self._diverged_at,

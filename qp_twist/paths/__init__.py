@@ -7,7 +7,6 @@ from .column_names import Orientation as Orientation
 from .joint_moves import in_joint_moves as in_joint_moves
 from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
-from .joint_moves import stretch_task as stretch_task
 from .joint_moves import stretches as stretches
 from .joint_moves import without_via_points as without_via_points
 from .methods import DEFAULT_METHOD as DEFAULT_METHOD

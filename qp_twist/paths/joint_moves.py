@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask
+from qp_twist.checks import Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.segment import Segment
 
 if TYPE_CHECKING:
     from qp_twist.paths.path_task import PathTask
@@ -52,44 +50,7 @@ def joint_move_ends(path_task: PathTask) -> list[tuple[int, int]]:
     return [(begin - 1, end) for begin, end in zip(first, last, strict=True)]
 
 
-def stretch_task(path_task: PathTask, run: range, start: Array) -> PathTask:
-    """The task of one stretch of the path, from a start (nq,)."""
-    return _chosen(path_task, np.array(run), start)
-
-
 def without_via_points(path_task: PathTask) -> PathTask:
     """The task without the points that its joint moves only pass."""
     on_path = path_task.at().on_path
-    if on_path.all():
-        return path_task
-    return _chosen(path_task, np.flatnonzero(on_path), path_task.start)
-
-
-def _chosen(path_task: PathTask, index: Indices, start: Array) -> PathTask:
-    """The task of some of its waypoints, in their order; others are left out."""
-    segments: list[Segment] = []
-    projector = path_task.projector
-    for segment in path_task.segments:
-        first = int(np.searchsorted(index, segment.first))
-        if first == 0:
-            projector = segment.projector
-        elif first < len(index):
-            segments.append(replace(segment, first=first))
-    flipped, durations, lines = path_task.flipped_waypoints, path_task.durations, path_task.lines
-    if durations is not None:
-        durations = np.append(0.0, durations[index[1:]])
-    moves = np.flatnonzero(np.isin(index[1:], path_task.joint_moves)) + 1
-    return replace(
-        path_task,
-        waypoints=tuple(path_task.waypoints[k] for k in index),
-        flipped_waypoints=None if flipped is None else tuple(flipped[k] for k in index),
-        start=start,
-        best_start=False,
-        starts={},
-        durations=durations,
-        projector=projector,
-        segments=tuple(segments),
-        joint_moves=tuple(moves.tolist()),
-        lines=None if lines is None else lines[index],
-        from_start="nothing" if index[0] else path_task.from_start,
-    )
+    return path_task if on_path.all() else path_task.part(np.flatnonzero(on_path))

@@ -12,6 +12,7 @@ from typing import Literal
 import mink
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from qp_twist.checks import Array, all_arguments, did_you_mean, finite_array, instance
 from qp_twist.constraints import (
@@ -231,6 +232,36 @@ class PathTask:
                 key="s",
             )
         return Waypoints.of(self, s, flipped=flipped)
+
+    def part(self, index: npt.ArrayLike | slice) -> PathTask:
+        """The task of some of its waypoints (K,), in their order; others are left out.
+
+        It begins at its own first waypoint, from the same start.
+        """
+        index = np.arange(len(self.waypoints))[index]  # type: ignore[index]
+        segments: list[Segment] = []
+        projector = self.projector
+        for segment in self.segments:
+            first = int(np.searchsorted(index, segment.first))
+            if first == 0:
+                projector = segment.projector
+            elif first < len(index):
+                segments.append(replace(segment, first=first))
+        flipped, durations = self.flipped_waypoints, self.durations
+        moves = np.flatnonzero(np.isin(index[1:], self.joint_moves)) + 1
+        return replace(
+            self,
+            waypoints=tuple(self.waypoints[k] for k in index),
+            flipped_waypoints=None if flipped is None else tuple(flipped[k] for k in index),
+            best_start=False,
+            starts={},
+            durations=None if durations is None else np.append(0.0, durations[index[1:]]),
+            projector=projector,
+            segments=tuple(segments),
+            joint_moves=tuple(moves.tolist()),
+            lines=None if self.lines is None else self.lines[index],
+            from_start="nothing" if index[0] else self.from_start,
+        )
 
     @property
     def projectors(self) -> tuple[TwistProjector, ...]:

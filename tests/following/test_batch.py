@@ -16,18 +16,6 @@ from qp_twist.paths import PathTask
 Array = np.ndarray
 
 
-def small(path_task: PathTask, count: int) -> PathTask:
-    """The first waypoints of a path."""
-    durations = path_task.durations
-    return dataclasses.replace(
-        path_task,
-        waypoints=path_task.waypoints[:count],
-        flipped_waypoints=path_task.flipped_waypoints and path_task.flipped_waypoints[:count],
-        durations=None if durations is None else durations[:count],
-        segments=(),
-    )
-
-
 def random_moves(rng: np.random.Generator, count: int, size: float) -> list[mink.SE3]:
     return [mink.SE3.exp(size * rng.normal(size=6)) for _ in range(count)]
 
@@ -50,7 +38,7 @@ def one_by_one(path_task: PathTask, method: str, start: Array, move: mink.SE3) -
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3))
 def test_each_run_is_the_one_that_would_be_followed_alone(seed: int, threads: int) -> None:
     rng = np.random.default_rng(seed)
-    path_task = small(qt.load_task("deburring"), 25)
+    path_task = qt.load_task("deburring").part(slice(25))
     method = ("rmr", "minimum_norm", "gradient_projection", "qp_gradient", "qp")[rng.integers(5)]
     moves = random_moves(rng, 3, 0.02)
     starts = path_task.start + 0.05 * rng.normal(size=(3, 6))
@@ -73,7 +61,7 @@ def test_each_run_is_the_one_that_would_be_followed_alone(seed: int, threads: in
 
 
 def test_a_run_that_fails_stops_no_other() -> None:
-    path_task = small(qt.load_task("deburring"), 12)
+    path_task = qt.load_task("deburring").part(slice(12))
     away = mink.SE3.from_translation(np.array([50.0, 0.0, 0.0]))
     moves = [mink.SE3.identity(), away, mink.SE3.identity()]
     runs = qt.batch.follow(path_task, "qp_gradient", moves=moves)
@@ -87,7 +75,7 @@ def test_a_run_that_fails_stops_no_other() -> None:
 
 
 def test_runs_that_limits_hold_are_finished_by_the_reference() -> None:
-    path_task = small(qt.load_task("deburring"), 30)
+    path_task = qt.load_task("deburring").part(slice(30))
     slow = dataclasses.replace(
         path_task,
         durations=np.concatenate([[0.0], np.full(29, 0.1)]),
@@ -102,7 +90,7 @@ def test_runs_that_limits_hold_are_finished_by_the_reference() -> None:
 
 
 def test_what_cannot_be_done_is_a_sentence() -> None:
-    path_task = small(qt.load_task("deburring"), 5)
+    path_task = qt.load_task("deburring").part(slice(5))
     for arguments, said in (
         ({"method": "sns"}, "has no compiled form"),
         ({"method": "qp_planned"}, "has no compiled form"),

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 import qp_twist as qt
-from qp_twist.control import Status
 
 Array = np.ndarray
 POSITION = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
@@ -61,20 +60,7 @@ def joint_path(
         velocity_limits=np.broadcast_to(velocity, model.nv).astype(float),
         acceleration_limits=np.broadcast_to(acceleration, model.nv).astype(float),
     )
-    zeros = np.zeros(len(q))
-    return qt.Trajectory(
-        path_task=task,
-        method="qp",
-        q=q,
-        scale=zeros + 1.0,
-        iterations=zeros.astype(int),
-        binding=((),) * len(q),
-        seconds=0.0,
-        diverged_at=None,
-        statuses=(Status.SOLVED,) * len(q),
-        failure="",
-        durations=durations,
-    )
+    return qt.Trajectory(task, "qp", q, durations)
 
 
 def evenly(count: int, duration: float) -> Array:
@@ -82,14 +68,7 @@ def evenly(count: int, duration: float) -> Array:
 
 
 def short(task: qt.PathTask, count: int, **changes: object) -> qt.PathTask:
-    assert task.durations is not None
-    return dataclasses.replace(
-        task,
-        waypoints=task.waypoints[:count],
-        flipped_waypoints=None,
-        durations=task.durations[:count],
-        **changes,
-    )
+    return dataclasses.replace(task.part(slice(count)), **changes)
 
 
 def between(q: Array, count: int = 50) -> Array:

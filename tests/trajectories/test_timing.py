@@ -382,14 +382,13 @@ def test_the_error_between_waypoints_is_that_of_the_arc_over_its_chord() -> None
 @pytest.mark.parametrize("every", [5, 20, 50])
 def test_a_path_is_followed_as_finely_as_its_tolerances_ask(every: int) -> None:
     line = qt.load_task("planar_line")
-    task = dataclasses.replace(line, waypoints=line.waypoints[::every], flipped_waypoints=None)
+    task = line.part(slice(None, None, every))
     plain, fine = (qt.follow(task, "qp_minimum_norm", fine=fine) for fine in (False, True))
     assert plain.between.position.bound.max() > 1e-4 or every == 5
     assert fine.between.position.bound.max() <= 1e-4
     assert fine.s[fine.at_waypoints].tolist() == list(range(len(task.waypoints)))
     assert fine.position_error.max() < 1e-8 and fine.passes
-    twice = qt.follow(dataclasses.replace(task, waypoints=line.waypoints[:: every // 5]),
-                      "qp_minimum_norm", fine=True)  # fmt: skip
+    twice = qt.follow(line.part(slice(None, None, every // 5)), "qp_minimum_norm", fine=True)
     assert len(twice.q) <= 2 * len(fine.q)  # the rows follow from the path, not from its points
 
 
