@@ -1,4 +1,7 @@
-"""Circular arcs and helices as polygons with a stated chord error."""
+"""Circular arcs and helices as polygons with a stated chord error.
+
+Points are in m, (3,); axes, normals and directions are unit vectors, (3,).
+"""
 
 from __future__ import annotations
 
@@ -36,15 +39,7 @@ _UNCLEAR = 5e-6
 
 
 class Arc(NamedTuple):
-    """A motion along a circle or a helix, right-handed about its axis.
-
-    Attributes:
-        start: First point, m, (3,).
-        end: Last point, m, (3,).
-        centre: A point of the axis, m, (3,).
-        axis: Direction of the axis, unit vector, (3,).
-        sweep: Angle, rad.
-    """
+    """A motion along a circle or a helix, right-handed about its axis by an angle, rad."""
 
     start: Array
     end: Array
@@ -58,12 +53,7 @@ class Arc(NamedTuple):
     ) -> Arc:
         """The arc from one point of a circle to another; a full circle if both are the same.
 
-        Args:
-            start: First point, m, (3,).
-            end: Last point, m, (3,).
-            centre: A point of the axis, m, (3,).
-            axis: Direction of the axis, unit vector, (3,).
-            radius: Radius that the file states, m.
+        ``radius`` is that which the file states, m.
 
         Raises:
             InvalidInput: If the points are not on one circle, or so close together that a full
@@ -96,16 +86,10 @@ class Arc(NamedTuple):
 
     @classmethod
     def tangent(cls, start: Array, end: Array, heading: Array, normal: Array) -> Arc:
-        r"""The arc, or helix, that continues a direction in a plane.
+        r"""The arc, or helix, that continues a direction h in the plane with the normal n.
 
         With the chord :math:`\mathbf d` and :math:`\mathbf s = \mathbf n \times \mathbf h`, the
         centre is :math:`\mathbf d^2 / (2\, \mathbf d \cdot \mathbf s)` along s.
-
-        Args:
-            start: First point, m, (3,).
-            end: Last point, m, (3,).
-            heading: Direction at the start, h, unit vector, (3,).
-            normal: Of the plane, n, unit vector, (3,).
 
         Raises:
             InvalidInput: If the end is straight on.
@@ -164,13 +148,7 @@ def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Ar
     .. math:: \mathbf c = \frac{\mathbf s + \mathbf e}{2}
         + \mathrm{sgn}(r) \sqrt{r^2 - d^2/4}\; \mathbf a \times \frac{\mathbf e - \mathbf s}{d}
 
-    with e without its height above s along the axis a, and d the distance from s to e.
-
-    Args:
-        start: s, m, (3,).
-        end: e, m, (3,).
-        axis: a, unit vector, (3,).
-        radius: r, m; below 0 for an arc of more than 180°.
+    with e without its height above the start s along the axis a, and d the distance from s to e.
 
     Raises:
         InvalidInput: If the ends are at the same point, or further apart than twice the radius.
@@ -201,9 +179,9 @@ def cut_corner(
     which the path turns there; a chamfer is its chord.
 
     Args:
-        before: Where the cut to the corner begins, m, (3,).
-        corner: m, (3,).
-        after: Where the cut from the corner ends, m, (3,).
+        before: Where the cut to the corner begins.
+        corner: The corner.
+        after: Where the cut from it ends.
         kind: What the size is: ``R`` the radius, ``C`` what a chamfer takes of each cut, ``CHF``
             its length.
         size: m, above 0.

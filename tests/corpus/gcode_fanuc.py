@@ -100,6 +100,14 @@ def shifted() -> list[TruePath]:
     return [TruePath(first, up(first)), TruePath(second, up(second))]
 
 
+@case("FANUC", "arguments.nc", f"{HEAD}G00 X0. Y0. Z0.\nG01 F600.\nG65 P2 X3. Y4. Z-1. I5. D7.\n"
+      "M30\nO2\nG01 X#24 Y#25 Z#26\nX#4 Y#7\nM99\n%\n")  # fmt: skip
+def arguments() -> list[TruePath]:
+    # FANUC, Custom Macro, argument specification I: A to C, I to K, D to F, H, M, Q to Z.
+    points = mm((0, 0, 0), (3, 4, -1), (5, 7, -1))
+    return [TruePath(points, up(points))]
+
+
 @case("FANUC", "smooth.nc", f"{HEAD}G00 X1. Y2. Z5.\nG05.1 Q2 X0 Y0 Z0\nG01 Z0. F300.\n"
       "X9.\nG05.1 Q0\nM30\n%\n")  # fmt: skip
 def smooth() -> list[TruePath]:

@@ -10,8 +10,8 @@ from corpus.gcode_fanuc import UP, turned, up
 HEAD = '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR/_N_PART_WPD\nN10 G0 G17 G40 G71 G90 G94\nN20 T="D10" D1\n'
 
 
-@case("SINUMERIK", "vectors.mpf", f"{HEAD}N30 M6\nN40 TRAORI\nN50 ORIWKS ORIAXES\n"
-      "N60 CYCLE832(0.01,1,1)\n"
+@case("SINUMERIK", "vectors.mpf", f"{HEAD}N30 M6\nN40 TRAORI\nN50 ORIWKS ORIAXES FFWON COMPCAD\n"
+      "N55 MSG(\"A; (B)\")\nN60 CYCLE832(0.01,1,1)\n"
       "N70 G0 X0 Y0 Z20 A3=0 B3=0 C3=1\nN80 G1 Z0 F1200 A3=0.6 B3=0 C3=0.8\n"
       "N90 X25 A3=0 B3=-0.6 C3=0.8\nN100 TRAFOOF\nN110 G0 SUPA Z0 D0\nN120 M30\n")  # fmt: skip
 def vectors() -> list[TruePath]:

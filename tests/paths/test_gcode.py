@@ -19,6 +19,7 @@ from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.errors import InvalidInput
 from qp_twist.paths import Rotary, Toolpath, read_toolpath
 from qp_twist.paths.rotary_axes import rotary_letters, tool_axis
+from qp_twist.paths.toolpath_summary import summarize
 from qp_twist.paths.turning import angles_between
 
 QUICK = settings(
@@ -94,20 +95,6 @@ def test_the_suffix_tells_the_format(tmp_path: Path, suffix: str) -> None:
     text = "G21 G1 X0 Y0 Z0\nX1\n"
     assert len(read(tmp_path, text, f"a.{suffix}").curves[0]) == 2
     assert len(read(tmp_path, text, "a.txt", format="gcode").curves[0]) == 2
-
-
-def test_words_of_a_sinumerik_are_read(tmp_path: Path) -> None:
-    text = (
-        '%_N_PART_MPF\n;$PATH=/_N_WKS_DIR\nN1 G71 G90 G17\nN2 T="MILL 10" D1\nN3 MSG("A; (B)")\n'
-        "N4 CYCLE832(0.01,_FINISH,1)\nN5 TRAORI\nN6 ORIWKS ORIAXES FFWON SOFT COMPCAD\n"
-        "N7 G0 X0 Y0 Z10 A3=0 B3=0 C3=1\nN8 G1 Z0 F500 A3=.6 C3=.8\nN9 X=10\nN10 TRAFOOF\n"
-        "N11 SUPA G0 Z0\nM17\n"
-    )
-    toolpath = read(tmp_path, text, "part.mpf")
-    [curve] = toolpath.curves
-    assert curve.vectors == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8], [0.6, 0, 0.8]]))
-    arc = "G71 G0 X0 Y0 Z0\nG1 F100 X10\nG3 X0 Y10 CR=10\n"
-    assert millimetres(read(tmp_path, arc, "a.mpf"))[-1] == pytest.approx([0, 10, 0])
 
 
 # ---------------------------------------------------------------- arcs
@@ -226,17 +213,6 @@ def test_rotary_axes_turn_the_tool_as_the_joints_of_a_machine_do(
         assert shown == pytest.approx(expected, abs=1e-3)
 
 
-@pytest.mark.parametrize("rotary", ["table-ac", "head-ac", "head-a-table-c"])
-def test_a_positive_word_leans_the_tool_right_handed_on_heads_and_tables(
-    rotary: Rotary, tmp_path: Path
-) -> None:
-    """ISO 841: A+ turns the tool about +x relative to the part, from +z towards −y."""
-    text = "G21 G43.4 H1\nG0 X0 Y0 Z5 A30 C0\nG1 Z0 F100\n"
-    [curve] = read(tmp_path, text, rotary=rotary).curves
-    assert curve.vectors is not None
-    assert curve.vectors[0] == pytest.approx([0, -0.5, math.sqrt(0.75)])
-
-
 ROLLS = "G21 G43.4 H1\nG0 X0 Y0 Z0 {axis}{begin}{other}\n{mode} G1 X10 {axis}{end} F100\n"
 
 
@@ -318,6 +294,7 @@ def test_vectors_are_the_tool_axis_where_the_file_or_the_option_says_so(tmp_path
         ("G43.4\nG0 X0 Y0 Z0 A30 B5\nG1 X1", None, "line 3: A is a rotary axis; add rotary"),
         ("G43.4\nG0 X0 Y0 Z0 B30\nG1 X1", "head-ac", "line 3: B is not one of the rotary axes of"),
         ("G0 X0 Y0 Z0 A30\nG1 X1 Y0 Z0", "head-ac", "line 3: the rotary axes are turned without"),
+        ("M428\nM429\nG0 X0 Y0 Z0 A30\nG1 X1", "head-ac", "line 5: the rotary axes are"),
         ("G43.4\nG0 X0 Y0 Z0\nG1 X1 A30", "head-ac", "line 4: A is first stated here, after the"),
         ("G0 X0 Y0 Z0\nG1 X1 I0 J1", "vector", "line 3: the tool axis has I and J alone"),
         ("G0 X0 Y0 Z0\nG1 X1 I0 J0 K0", "vector", "line 3: the tool axis is zero"),
@@ -387,6 +364,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("X1 X2", "X is there twice"), ("G0 G1 X1", "one of G0, G1, G2 and G3; got several"),
         ("/X5", "a block behind / is run or not by a switch"), ("(open", "no closing bracket"),
         ("G1 R5 X1", "R belongs to an arc"), ("F0", "F: expected a feed above 0, got 0"),
+        ("G93 X5 F4\nX9", "line 5: G93: each block that cuts needs its own F"),
         ("G20", "the unit changes after the first motion"),
         ("G2 X1 Y1", "has its centre in I and J, or a radius R; got neither"),
         ("G2 X1 Y1 R5 I1", "a radius R or a centre I, J, K; got both"),
@@ -537,10 +515,43 @@ def test_words_that_count_for_the_motions_behind_them_are_not_passed_over(tmp_pa
         read(tmp_path, "G20 G90\nG0 X0 Y0 Z1\nG81 Z-.5 R.1 F10. L0\nG70 I2. J30. L6\n")
 
 
-def test_arguments_of_a_macro_have_the_numbers_of_fanuc(tmp_path: Path) -> None:
-    """FANUC, *Custom Macro*, argument specification I: A to C, I to K, D to F, H, M, Q to Z."""
-    call = "%\nO1\nG21 G90\nG0 X0 Y0 Z0\nG1 F600\nG65 P2 X3. Y4. Z-1. I5. D7.\nM30\n"
-    macro = "O2\nG1 X#24 Y#25 Z#26\nX#4 Y#7\nM99\n%\n"
-    assert millimetres(read(tmp_path, call + macro)) == pytest.approx(
-        np.array([[0, 0, 0], [3, 4, -1], [5, 7, -1]])
-    )
+# ---------------------------------------------------------------- feeds and units
+
+
+def test_a_feed_in_inverse_time_gives_each_block_its_time(tmp_path: Path) -> None:
+    """A line of 30 mm in 1/4 minute, a half circle of radius 10 mm in half a minute."""
+    text = "G21 G90\nG0 X0 Y0 Z0\nG93\nG1 X30 F4\nG3 X10 Y0 I-10 J0 F2\nG94 G1 X0 F600\n"
+    toolpath = read(tmp_path, text)
+    [curve] = toolpath.curves
+    assert curve.feeds is not None
+    steps = np.linalg.norm(np.diff(curve.positions, axis=0), axis=1)
+    times = steps / curve.feeds[1:]
+    by_line = {line: times[curve.lines[1:] == line].sum() for line in (4, 5, 6)}
+    assert by_line[4] == pytest.approx(15.0)
+    assert by_line[5] == pytest.approx(30.0)
+    assert by_line[6] == pytest.approx(1.0)
+    assert np.ptp(curve.feeds[1:][curve.lines[1:] == 5]) < 1e-9
+    assert curve.feeds[1] == pytest.approx(0.030 * 4 / 60)
+    assert summarize(toolpath).time == pytest.approx(46.0)
+
+
+def test_a_turn_in_place_in_inverse_time_has_no_feed(tmp_path: Path) -> None:
+    text = "G21 G90 G43.4\nG0 X0 Y0 Z0 A0 C0\nG93\nG1 A30 F10\nG1 X10 F10\n"
+    [curve] = read(tmp_path, text, rotary="table-ac").curves
+    assert curve.feeds is not None
+    assert np.isnan(curve.feeds[curve.lines == 4]).all()
+    assert curve.feeds[curve.lines == 5] == pytest.approx(0.01 * 10 / 60)
+
+
+def test_a_unit_is_assumed_where_only_one_fits_an_arm(tmp_path: Path) -> None:
+    toolpath = read(tmp_path, "G90 G0 X0 Y0 Z0 (X9000)\nG1 X1400 F600\n")
+    assert (toolpath.unit, toolpath.unit_in_file) == ("mm", False)
+    assert "as inches it would be 35.6 m long; --unit inch reads it so." in toolpath.notes[0]
+    # Either may be: mm unless a comment says inches; neither can be: asked.
+    toolpath = read(tmp_path, "G90 G0 X0 Y0 Z0\nG1 X300 F600\n")
+    assert toolpath.curves[0].positions[1, 0] == pytest.approx(0.3)
+    toolpath = read(tmp_path, "(UNITS: INCH)\nG90 G0 X0 Y0 Z0\nG1 X30 F600\n")
+    assert toolpath.curves[0].positions[1, 0] == pytest.approx(0.762)
+    for text in ("G0 X0 Y0 Z0\nG1 X20000. F600\n", "(INCH or MM)\nG0 X0 Y0 Z0\nG1 X3 F600\n"):
+        with pytest.raises(InvalidInput, match="no unit of length before the first point"):
+            read(tmp_path, text)
