@@ -46,15 +46,9 @@ _CONFIGURATIONS = 10
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """A scene that was written.
+    """A scene that was written: its robot, the controlled frame, and names of bodies.
 
-    Attributes:
-        robot: The robot in it, loaded from the scene.
-        frame: The controlled frame: the tool's tip, or the frame that was chosen on the robot.
-        tool: Name of the tool's body; empty without a tool.
-        part: Name of the part's body; empty without a part.
-        carrier: Name of the body that carries the path; ``None`` for a path in the world.
-        notes: Sentences on what was decided.
+    ``tool`` and ``part`` are empty without one; ``carrier`` carries the path, ``None``: the world.
     """
 
     robot: Robot

@@ -260,14 +260,8 @@ def _controller(stated: str | None, out: Path) -> str | None:
 
 def _loaded(parts: Parts, unfinished: Path, out: Path) -> PathTask:
     """The task of the parts, written to a temporary file."""
-    try:
-        unfinished.write_text(task_text(parts), encoding="utf-8")
-    except UnicodeEncodeError as error:
-        raise InvalidInput(
-            f"{out}: a task file (TOML) cannot have the name "
-            f"{printable(error.object[: error.end]).splitlines()[-1]}…, which is not UTF-8; rename "
-            "that file."
-        ) from None
+    # A name of a file that is not UTF-8, and so none in a TOML file, is not found below.
+    unfinished.write_text(task_text(parts), encoding="utf-8", errors="replace")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what was left out of the robot is in the file

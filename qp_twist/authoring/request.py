@@ -20,40 +20,13 @@ Pose = tuple[float, float, float, float, float, float]
 
 
 class Request(ToolpathOptions):
-    """A robot, a toolpath, the options of the toolpath, and the others that the user chose.
+    """The arguments of ``qp-twist new``, whose help says what each of them means.
 
-    Attributes:
-        robot: MJCF, URDF or xacro file, or the name of a shipped scene.
-        toolpath: CSV, APT-CL, G-code, or a program of a robot.
-        packages: Folders of the ROS packages of a URDF or xacro file, by name.
-        arguments: Values of the arguments of a xacro file, by name.
-        frame: Controlled frame; ``None`` for the only one.
-        frame_type: ``"site"``, ``"body"`` or ``"geom"``; ``None`` for any with that name.
-        roll: Whether the roll about the tool's axis is fixed to the one that the toolpath states,
-            or free and drawn to it; ``None``: fixed if it states whole orientations, free if it
-            states a second axis beside the first.
-        transfer: From one curve to the next in straight lines, or by joint moves.
-        tool: Whether the frame's z points into the part.
-        place: Origin of the toolpath's frame in the world, m; ``None`` for the world's origin, or
-            elsewhere if the robot does not reach it there.
-        place_rpy_deg: Orientation of that frame, R = Rz Ry Rx, degrees; only with ``place``.
-        speed: Speed along the path where the toolpath has no feed, m/s.
-        angular_speed_deg: Largest speed at which the tool turns, degrees/s; ``None`` for
-            ``ANGULAR_SPEED`` where the tool turns in place, and no bound elsewhere.
-        search_seconds: Limit of the search for a start and a placement, s of processor time;
-            compiling kernels does not count.
-        tool_mesh: Mesh file of a tool, in the axes of the robot's frame.
-        tcp: Pose of its tip in the robot's frame; with it the task's frame is the tip.
-        part_mesh: Mesh file of the part, in the toolpath's frame.
-        fixture_meshes: Mesh files of what stands around the part, in the toolpath's frame.
-        mesh_unit: Unit of all mesh files.
-        relative_to: Body of the robot file that carries the part, such as the plate of a turn
-            table; ``place`` is then in its frame.
-        tool_at: Pose of a tool that is fixed in the cell, in the robot's world. The robot then
-            holds the part: ``place`` is in its frame, ``tcp`` in that of the tool, and fixtures are
-            in the robot's world.
-        controller: How the controller counts the joints: name of a known robot, a file with a table
-            of its own (``.toml``), or ``"as modelled"``; ``None``: recognised.
+    Lengths are in m, speeds in m/s, angles in degrees with R = Rz Ry Rx, the time of the search in
+    s of processor time. ``place`` and ``place_rpy_deg`` are the pose of the toolpath's frame in the
+    robot's world, in the frame of ``relative_to``, or, with ``tool_at``, in the robot's frame;
+    ``tcp`` is that of the tool's tip in the robot's frame, with ``tool_at`` in that of the tool.
+    ``None`` leaves a choice to what is decided from the files.
     """
 
     renamed: ClassVar[dict[str, str]] = {

@@ -80,15 +80,9 @@ class Trial:
 
 @dataclass(eq=False)
 class TaskSearchResult:
-    """Result of a search.
+    """The best trials here and of all, the other places, and how many of them were run.
 
-    Attributes:
-        here: The best trial at the present placement.
-        best: The best trial of all.
-        places: The search for other placements, if there was one.
-        run: Number of these that were run.
-        ended: When and why the search was stopped early; empty if it was completed.
-        by_user: Whether it was interrupted.
+    ``ended`` says when and by whom the search was stopped early; empty if it was completed.
     """
 
     here: Trial
@@ -100,16 +94,12 @@ class TaskSearchResult:
 
 
 class TaskSearch:
-    """Searches a start, and a placement of the workpiece, within a time limit.
+    """Searches a start, and a placement of the workpiece, within a time limit, s.
 
     The time is that of the processor, without that of compiling kernels: neither other programs
     on the machine nor a first call on it shorten the search. Every verdict is that of
-    :func:`~qp_twist.trajectories.run_task`, as in ``qp-twist run``.
-
-    Args:
-        seconds: Limit of the search, s of processor time.
-        report: Called with the current phase and the share of the time that is used.
-        rounded: Rounds a start as in the task file.
+    :func:`~qp_twist.trajectories.run_task`, as in ``qp-twist run``; a start is ``rounded`` as in
+    the task file.
     """
 
     def __init__(self, seconds: float, report: Progress, rounded: Callable[[Array], Array]) -> None:

@@ -28,27 +28,10 @@ _BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ012345678
 class Parts:
     """Content of a task file; files as the task file names them.
 
-    Attributes:
-        request: The arguments of ``qp-twist new``.
-        title: One line that names the task.
-        scene: Robot file.
-        packages: Folders of the robot file's ROS packages, by name.
-        toolpath_file: Toolpath file.
-        frame: The controlled frame.
-        toolpath: What the toolpath file says.
-        ranges: Of the robot's joints.
-        robot: From the robot file.
-        position: Of the toolpath's frame in the world, m.
-        rpy_deg: Its orientation there, degrees.
-        watched: What must not touch; ``None`` where nothing can collide.
-        carrier: Body of the scene that carries the path; ``None``: its world.
-        part: Body of the scene that moves along with the path in a study; empty for none.
-        controller: How the controller counts the joints.
-        placement_notes: Sentences on where the workpiece stands.
-        start: Joint positions, rad or m, (nv,); ``None``: to be found when the task is run.
-        start_notes: Sentences on the start.
-        middle: The middle of the path, in the world, m, (3,); ``None``: not known yet.
-        margin: By how much a study moves it along each axis, m.
+    ``position``, m, and ``rpy_deg`` are the pose of the toolpath's frame in the world or in the
+    frame of ``carrier``, the body that carries the path. ``part`` is the body that moves along with
+    the path in a study; a study moves its ``middle``, m, by up to ``margin``, m. ``start``, rad or
+    m, (nv,), is ``None`` if it is to be found when the task is run.
     """
 
     request: Request

@@ -35,8 +35,6 @@ def read_joints(root: ET.Element, file: Path) -> tuple[dict[str, float], list[st
     no_speed: list[str] = []
     for name, joint in zip(names, joints, strict=True):
         kind, mimic, where = joint.get("type"), joint.find("mimic"), f"{file}: joint {name!r}"
-        for element in (*joint.findall("origin"), *joint.findall("axis")):
-            _check_vectors(element, where)
         if kind == "fixed":
             if mimic is not None:
                 joint.remove(mimic)
@@ -82,22 +80,6 @@ def _check_roots(root: ET.Element, joints: list[ET.Element], file: Path) -> None
             "are one tree with one root; connect the others to it, by a fixed joint if they do not "
             "move, or take them out."
         )
-
-
-def _check_vectors(element: ET.Element, where: str) -> None:
-    """Check numbers: MuJoCo accepts NaN."""
-    for attribute in ("xyz", "rpy"):
-        text = element.get(attribute, "0 0 0")
-        try:
-            is_vector = len(text.split()) == 3 and all(
-                math.isfinite(float(w)) for w in text.split()
-            )
-        except ValueError:
-            is_vector = False
-        if not is_vector:
-            raise InvalidInput(
-                f"{where}: <{element.tag} {attribute}={text!r}>: expected three numbers."
-            )
 
 
 def _has_range(limit: ET.Element, where: str) -> bool:

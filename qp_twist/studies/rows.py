@@ -52,10 +52,11 @@ class Job:
     def __call__(self, index: int) -> list[Row]:
         """The rows of a sample, one per method. An exception becomes their error."""
         try:
-            sample = self.sample(index)
-            return _rows(self, sample)
+            return _rows(self, self.sample(index))
         except Exception as error:  # a failed sample does not end the study
-            return self.failed(index, _error_line(error))
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{Path(place.filename).name}, line {place.lineno}"
+            return self.failed(index, f"{type(error).__name__}: {error} ({where})")
 
     def failed(self, index: int, message: str) -> list[Row]:
         """The rows of a sample that failed with an error."""
@@ -138,23 +139,14 @@ def _method_row(
 
 def _row(sample: Sample, method: str, fault: Fault | None, run: Trajectory | None = None) -> Row:
     row: Row = {
-        "sample": sample.index,
-        "method": method,
-        "solver": sample.solver,
-        "success": fault is None,
-        "fault": "" if fault is None else fault.kind,
-        "joint": "" if fault is None else fault.joint,
-        "waypoint": None if fault is None else fault.waypoint,
-        "message": "" if fault is None else fault.message,
-    }
+        "sample": sample.index, "method": method, "solver": sample.solver, "success": fault is None,
+        "fault": "", "joint": "", "waypoint": None, "message": "",
+    }  # fmt: skip
+    if fault is not None:
+        row |= {"fault": fault.kind, "joint": fault.joint, "waypoint": fault.waypoint,
+                "message": fault.message}  # fmt: skip
     if run is not None:
         numbers = metrics(run)
         row |= {name: numbers[name] for name in NUMBERS}
         row["waypoints"] = len(run.q)
     return row
-
-
-def _error_line(error: Exception) -> str:
-    """An error in one line, with the place that raised it."""
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"

@@ -112,17 +112,14 @@ class Study:
 
     def summary(self) -> list[MethodSummary]:
         """Summary of the results so far for each method."""
-        names = ("method", "success", "feasible", "fault", "joint", "waypoint", "z_over_least")
-        return summarise(self.table(names), self.job.methods)
+        return summarise(self.table(), self.job.methods)
 
     def text(self) -> str:
         """The success table as plain text, and lines on feasibility and on why samples fail."""
         console = Console(file=io.StringIO(), width=_WIDTH, color_system=None)
-        console.print(rich_table(self.title, self.summary()))
-        for line in (self.feasibility, *self.failures):
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
-        assert isinstance(console.file, io.StringIO)
-        return console.file.getvalue()
+        with console.capture() as printed:
+            console.print(rich_table(self.title, self.summary()))
+        return printed.get() + "\n".join((self.feasibility, *self.failures, ""))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``summary.json``."""
@@ -147,7 +144,8 @@ class Study:
     @property
     def feasibility(self) -> str:
         """A sentence with the number of samples that have a motion inside the limits."""
-        feasible = self._by_sample("feasible")
+        table = self.table(["sample", "feasible"])
+        feasible = dict(zip(table["sample"], table["feasible"], strict=True))
         known = [value for value in feasible.values() if value is not None]
         found, unknown = Rate(sum(known), len(feasible)), len(feasible) - len(known)
         if unknown:
@@ -160,8 +158,7 @@ class Study:
     @property
     def failures(self) -> list[str]:
         """Sentences on why samples fail, beyond the fault and its joint in the table."""
-        names = ("sample", "success", "feasible", "certificate", "message")
-        return failures(self.table(names))
+        return failures(self.table())
 
     def figures(self) -> dict[str, Figure]:
         """Matplotlib figures by name: ``faults``, ``z``, and ``maps`` where placements vary."""
@@ -169,13 +166,11 @@ class Study:
         from qp_twist.drawing.figures import Figures
         from qp_twist.studies.figures import fault_figure, map_figure, z_figure
 
+        table, methods = self.table(), self.job.methods
         found = Figures(faults=fault_figure(self.title, self.summary()))
-        table = self.table(["method", "z_over_least"])
-        found["z"] = z_figure(self.title, table, self.job.methods)
+        found["z"] = z_figure(self.title, table, methods)
         if "placement" in self.job.vary:
-            names = ["sample", "method", "success", "feasible", "x", "y", "z"]
-            columns = self.table(names)
-            found["maps"] = map_figure(self.title, columns, self.job.methods)
+            found["maps"] = map_figure(self.title, table, methods)
         return found
 
     def report(self) -> list[str]:
@@ -216,10 +211,6 @@ class Study:
 
     def _store(self) -> Store:
         return Store(self.folder, drawn_columns(self.job.path_task, self.job.vary))
-
-    def _by_sample(self, column: str) -> dict[int, Any]:
-        table = self.table(["sample", column])
-        return dict(zip(table["sample"], table[column], strict=True))
 
     def __repr__(self) -> str:
         return f"Study({str(self.folder)!r}, {self.count} samples, {list(self.job.methods)})"

@@ -56,18 +56,11 @@ class Rate:
 
 @dataclass(frozen=True)
 class MethodSummary:
-    """One method over all samples.
+    """One method over all samples, those with a motion, and those not known to have none.
 
-    Attributes:
-        method: Its name.
-        all: Success rate over all samples.
-        feasible: Success rate over the samples that have a motion inside the limits from some
-            start; over none if that is not known for all samples.
-        possible: Success rate over the samples not known to be infeasible.
-        faults: Number of runs of possible samples that each fault ended, by kind and joint.
-        infeasible: Number of failed runs of samples that have no motion inside the limits.
-        waypoints: Quartiles of the waypoint at which runs of possible samples failed.
-        over_least: Median of z_over_least over the successes.
+    ``feasible`` is over none if it is not known for all samples. Of the runs of possible samples
+    there are the ``faults`` that ended them, counted by kind and joint, and quartiles of the
+    waypoints; ``infeasible`` counts the failed ones of the others.
     """
 
     method: str

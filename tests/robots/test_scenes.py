@@ -270,21 +270,6 @@ def test_picture_shows_arm_and_path(m16ib: mujoco.MjModel) -> None:
     assert not (is_yellow(picture) & border).any()
 
 
-def test_picture_shows_lines_in_their_colours(m16ib: mujoco.MjModel) -> None:
-    followed = deburring_path() + np.array([0.0, 0.0, 0.05])
-    followed[40] = np.nan  # a gap
-    path = (deburring_path(), RED)
-    plain, both = (
-        drawn_or_skip(m16ib, START, lines, width=320, height=240)
-        for lines in ([path], [path, (followed, "#0D1AE6")])
-    )
-
-    def blue(picture: Array) -> int:
-        return int(np.sum(picture[..., 2] > picture[..., :2].max(axis=-1) + 0.25))
-
-    assert blue(both) > blue(plain) + 50
-
-
 @pytest.mark.parametrize("far", ["", "<geom type='box' size='9 9 .1' pos='20 0 0'/>"])
 def test_picture_of_a_scene_without_the_camera(far: str) -> None:
     """What moves is seen in the middle and large, whatever stands far away."""

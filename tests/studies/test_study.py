@@ -32,7 +32,6 @@ from qp_twist.studies.judge import Judge
 from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import section_of
 from qp_twist.studies.store import BASE, Store
-from qp_twist.studies.summary import Rate
 from qp_twist.studies.workers import each
 
 pytest.importorskip("joblib", reason="the extra `study`")
@@ -543,18 +542,6 @@ def test_the_summary_counts_as_one_counts_by_hand(twelve: qt.Study) -> None:
         assert {kind: sum(j.values()) for kind, j in summary.faults.items()} == dict(faults)
         ratios = [r["z_over_least"] for r in mine if r["success"]]
         assert summary.over_least == pytest.approx(np.median(ratios))
-
-
-@given(st.integers(1, 5000), st.floats(0.0, 1.0))
-@settings(max_examples=50)
-def test_intervals_are_wilsons(of: int, share: float) -> None:
-    count = round(of * share)
-    z, p = 1.959963984540054, count / of
-    middle = (p + z**2 / (2 * of)) / (1 + z**2 / of)
-    half = z / (1 + z**2 / of) * np.sqrt(p * (1 - p) / of + z**2 / (4 * of**2))
-    low, high = Rate(count, of).interval
-    assert low == pytest.approx(max(0.0, middle - half), abs=1e-9)
-    assert high == pytest.approx(min(1.0, middle + half), abs=1e-9)
 
 
 def test_the_report_of_a_study(twelve: qt.Study) -> None:
