@@ -38,13 +38,10 @@ _SAMPLED, _CORRECTED = 3000, 500
 class ManifoldNet:
     """Self-motion manifolds inside the limits, as nets of configurations.
 
-    In closed form, where the arm has one and a grid of its free coordinates covers the manifolds
-    (:class:`~qp_twist.planning.seeds.Seeds`). For other arms and with hard bands, Newton's method
-    corrects solutions in closed form, random configurations and those of the previous layer onto
-    the task and into its bands; from each of them the net grows in steps along the null space of
-    the task rows until it meets itself or a limit. A manifold without a seed is not found. With
-    more than two free degrees the net would be too large: its seeds are the layer, the most central
-    of them if they are many.
+    :class:`~qp_twist.planning.seeds.Seeds` are corrected onto the task and into its bands, with
+    those of the previous layer. Where they do not cover the manifolds, a net grows from them in
+    steps along the null space until it meets itself or a limit; with more than two free degrees,
+    for which it would be too large, the layer has the most central of them.
 
     ``spacing`` (nv,) is the distance between neighbours that differ in one joint only, rad or m: in
     joints divided by it neighbours are one apart.

@@ -83,11 +83,10 @@ class PlanSearch:
     through the layers may exceed the limits by the grid's resolution; the quadratic programs that
     then move it off the grid satisfy them exactly, and a proof between the waypoints follows. Where
     that fails, a window of the finest grid is searched around it. The search ends at the first
-    stage with a feasible path. A clearance is a check of nodes and edges, and rows of the programs.
+    stage with a feasible path.
 
-    The paths of other methods find passages near a singularity that are narrower than the grid.
-    With a fixed start they run first, and bound the search of the stages. With a free start they
-    run only if the stages' path is not close to the bound, from its start.
+    The paths of other methods find passages that are narrower than the grid. With a fixed start
+    they run first; with a free one only if the stages' path is not close to the bound.
     """
 
     def __init__(

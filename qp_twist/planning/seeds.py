@@ -25,14 +25,9 @@ class Seeds:
     """Configurations on a waypoint, or near it.
 
     In closed form, if six of the arm's hinges have one when the others are given: all branches, on
-    a regular grid of the roll that the task leaves free and of the given joints inside their
-    limits. So no manifold is missed along which the roll or a given joint passes through a value of
-    the grid inside the limits. With more than two free degrees such a grid would be too large, and
-    of translations and of two free rotations there is none: roll and joints are then random, or the
-    free part of the pose is that of a random configuration.
-
-    At random for any other arm, which has no ``arms``; Newton's method brings them onto the
-    waypoint.
+    a regular grid of the roll that the task leaves free and of the given joints, or at random, if
+    more than two degrees are free or others than a roll. Else, without ``arms``, random ones, which
+    Newton's method brings onto the waypoint.
     """
 
     def __init__(

@@ -37,10 +37,8 @@ class Intervals:
     orientation. If neither differs in the rows, λ is the share of the time.
 
     Attributes:
-        projectors: Each projector once.
-        which: Index of each interval's projector, (N − 1,).
-        lengths: Distance of the positions, m, (N − 1,).
-        turns: Angle between the orientations, rad, (N − 1,).
+        projectors: Each projector once, and ``which`` of them is each interval's, (N − 1,).
+        lengths: Distance of the positions, m, (N − 1,), and ``turns``, that of orientations, rad.
         straight: Where λ is a linear function of the origin, (N − 1,).
     """
 
