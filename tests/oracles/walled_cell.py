@@ -12,16 +12,13 @@ CLEARANCE = 0.005
 """m."""
 
 
-def walled_task(
-    folder: Path, *, height: float = 0.75, width: float = 0.35, transfer: str = 'motion = "joint"'
-) -> Path:
+def walled_task(folder: Path, *, height: float = 0.75, width: float = 0.35) -> Path:
     """Write the task file, its scene and its toolpath.
 
     Args:
         folder: Where to.
         height: Of the wall's upper edge, m.
         width: Half the length of the wall, m.
-        transfer: Lines of ``[path.transfer]``.
     """
     arm = shipped_folder("scenes") / "m16ib_deburring.xml"
     (folder / "wall.xml").write_text(
@@ -62,7 +59,7 @@ steps = 5
 distance = 0.05
 steps = 5
 [path.transfer]
-{transfer}
+motion = "joint"
 [feed]
 speed = 0.05
 [limits.velocity]
