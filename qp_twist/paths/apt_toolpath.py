@@ -302,9 +302,11 @@ class _Reader:
                 "GOFWD is a move along a surface, of which (CIRCLE/x,y,z,r),ON,(LINE/…) with six "
                 "numbers is read; write the path as GOTO lines (in the CAM system: linear output)"
             )
+        for text, counts in ((match[1], (4, 7)), (match[3], (6,))):
+            if text.count(",") + 1 not in counts:
+                expected = " or ".join(map(str, counts))
+                raise InvalidInput(f"GOFWD: expected {expected} numbers, got {shortened(text)!r}")
         circle, ends = ([number("GOFWD", w) for w in text.split(",")] for text in match.group(1, 3))
-        if len(circle) not in (4, 7) or len(ends) != 6:
-            raise InvalidInput(f"GOFWD: expected 4 or 7 and 6 numbers, got {shortened(of.rest)!r}")
         if self.to.last is None or heading is None:
             lacking = "a GOTO" if self.to.last is None else "an INDIRV"
             raise InvalidInput(f"GOFWD: expected {lacking} before it")

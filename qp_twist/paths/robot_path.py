@@ -100,14 +100,6 @@ class RobotPath(Moves):
             mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
         ])  # fmt: skip
 
-    def wait(self, line: int, word: str, seconds: float) -> None:
-        """It moves nothing."""
-        self._passed.append((line, word))
-
-    def rounds(self, line: int, mark: str) -> None:
-        """The path is the programmed one, without roundings."""
-        self._passed.append((line, mark))
-
     def noted(self, line: int, word: str, kind: str) -> None:
         """A word that moves nothing."""
         self._passed.append((line, word))

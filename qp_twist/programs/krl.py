@@ -277,9 +277,12 @@ class KrlProgram(Program):
 
     # ------------------------------------------------------------ frames and speeds
 
-    def _speed(self, line: int, match: re.Match[str]) -> None:
+    def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
         self.refuse_calls(line, match["value"])
-        self.moves.noted(line, match["word"], "speed")
+        self.moves.noted(line, match["word"], kind)
+
+    def _speed(self, line: int, match: re.Match[str]) -> None:
+        self._stated(line, match, "speed")
         self.moves.feed = math.nan
         with suppress(Unknown, TypeError):
             self.moves.feed = float(self.values.value(match["value"]))
@@ -291,8 +294,7 @@ class KrlProgram(Program):
 
     def _base(self, line: int, match: re.Match[str]) -> None:
         text = match["value"].strip()
-        self.refuse_calls(line, text)
-        self.moves.noted(line, match["word"], "setting")
+        self._stated(line, match)
         number = re.fullmatch(r"BASE_DATA\s*\[(.*)\]", text, re.IGNORECASE)
         if match["word"].upper() == "BAS" or number:
             self.moves.frame = self._numbered(number[1] if number else text)
@@ -308,8 +310,7 @@ class KrlProgram(Program):
         return self.bases.get(number, (f"base {number}", None))
 
     def _base_data(self, line: int, match: re.Match[str]) -> None:
-        self.refuse_calls(line, match["value"])
-        self.moves.noted(line, match["word"], "setting")
+        self._stated(line, match)
         if self.moves.strict:
             return
         number = int(self.values.value(match["part"]))
@@ -325,8 +326,7 @@ class KrlProgram(Program):
 
     def _inline_frame(self, line: int, match: re.Match[str]) -> None:
         """The base of the move that follows, by which inline forms state it."""
-        self.refuse_calls(line, match["value"])
-        self.moves.noted(line, match["word"], "setting")
+        self._stated(line, match)
         with suppress(Unknown, KeyError, TypeError):  # of a point that is in no file
             self.moves.frame = self._numbered(str(self.values.value(match["value"])["base_no"]))
 

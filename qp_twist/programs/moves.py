@@ -57,9 +57,11 @@ class Moves:
 
     def wait(self, line: int, word: str, seconds: float) -> None:
         """A wait of known length."""
+        self.noted(line, word, "passed")
 
     def rounds(self, line: int, mark: str) -> None:
         """The next point is rounded."""
+        self.noted(line, mark, "passed")
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """A statement that does not move the robot."""
