@@ -57,20 +57,20 @@ VECTORS = Rotation.from_euler("xyz", ANGLES, degrees=True).as_rotvec()
 
 
 @pytest.mark.parametrize(
-    "names", ["A [deg],B [deg],C [deg]", "a,b,c", "A,B,C", "tcp_a,tcp_b,tcp_c"]
-)
-def test_a_b_c_are_rotations_about_z_y_x_as_of_kuka(tmp_path: Path, names: str) -> None:
+    ("names", "axes"),
+    [("A [deg],B [deg],C [deg]", "zyx"), ("a,b,c", "zyx"), ("A,B,C", "zyx"),
+     ("tcp_a,tcp_b,tcp_c", "zyx"), ("W [deg],P [deg],R [deg]", "xyz"), ("w,p,r", "xyz")],
+)  # fmt: skip
+def test_angles_are_read_by_the_letters_of_their_maker(
+    tmp_path: Path, names: str, axes: str
+) -> None:
+    """R = Rz(A) Ry(B) Rx(C) of KUKA, R = Rz(R) Ry(P) Rx(W) of FANUC."""
     path = table(tmp_path, names, ANGLES)
-    expected = [turned_one_by_one(("z", a), ("y", b), ("x", c)) for a, b, c in ANGLES]
+    about = [dict(zip(axes, row, strict=True)) for row in ANGLES]
+    expected = [turned_one_by_one(*((axis, row[axis]) for axis in "zyx")) for row in about]
     assert rotations(path) == pytest.approx(np.array(expected), abs=1e-12)
-    assert any("KUKA" in note for note in read_toolpath(path).notes)
-
-
-@pytest.mark.parametrize("names", ["W [deg],P [deg],R [deg]", "w,p,r"])
-def test_w_p_r_are_rotations_about_fixed_axes_as_of_fanuc(tmp_path: Path, names: str) -> None:
-    expected = [turned_one_by_one(("z", r), ("y", p), ("x", w)) for w, p, r in ANGLES]
-    found = rotations(table(tmp_path, names, ANGLES))
-    assert found == pytest.approx(np.array(expected), abs=1e-12)
+    maker = "KUKA" if axes == "zyx" else "FANUC"
+    assert any(maker in note for note in read_toolpath(path).notes)
 
 
 @pytest.mark.parametrize(
