@@ -286,7 +286,8 @@ class Program:
             key = self.values.key(word)
             if key in self.values.functions:
                 continue
-            moves = key in self.procedures and self._moving(self.procedures[key].body)
+            own = self.procedures.get(key)
+            moves = own is not None and self._moving(own.body, ("joint", "path"))
             if self.moves.strict or moves or self._syntax.act(f"{word}()")[2] == "joint":
                 raise refuse(
                     line, expression,
@@ -409,10 +410,12 @@ class Program:
                 self.values.forget(match["name"], why)
         self.moves.noted(line, begin.split(maxsplit=1)[0], "passed")
 
-    def _moving(self, body: Statements) -> tuple[int, str] | None:
+    def _moving(
+        self, body: Statements, effects: Sequence[Effect] = MOVING
+    ) -> tuple[int, str] | None:
         """The first statement that moves, or may."""
         for number, text, _, effect in self._reached(body):
-            if effect in MOVING or (effect == "call" and self._has_coordinates(text)):
+            if effect in effects or (effect == "call" and self._has_coordinates(text)):
                 return number, text
         return None
 

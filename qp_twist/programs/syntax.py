@@ -13,7 +13,7 @@ Effect = Literal["joint", "path", "leaves", "assigns", "call", "skip", "silent"]
 """What a statement does: a joint move; a move, or a change of frames or speeds, that is none;
 leaves a loop, a procedure or the program; … ``skip``: moves nothing, and is not known well enough
 to vouch for that; ``silent``: not worth a note."""
-MOVING = ("joint", "path", "leaves")
+MOVING: Sequence[Effect] = ("joint", "path", "leaves")
 Act = Callable[[int, "re.Match[str]"], str | None]
 """What a statement does, from its line and its match; perhaps a signal, on which runs what behind
 it: ``break``, ``continue``, ``return``, ``end`` (of the program) or ``to`` a label."""

@@ -255,6 +255,12 @@ def test_a_program_beside_a_tp_program_is_called(tmp_path: Path) -> None:
     assert 1e3 * curve.positions[:, 0] == pytest.approx([1, 9])
 
 
+def test_a_function_that_only_returns_may_stand_in_an_expression(tmp_path: Path) -> None:
+    text = "def f():\n return 1\nend\ndef main():\n x = f()\n movel(p[0,0,0,0,0,0])\n"
+    [curve] = read(tmp_path, "a.script", text + " movel(p[0.2,0,0,0,0,0])\nend\n").curves
+    assert len(curve) == 2
+
+
 def test_variables_of_a_procedure_are_its_own(tmp_path: Path) -> None:
     body = "VAR num x:=1;\nwork 7;\nMoveL Offs(p0,x,0,0),v100,fine,tool0;\n" + move(1)
     work = "PROC work(num x)\nVAR num y:=x;\nENDPROC\n"
