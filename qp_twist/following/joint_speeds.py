@@ -31,17 +31,16 @@ def has_speed_limits(path_task: PathTask) -> bool:
 
 
 def speed_shares(trajectory: Trajectory) -> Array:
-    r"""Mean speed of each joint before each waypoint, over its limit, (N, nv).
+    r"""Mean speed of each joint before each waypoint, over its limit, (N, nv); 0 where none is.
 
     .. math:: |\theta_{i+1} - \theta_i| \,/\, (\dot\theta_{max}\, \delta t_{i+1})
 
-    The first row is 0. Without a feed or limits all are 0. δt is the trajectory's duration of the
-    waypoint.
+    The first row is 0. δt is the trajectory's duration of the waypoint.
     """
     task = trajectory.path_task
     q = JointRanges.of(task.model).positions(trajectory.q)
     shares = np.zeros_like(q)
-    if trajectory.durations is not None and len(q) > 1:
+    if trajectory.durations is not None:
         times = trajectory.durations[1:, None]
         shares[1:] = np.abs(np.diff(q, axis=0)) / (task.velocity_limits * times)
     return shares
@@ -52,7 +51,5 @@ def peak_speed(trajectory: Trajectory) -> PeakSpeed | None:
     if not has_speed_limits(trajectory.path_task):
         return None
     shares = speed_shares(trajectory)
-    waypoint, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    return PeakSpeed(
-        float(shares[waypoint, joint]), trajectory.joint_names[joint], int(waypoint) + 1
-    )
+    row, joint = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    return PeakSpeed(float(shares[row, joint]), trajectory.joint_names[joint], int(row) + 1)

@@ -148,11 +148,10 @@ class MinkFrame:
 
     def __init__(self, projector: TwistProjector, operational: TwistProjector, name: str) -> None:
         self.projector, self._name = projector, name
-        same = projector.frame == operational.frame
-        self.linear = _widened(projector.linear, operational.linear) if same else projector.linear
-        self.angular = (
-            _widened(projector.angular, operational.angular) if same else projector.angular
-        )
+        self.linear, self.angular = projector.linear, projector.angular
+        if projector.frame == operational.frame:
+            self.linear = _widened(self.linear, operational.linear)
+            self.angular = _widened(self.angular, operational.angular)
         self._minimal = projector.intersection(operational)
 
     def position_costs(self) -> Array:

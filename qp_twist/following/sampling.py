@@ -14,21 +14,12 @@ ROOM = 0.5
 
 
 def fine_rows(path_task: PathTask, s: Array, start: Array) -> Array:
-    r"""Parameters s and others between them, at which joints that go straight keep the path.
+    """Parameters s (K,) and others between them, at which joints that go straight keep the path.
 
-    The joints' least-norm motion through the rows, by Newton's method from each to the next, misses
-    the path by some e in the middle between two of them. That grows with the square of their
-    distance, so that
-
-    .. math:: \left\lceil \sqrt{\frac{e}{\varepsilon}} \right\rceil
-
-    equal parts keep it below ε, half the tolerance of a check. The motion that is followed may turn
-    more, in the null space; :func:`~qp_twist.refine_trajectory` repairs what is left.
-
-    Args:
-        path_task: The task.
-        s: Parameters of the path, without a joint move between them, (K,).
-        start: Configuration on the first of them, (nq,).
+    Where the joints' least-norm motion from ``start`` misses the path by e in the middle between
+    two of them, ⌈√(e/ε)⌉ equal parts keep it below ε, half the tolerance of a check, since e grows
+    with the square of the distance. There is no joint move between them.
+    :func:`~qp_twist.refine_trajectory` repairs what is left of a motion that turns more.
     """
     rows, q = PathRows(path_task, s), [start]
     for k in range(1, len(s)):

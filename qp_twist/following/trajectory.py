@@ -93,12 +93,12 @@ class Trajectory:
         """Iterations that each waypoint took, (N,)."""
         return np.array([row.iterations for row in self.steps])
 
-    @property
+    @cached_property
     def binding(self) -> tuple[tuple[str, ...], ...]:
         """Of each waypoint the limits active in its steps, or that extended its duration."""
         return tuple(row.binding for row in self.steps)
 
-    @property
+    @cached_property
     def statuses(self) -> tuple[Status, ...]:
         """The worst status of each waypoint's steps."""
         return tuple(row.status for row in self.steps)
@@ -192,13 +192,9 @@ class Trajectory:
         return smallest
 
     def with_rows(self, at: Indices, q: Array, s: Array, durations: Array | None) -> Trajectory:
-        """The trajectory with further rows.
+        """The trajectory with rows q (K, nq) at parameters s (K,) before its rows ``at`` (K,).
 
-        Args:
-            at: Indices of its rows before which rows are inserted, ascending, (K,).
-            q: Their configurations, (K, nq).
-            s: Their parameters of the path, (K,).
-            durations: Of all rows afterwards, s, (N + K,); ``None`` without a feed.
+        ``durations`` (N + K,) are those of all rows afterwards, s; ``None`` without a feed.
         """
         kept = np.insert(np.arange(len(self.q)), at, -1).tolist()
         return replace(

@@ -24,14 +24,9 @@ def placed(
 ) -> PathTask:
     """The path with its workpiece rotated about a point, and the point moved.
 
-    The roll rule refers to the robot's base, so it is applied again.
-
-    Args:
-        path_task: The task.
-        rotation: Rotation of the workpiece, in the world.
-        point: The point, in the world, at the task's placement, m, (3,).
-        to: Its new position, m, (3,).
-        body: Name of the workpiece's body in the scene, fixed to the world, which is moved too.
+    The roll rule refers to the robot's base, so it is applied again. ``body`` names the workpiece's
+    body in the scene, fixed to the world, which is moved too; the ``point`` is in the world at the
+    task's placement, m.
 
     Raises:
         InvalidInput: If a vector is invalid, there is no such body, the path lies on a body that

@@ -70,8 +70,13 @@ def rerooted(model: mujoco.MjModel, body: str) -> Rerooted:
     links = [int(model.body_weldid[number])]
     while links[-1]:
         links.append(int(model.body_weldid[model.body_parentid[links[-1]]]))
-    for link in links[:-1]:
-        tree.refuse_joints(link, body)
+    for joint in itertools.chain.from_iterable(_joints(model, link) for link in links[:-1]):
+        if int(model.jnt_type[joint]) not in _SCALAR:
+            raise InvalidInput(
+                f"joint {tree.joints[joint]!r}, which moves {body!r}, is a ball "
+                "or free joint; a path may lie on what hinges and slides move.",
+                key="relative_to",
+            )
     within = tree.pose_in_link(number)
     placed = tree.add(tree.spec.worldbody, links[0], within.inverse(), set(links))
     for link, before in itertools.pairwise(links):
@@ -100,16 +105,6 @@ class _Tree:
         self.bodies[0] = self.bodies.pop()
         for mesh in range(model.nmesh):
             _add_mesh(self.spec, model, mesh)
-
-    def refuse_joints(self, link: int, body: str) -> None:
-        """Refuse a link with joints other than hinges and slides."""
-        for joint in _joints(self.model, link):
-            if int(self.model.jnt_type[joint]) not in _SCALAR:
-                raise InvalidInput(
-                    f"joint {self.joints[joint]!r}, which moves {body!r}, is a ball "
-                    "or free joint; a path may lie on what hinges and slides move.",
-                    key="relative_to",
-                )
 
     def pose_in_link(self, body: int) -> mink.SE3:
         """Pose of a body in the first body of its link."""

@@ -86,10 +86,10 @@ def speed_profile(
         before = pace.copy()
         for k in reversed(range(len(h))):
             if pace[k] > pace[k + 1]:
-                pace[k] = pieces.largest_begin(k, float(pace[k]), float(pace[k + 1]))
+                pace[k] = pieces.largest(k, float(pace[k]), float(pace[k + 1]), at_begin=True)
         for k in range(len(h)):
             if pace[k + 1] > pace[k]:
-                pace[k + 1] = pieces.largest_end(k, float(pace[k]), float(pace[k + 1]))
+                pace[k + 1] = pieces.largest(k, float(pace[k + 1]), float(pace[k]), at_begin=False)
         if (pace == before).all():
             break
     together = pace[:-1] + pace[1:]
@@ -179,23 +179,14 @@ class _Pieces(NamedTuple):
         slowest = np.sqrt(squares.min(axis=1, initial=1.0)), paces.min(axis=1, initial=1.0)
         return np.asarray(np.minimum(*slowest))
 
-    def largest_begin(self, k: int, a: float, b: float) -> float:
-        """Largest pace from b to a at which piece k may begin if it ends at b."""
-        alpha, beta, c, gamma, delta = (part[k] for part in self[:5])
-        return self._largest(a, b, alpha, beta, c, gamma, delta)
-
-    def largest_end(self, k: int, a: float, b: float) -> float:
-        """Largest pace from a to b at which piece k may end if it begins at a."""
-        alpha, beta, c, gamma, delta = (part[k] for part in self[:5])
-        return self._largest(b, a, beta, alpha, c, delta, gamma)
-
-    def _largest(
-        self, x: float, y: float, alpha: Array, beta: Array, c: Array, gamma: Array, delta: Array
-    ) -> float:
-        """Largest pace from y to x of the faster end, y being that of the slower one.
+    def largest(self, k: int, x: float, y: float, *, at_begin: bool) -> float:
+        """Largest pace from y to x at which piece k may begin, or end, if its other end has y ≤ x.
 
         y itself is feasible, so the largest is x or a point where a limit becomes tight.
         """
+        alpha, beta, c, gamma, delta = (part[k] for part in self[:5])
+        if not at_begin:
+            alpha, beta, gamma, delta = beta, alpha, delta, gamma
         middle, constant = (alpha + beta) * y, beta * y * y
 
         def feasible(paces: Array) -> Mask:
