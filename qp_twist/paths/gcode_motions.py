@@ -91,7 +91,7 @@ class Motions(MachineTool):
             if corner is not None:
                 raise InvalidInput("a corner is cut between two straight cuts alone")
             word = f"G{modes.motion}" if isinstance(modes.motion, int) else modes.motion
-            heading = self.heading()
+            heading = self.heading() if modes.motion == "CT" else None
             self.arc(word, block, lambda start, end: self._arc(block, start, end, heading))
         elif block.words.keys() & {"R", "CR"}:
             raise InvalidInput("R belongs to an arc (G2, G3), not to a straight motion")
@@ -159,18 +159,17 @@ class Motions(MachineTool):
         if block.kinds.keys() & set(letters):
             absolute = [block.kinds.get(k) == "AC" for k in "IJK"]
             return np.where(absolute, stated, start + stated)
-        # Some controls count I, J, K from the origin without a word: if only that fits, so.
-        if (
-            modes.absolute_centres is None
-            and stated.any()
-            and both
-            and not _fits(start, end, start + stated, axis)
-            and _fits(start, end, stated, axis)
-        ):
-            modes.absolute_centres = True
-            self.out.note(
-                "the centres I, J, K of arcs are absolute: from the start, none would fit"
+        if modes.absolute_centres is None and stated.any() and both:
+            # Some controls count I, J, K from the origin without a word: if only that fits, so.
+            from_start, from_origin = (
+                _fits(start, end, centre, axis) for centre in (start + stated, stated)
             )
+            if from_start != from_origin:
+                modes.absolute_centres = from_origin
+            if from_origin and not from_start:
+                self.out.note(
+                    "the centres I, J, K of arcs are absolute: from the start, none would fit"
+                )
         centre: Array = stated if modes.absolute_centres else start + stated
         return centre
 
