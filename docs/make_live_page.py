@@ -48,7 +48,9 @@ def main() -> None:
             )
             session.drag(target)
             page.stage.target.position = target.translation()
-            time.sleep(25.0)  # the arm arrives, and the scene has faded in
+            for _ in range(1000):  # until the arm has arrived
+                session.tick(0.0)
+            time.sleep(20.0)  # the scene fades in
             picture = opened.page.screenshot(timeout=120_000)
     finally:
         stop.set()

@@ -47,7 +47,7 @@ def recorded_scene(
     along, points, found = ~in_joint_moves(path_task), path_task.positions, {}
     colours = np.array(rgb(RED), dtype=np.uint8) if path_rgb is None else path_rgb[along]
     with _server() as server:
-        scene = TaskScene(server, path_task, shadows=True)
+        scene = TaskScene(server, path_task, recorded=True)
         segments = np.stack([points[:-1], points[1:]], axis=1)[along]
         add_lines(server, f"{CARRIER}/path", segments, colours, 5.0)
         for name, frames in motions.items():

@@ -33,8 +33,8 @@ class TaskScene:
         near: The pair with the least margin in the configuration that is shown.
     """
 
-    def __init__(self, server: Any, path_task: PathTask, *, shadows: bool) -> None:
-        """Draw it in the scene of a viser server; ``shadows``: whether lights cast them."""
+    def __init__(self, server: Any, path_task: PathTask, *, recorded: bool) -> None:
+        """Draw it in the scene of a viser server, with shadows if it is recorded."""
         self.server = server
         self.shown = path_task.shown
         self.model = coloured(self.shown.model)  # a copy, which mjviser modifies
@@ -44,10 +44,10 @@ class TaskScene:
         make_matte(server.scene)
         self._robot = mjviser.ViserMujocoScene(server, self.model, num_envs=1)
         self._robot.camera_tracking_enabled = False
-        # The environment map of the sky is most of a recording's size.
-        server.scene.configure_environment_map(None)
-        server.scene.configure_default_lights(enabled=True, cast_shadow=shadows)
-        server.scene.add_light_ambient("/ambient", intensity=1.0)
+        server.scene.configure_default_lights(enabled=True, cast_shadow=recorded)
+        if recorded:  # the environment map of the sky would be most of a recording's size
+            server.scene.configure_environment_map(None)
+            server.scene.add_light_ambient("/ambient", intensity=1.0)
         height = floor_height(self.shown)
         if height is not None:
             server.scene.add_grid(

@@ -35,7 +35,7 @@ class Stage:
         """Draw the scene; the workpiece's handle is at a point (3,), m."""
         self.server = server
         with server.atomic():
-            self.scene = TaskScene(server, path_task, shadows=False)
+            self.scene = TaskScene(server, path_task, recorded=False)
             self._sight, camera = sight(self.scene.shown), server.initial_camera
             away = _FURTHER * self._sight.distance * self._sight.forward
             camera.position = self._sight.look_at - away
