@@ -22,6 +22,9 @@ _PLANES = {"XY": (0, 1, 2), "XZ": (2, 0, 1), "YZ": (1, 2, 0)}
 DR+ is right-handed about the normal (TNC 640, User's Manual, *Path functions*).
 """
 
+_SAME_POINT = 1e-6
+"""m, by which programs with three decimals of a millimetre round a point."""
+
 
 class Motions(MachineTool):
     """Motions of the tool by the words of Klartext."""
@@ -29,6 +32,7 @@ class Motions(MachineTool):
     def __init__(self, out: ProgramBuilder, facts: Facts) -> None:
         super().__init__(out, facts, assumes=False)
         self._pole: dict[str, float] = {}
+        self._polar: complex | None = None  # of the last LP about its pole, m
 
     def move(self, block: Block) -> None:
         """L: a straight motion to the target of a block, if it has one."""
@@ -60,8 +64,17 @@ class Motions(MachineTool):
         first, second, _, pole = self._circle()
         if not {"PR", "PA"} & block.words.keys():
             raise InvalidInput("LP: expected PR and PA")
+        lacks = [name for name in ("PR", "PA") if name not in block.words]
+        if lacks and self._polar is not None:
+            here = complex(*(self.point() - pole)[[first, second]])
+            if abs(here - self._polar) > _SAME_POINT:
+                raise InvalidInput(
+                    f"LP without {lacks[0]} where the tool is not where the LP before it led, about "
+                    "the same pole: write PR and PA"
+                )
         self.polar(block, "PR", "PA", pole, (first, second))
         self.move(block)
+        self._polar = complex(*(self.point() - pole)[[first, second]])
 
     def pole(self, block: Block) -> None:
         """CC: the centre of circles, and the pole of polar coordinates, in two axes."""

@@ -357,7 +357,8 @@ def _check_from_file(task: PathTask) -> None:
     added = [
         constraint.kind
         for constraint in task.constraints
-        if not type(constraint).__module__.startswith("qp_twist.") or digest(constraint) not in stated
+        if not type(constraint).__module__.startswith("qp_twist.")
+        or digest(constraint) not in stated
     ]
     if added:
         raise InvalidInput(

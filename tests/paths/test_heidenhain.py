@@ -50,6 +50,7 @@ def read(folder: Path, text: str, **options: object) -> Toolpath:
         ("FL PR+20 PA+30", "'FL PR\\+20 PA\\+30' is not read"),
         ("C X+10 Y+0 DR+", "expected a CC with two of X, Y and Z"),
         ("CC X+5 Y+0\nC X+10 Y+0", "the arc has no DR\\+ or DR-"),
+        ("CC X+0 Y+0\nLP PR+20 PA+30\nL X+50 Y+0\nLP PA+60", "LP without PR where the tool is not"),
         ("CC X+5 Y+0\nCP IPA-90 DR+", "IPA and DR have different signs"),
         ("L X+10\nRND R20\nL Y+10", "the corner takes 20 mm of cuts that are 10 mm"),
         ("L M99", "a cycle is called, and none is defined before"),
