@@ -194,17 +194,18 @@ def _angle_scale(
 
 def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array:
     """Lead and tilt at each point, rad, (N, 2)."""
-    lean = np.zeros((len(table.lines), 2))
+    lean, units = np.zeros((len(table.lines), 2)), set()
     for place, key in enumerate(("lead", "tilt")):
         if key in where.single:
             column = where.single[key]
             unit, _ = unit_of(table, key, (column,), "deg", ANGLES)
             lean[:, place] = ANGLES[unit] * table.numbers[:, column]
+            units.add({"deg": "degrees", "rad": "radians"}[unit])
     if np.abs(lean).max(initial=0.0) >= 0.5 * np.pi:
         raise InvalidInput("lead and tilt are angles from the normal, below 90 degrees.")
     notes.append(
         "the tool leans from the normal by lead, towards the direction of the path, and by tilt, "
-        "to the left of it; --orientation none leaves both out."
+        f"to the left of it, in {' and '.join(sorted(units))}; --orientation none leaves both out."
     )
     return lean
 

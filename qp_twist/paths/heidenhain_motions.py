@@ -69,8 +69,8 @@ class Motions(MachineTool):
             here = complex(*(self.point() - pole)[[first, second]])
             if abs(here - self._polar) > _SAME_POINT:
                 raise InvalidInput(
-                    f"LP without {lacks[0]} where the tool is not where the LP before it led, about "
-                    "the same pole: write PR and PA"
+                    f"LP without {lacks[0]} where the tool is not where the LP before it led: "
+                    "write PR and PA"
                 )
         self.polar(block, "PR", "PA", pole, (first, second))
         self.move(block)
