@@ -5,6 +5,7 @@ from .table import Table as Table
 from .table import TextTable as TextTable
 from .table import columns_named as columns_named
 from .table_text import of_file as of_file
+from .table_text import of_lines as of_lines
 from .table_text import own_exceptions as own_exceptions
 from .table_text import shortened as shortened
 from .table_text import text_lines as text_lines

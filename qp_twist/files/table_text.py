@@ -163,3 +163,9 @@ class Dialect:
         if (_POINT if self.decimal == "." else _COMMA).fullmatch(field):
             return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
         return float("nan") if _NOT_FINITE.fullmatch(field) else None
+
+
+def of_lines(numbers: Sequence[int]) -> str:
+    """Lines of a file for a message: the first one, and how many more there are."""
+    more = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
+    return f"line {numbers[0]}{more}"

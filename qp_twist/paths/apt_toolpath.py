@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import LENGTHS, shortened
+from qp_twist.files import LENGTHS, of_lines, shortened
 from qp_twist.paths.apt_arcs import Circle, arc_to_line
 from qp_twist.paths.apt_cycles import cycle_of
 from qp_twist.paths.apt_motions import Motions
@@ -47,7 +47,6 @@ from qp_twist.paths.toolpath_builder import (
     ProgramWords,
     ToolpathFormat,
     TooManyPoints,
-    of_lines,
 )
 from qp_twist.paths.toolpath_options import ReadingOptions
 

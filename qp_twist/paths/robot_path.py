@@ -13,16 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.files import of_lines
 from qp_twist.paths.arcs import LARGEST_TURN, Arc
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
-from qp_twist.paths.toolpath_builder import (
-    ProgramBuilder,
-    ProgramWords,
-    ToolpathFormat,
-    of_lines,
-)
+from qp_twist.paths.toolpath_builder import ProgramBuilder, ProgramWords, ToolpathFormat
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.programs import EXECUTE, Moves, files_beside
+from qp_twist.programs import EXECUTE, JointMove, Moves, files_beside
 
 REFUSED: dict[tuple[str, ...], str] = {
     (name,): f"a robot program states it itself; leave {name} out."
@@ -60,16 +56,10 @@ class RobotPath(Moves):
         self._elsewhere: list[int] = []
         self._arcs = self._moved = False
 
-    def joint(
-        self,
-        line: int,
-        angles: list[float] | None,
-        pose: mink.SE3 | None = None,
-        seconds: float | None = None,
-        rates: list[float] | None = None,
-    ) -> None:
+    def joint(self, move: JointMove) -> None:
         """A joint move: to a pose, or to where the program does not state the tool."""
         self._moved = True
+        line, pose = move.line, move.pose
         if pose is None:
             self._waiting, self._at = [], None
             self._elsewhere.append(line)

@@ -13,7 +13,7 @@ import numpy as np
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.files import LENGTHS, LengthUnit, Problems
+from qp_twist.files import LENGTHS, LengthUnit, Problems, of_lines
 from qp_twist.paths.arcs import MOST_POINTS, Arc
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_options import ReadingOptions
@@ -376,9 +376,3 @@ def in_inches(extent: float) -> str:
     metres = extent * LENGTHS["inch"]
     long = f"{metres:.3g} m" if metres >= 1.0 else f"{1e3 * metres:.3g} mm"
     return f"as inches it would be {long} long"
-
-
-def of_lines(numbers: Sequence[int]) -> str:
-    """Lines of a file for a message: the first one, and how many more there are."""
-    more = f" and {len(numbers) - 1} more" if len(numbers) > 1 else ""
-    return f"line {numbers[0]}{more}"

@@ -15,4 +15,5 @@ from .joint_moves import AXES as AXES
 from .joint_moves import Dialect as Dialect
 from .joint_moves import JointMoves as JointMoves
 from .joint_moves import printed as printed
+from .moves import JointMove as JointMove
 from .moves import Moves as Moves

@@ -23,11 +23,12 @@ import mink
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Procedure, Program
+from qp_twist.programs.listing import Procedure
+from qp_twist.programs.moves import JointMove, Kind, Moves
+from qp_twist.programs.program import Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, shown
-from qp_twist.programs.syntax import Rule
-from qp_twist.programs.values import Unknown, Values, pose_of, zyx_quaternion
+from qp_twist.programs.syntax import Language, Rule
+from qp_twist.programs.values import Undecided, Unknown, Values, pose_of, zyx_quaternion
 
 LONGEST = 9999
 """Lines of a program."""
@@ -156,14 +157,16 @@ class TpProgram(Program):
         last_line: Of its last statement.
     """
 
-    opens = (
-        (r"FOR\s+(?P<name>R\[.*?\])\s*=(?P<first>.*?)\b(?P<down>DOWN)?TO\b(?P<last>.*)", "ENDFOR",
-         "for"),
-        (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+    language = Language(
+        opens=(
+            (r"FOR\s+(?P<name>R\[.*?\])\s*=(?P<first>.*?)\b(?P<down>DOWN)?TO\b(?P<last>.*)",
+             "ENDFOR", "for"),
+            (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+        ),
+        otherwise=r"ELSE(?P<condition>(?!))?",
+        coordinates=r"\bPR?\s*\[",
+        reads="joint moves (J P[…] with a speed or time, FINE or CNT) one after the other",
     )  # fmt: skip
-    otherwise = r"ELSE(?P<condition>(?!))?"
-    coordinates = r"\bPR?\s*\["
-    reads = "joint moves (J P[…] with a speed or time, FINE or CNT) one after the other"
 
     def __init__(self, moves: Moves, beside: Beside) -> None:
         super().__init__(Values(_key, _translate, {}, lambda text: None, _COMPARISON), moves)
@@ -181,7 +184,7 @@ class TpProgram(Program):
         rest = (r"\s*(?P<speed>.*?)\s*(?P<zone>FINE|CNT\s*\w+(?:\[.*?\])?|CR\s*\w+)?"
                 r"(?P<options>(?<=\d)\s.*|(?<=E)\s.*|)")  # fmt: skip
         return (
-            (r"(?:!|//|--).*|", self.nothing, "silent"),
+            (r"(?:!|//|--).*|", "", "silent"),
             (rf"(?P<word>J)\s+{end}{rest}", self._move, "joint"),
             (rf"(?P<word>[JLCA])\s+{end}(?:\s+{via})?{rest}", self._move, "path"),
             (r"P\s*\[\s*(\d+)[^=]*=.*", self._change, "path"),
@@ -199,7 +202,7 @@ class TpProgram(Program):
             (r"(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self.assign, "assigns"),
             (r"IF\b.*|(?:ELSE|MESSAGE|WAIT|UTOOL_NUM|UFRAME_NUM|OVERRIDE|PAYLOAD|\$|PR\s*\[).*",
              self.skip, "skip"),
-            (r"ABORT", self.end, "leaves"), (r"END", self.leave, "leaves"),
+            (r"ABORT", "end", "leaves"), (r"END", "return", "leaves"),
             (r"CALL\s+(?P<called>\w+)", self._call_file, "call"),
             (r"(?:CALL|RUN)\s+(?P<called>\w+)\s*(?P<arguments>\(.*\))?", self._call_file, "skip"),
             (r"(?P<called>[A-Za-z][\w ]*)(?P<arguments>.*)", self.call, "skip"),
@@ -288,7 +291,7 @@ class TpProgram(Program):
     def _load(self, name: str) -> bool:
         """Read a program beside this one, if it is there."""
         key = name.lower()
-        if key not in self.procedures:
+        if key not in self.listing.procedures:
             content = self._beside(f"{name}.ls")
             if content is None:
                 return False
@@ -296,7 +299,7 @@ class TpProgram(Program):
                 statements = self.read(text_lines(content), key)
                 if self.moves.strict:
                     self.check(statements)
-            self.procedures[key] = Procedure(1, [], statements)
+            self.listing.procedures[key] = Procedure(1, [], statements)
         return True
 
     def _registers(self) -> dict[str, Any]:
@@ -320,17 +323,14 @@ class TpProgram(Program):
         """A statement behind a condition."""
         try:
             holds = self.values.condition(match["condition"])
-        except Unknown:
-            called = match.groupdict().get("called")
+        except Undecided:
+            called, listing = match.groupdict().get("called"), self.listing
             if called and not (
-                self._load(called) and self._moving(self.procedures[called.lower()].body)
+                self._load(called) and listing.moving(listing.procedures[called.lower()].body)
             ):
                 self.skip(line, match)
                 return None
-            raise refuse(
-                line, match[0],
-                "decides by what is not in the file which lines run; write a program without it.",
-            ) from None  # fmt: skip
+            self.undecided(line, match)
         return self.run([(line, match["statement"])]) if holds else None
 
     def _may_assign(self, line: int, match: re.Match[str]) -> None:
@@ -365,7 +365,8 @@ class TpProgram(Program):
             and re.fullmatch(r"(\s*ACC\s*\d+)?", match["options"], re.I)
             and match["p"].upper() == "P"
         ):
-            raise refuse(line, match[0], f"J is not read; only {self.reads} can be checked.")
+            what = f"J is not read; only {self.language.reads} can be checked."
+            raise refuse(line, match[0], what)
         if zone and zone.upper() not in ("FINE", "CNT0"):
             moves.rounds(line, zone)
         if "ACC" in match["options"].upper():
@@ -374,7 +375,7 @@ class TpProgram(Program):
         if word == "J":
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
-            moves.joint(line, angles, pose, None if math.isnan(seconds) else seconds)
+            moves.joint(JointMove(line, angles, pose, None if math.isnan(seconds) else seconds))
             return
         speed = re.fullmatch(rf"({NUMBER})\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
         moves.feed = float(speed[1]) * _FEEDS[speed[2].lower()] if speed else math.nan

@@ -14,10 +14,10 @@ import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Beside
-from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, refuse
-from qp_twist.programs.syntax import Rule
+from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import Values, pose_of, zyx_quaternion
 
 _POINT = re.compile(r"\s*([CP])0*(\d+)\s*=\s*(.*)", re.ASCII)
@@ -39,7 +39,7 @@ class Job(Program):
             numbers, it is in pulses or angles, or the job changes it.
     """
 
-    coordinates = r"\b[CP]\d|\bPX?\d"
+    language = Language(coordinates=r"\b[CP]\d|\bPX?\d")
 
     def __init__(self, moves: Moves) -> None:
         super().__init__(Values(str.lower, str, {}, lambda text: None), moves)
@@ -52,9 +52,9 @@ class Job(Program):
             (rf"(?P<word>MOV[JLC]){_TARGET}", self._move, "path"),
             (r"(?:GETS|GETPOS|CNVRT|SET|SETE|ADD|SUB|MULMAT|INVMAT)\s+(PX?0*\d+)\b.*", self._change,
              "path"),
-            (r"END|RET", self.end, "leaves"),
-            (r"'.*|\*\S+|NOP", self.nothing, "silent"),
-            (r"JUMP\s.*|IF\b.*|.*\bUNTIL\b.*", self._undecided, "path"),
+            (r"END|RET", "end", "leaves"),
+            (r"'.*|\*\S+|NOP", "", "silent"),
+            (r"JUMP\s.*|IF\b.*|.*\bUNTIL\b.*", self.undecided, "path"),
             (r"(?:MOV|IMOV|SMOV|MSHIFT|SFTO|MFRAME|SETTOOL|WVON|CALL\s+JOB:\S+\s+IF|REFP|EIMOV"
              r"|CORRON).*", self.refuse, "path"),
             *self.noting(_NOTED),
@@ -77,12 +77,6 @@ class Job(Program):
             )
         self._arc = []
 
-    def _undecided(self, line: int, match: re.Match[str]) -> None:
-        raise refuse(
-            line, match[0],
-            "decides by what is not in the file which lines run; write a job without it.",
-        )  # fmt: skip
-
     def _change(self, line: int, match: re.Match[str]) -> None:
         """A position that the job changes is one that the file does not state."""
         kind, number = re.fullmatch(r"(PX?)0*(\d+)", match[1], re.IGNORECASE).groups()  # type: ignore[union-attr]
@@ -94,7 +88,7 @@ class Job(Program):
             self.finish()
         pose = self._pose(line, match)
         if word == "MOVJ":
-            self.moves.joint(line, None, pose)
+            self.moves.joint(JointMove(line, None, pose))
         elif pose is None:
             raise refuse(
                 line, match[0],

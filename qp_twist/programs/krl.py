@@ -16,7 +16,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 import mink
 
@@ -24,11 +23,13 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import text_lines
 from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.krl_spline import Spline
+from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values
+from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
-from qp_twist.programs.syntax import Rule
-from qp_twist.programs.values import IN_DEGREES, Unknown, Values, pose_of, zyx_quaternion
+from qp_twist.programs.syntax import Language, Rule
+from qp_twist.programs.values import Unknown
 
 _TOP = """\
 &ACCESS RVP
@@ -114,53 +115,6 @@ _WITH = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 """What an SPTP may have after WITH, also as the maker's inline forms write it."""
-_POSE = "xyzabc"
-_FIELD = rf"(\w+)\s+({NUMBER})"
-_RECORD = re.compile(
-    rf"\{{(?:\s*\w+\s*:)?\s*({_FIELD}(?:\s*,\s*{_FIELD})*)\s*\}}", re.ASCII | re.IGNORECASE
-)
-
-
-class _Frame(dict[str, Any]):
-    """Components of a frame, position or axes; ``@`` is KRL's geometric operator."""
-
-    def __matmul__(self, other: _Frame) -> _Frame:
-        pose = _pose(self) @ _pose(other)
-        yaw, pitch, roll = (math.degrees(a) for a in reversed(pose.rotation().as_rpy_radians()))
-        values = [*(1e3 * pose.translation()), yaw, pitch, roll]
-        return _Frame(zip(_POSE, map(float, values), strict=True))
-
-
-def _pose(frame: _Frame) -> mink.SE3:
-    x, y, z, a, b, c = (frame[key] for key in _POSE)
-    return pose_of((x, y, z), zyx_quaternion(a, b, c))
-
-
-def _literal(text: str) -> _Frame | None:
-    match = _RECORD.fullmatch(text)
-    if match is None:
-        return None
-    fields = re.findall(_FIELD, match[1])
-    found = _Frame((key.lower(), float(value)) for key, value in fields)
-    if len(found) < len(fields):
-        raise Unknown(f"a component stands twice in {text}")
-    return found
-
-
-def _key(name: str) -> str:
-    return name.lower().replace("$", "_")
-
-
-def _translate(text: str) -> str:
-    def record(match: re.Match[str]) -> str:
-        parts = [part.split(None, 1) for part in split(match[1]) if part]
-        return f"_f({', '.join(f'{part[0]}={part[1]}' for part in parts)})"
-
-    text = re.sub(r"\[\s*\]", "", text)
-    text = re.sub(r"#(\w+)", r'"\1"', text)
-    text = re.sub(r"\{(?:\s*\w+\s*:)?([^{}]*)\}", record, text).replace(":", "@")
-    text = re.sub(r"\[([^\[\]]*)\]", lambda m: "".join(f"[({i})-1]" for i in split(m[1])), text)
-    return re.sub(r"(?<=[\w\])])\.\s*([a-z]\w*)", r'["\1"]', text)
 
 
 class KrlProgram(Program):
@@ -168,40 +122,33 @@ class KrlProgram(Program):
 
     Attributes:
         bases: Frames of ``BASE_DATA`` that the file assigns, by number.
-        shares: Whether the parts of the time block are shares, not seconds.
+        spline: The last one.
     """
 
-    opens = (
-        (r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+(?:\[\d*\])?)?\s+(?P<name>\w+)\s*\((?P<arguments>.*)\)",
-         "END|ENDFCT", "procedure"),
-        (r"DEFDAT\b.*", "ENDDAT", "once"), (r"LOOP", "ENDLOOP", "for ever"),
-        (r"WHILE\s+\(?\s*TRUE\s*\)?", "ENDWHILE", "for ever"),
-        (r"FOR\s+(?P<name>\w+)\s*=(?P<first>.*)\bTO\b(?P<last>.*?)(?:\bSTEP\b(?P<step>.*))?",
-         "ENDFOR", "for"),
-        (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
-        (r"WHILE\b(?P<condition>.*)", "ENDWHILE", "while"),
-        (r"REPEAT", r"UNTIL\b(?P<condition>.*)", "until"),
-        (r"SWITCH\b.*", "ENDSWITCH", "open"),
+    language = Language(
+        opens=(
+            (r"(?:GLOBAL\s+)?DEF(?:FCT\s+\w+(?:\[\d*\])?)?\s+(?P<name>\w+)\s*\((?P<arguments>.*)\)",
+             "END|ENDFCT", "procedure"),
+            (r"DEFDAT\b.*", "ENDDAT", "once"), (r"LOOP", "ENDLOOP", "for ever"),
+            (r"WHILE\s+\(?\s*TRUE\s*\)?", "ENDWHILE", "for ever"),
+            (r"FOR\s+(?P<name>\w+)\s*=(?P<first>.*)\bTO\b(?P<last>.*?)(?:\bSTEP\b(?P<step>.*))?",
+             "ENDFOR", "for"),
+            (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+            (r"WHILE\b(?P<condition>.*)", "ENDWHILE", "while"),
+            (r"REPEAT", r"UNTIL\b(?P<condition>.*)", "until"),
+            (r"SWITCH\b.*", "ENDSWITCH", "open"),
+        ),
+        otherwise=r"ELSE(?P<condition>(?!))?",
+        coordinates=r"\{|#BASE",
+        outside=r"&\w+.*",
+        reads="axis moves (PTP, SPTP) to literals or constants, one after the other,",
     )  # fmt: skip
-    otherwise = r"ELSE(?P<condition>(?!))?"
-    coordinates = r"\{|#BASE"
-    outside = r"&\w+.*"
-    reads = "axis moves (PTP, SPTP) to literals or constants, one after the other,"
 
     def __init__(self, moves: Moves) -> None:
-        super().__init__(
-            Values(_key, _translate, {**IN_DEGREES, "_f": _Frame}, _literal, [("<>", "!=")]), moves
-        )
-        nothing = _Frame(dict.fromkeys(_POSE, 0.0))
-        self.values.names |= {
-            "_nullframe": nothing, "_world": nothing, "true": True, "false": False,
-        }  # fmt: skip
-        self.bases: dict[int, tuple[str, mink.SE3 | None]] = {}
-        self.shares = False
-        self._at: _Frame | None = None
-        self._spline = self._timed = False
-        self._block_points: list[tuple[int, list[float]]] | None = None  # of an open time block
-        self._parts: list[float] = []
+        self.spline = Spline(moves)
+        super().__init__(krl_values(), moves)
+        self.bases: dict[int | str, tuple[str, mink.SE3 | None]] = {}
+        self._at: Frame | None = None
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, splines and their times, frames, speeds, data, what moves nothing, calls."""
@@ -211,15 +158,15 @@ class KrlProgram(Program):
             (rf"(?P<word>S?(?:LIN|CIRC|PTP)(?:_REL)?)\b\s*(?P<targets>.*?){_REST}", self._move,
              "path"),
             (r"PTP_SPLINE(?:\s+WITH\s+(?P<with>.*))?", self._begin_spline, "joint"),
-            (r"ENDSPLINE", self._end_spline, "joint"),
-            (r"TIME_BLOCK\s+START", self._begin_block, "joint"),
-            (rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", self._part, "joint"),
-            (rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", self._end_block, "joint"),
+            (r"ENDSPLINE", self.spline.end, "joint"),
+            (r"TIME_BLOCK\s+START", self.spline.begin_block, "joint"),
+            (rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", self.spline.part, "joint"),
+            (rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", self.spline.end_block, "joint"),
             (r"SPLINE(?:\s.*)?", self.skip, "path"),
             (r"(?:GOTO|RESUME|SPL|RSI_(?:MOVECORR|ON)|TOUCH\w*)\b.*", self.refuse, "path"),
-            (r"RETURN\b.*", self.leave, "leaves"), (r"EXIT", lambda *_: "break", "leaves"),
+            (r"RETURN\b.*", "return", "leaves"), (r"EXIT", "break", "leaves"),
             (rf"(WAIT)\s+SEC\s+({NUMBER})", self.wait, "pause"),
-            (_BEGIN, self.nothing, "silent"),
+            (_BEGIN, "", "silent"),
             (r"\$BASE\s*[.\[].*", self.refuse, "path"),
             (r"(\$IPO_MODE)\s*=(.*)", self._ipo_mode, "setting"),
             (r"(?P<word>BAS)\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,(?P<value>.*)\)", self._speed,
@@ -234,16 +181,17 @@ class KrlProgram(Program):
             *((pattern, self.assign, "assigns") for pattern in _DECLARED),
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"\$\w+(?:\[[^\]]*\])?(?:\.\w+)?\s*=(?!=)[^{]*", self.skip, "skip"),
-            (r"&.*", self.nothing, "silent"),
+            (r"&.*", "", "silent"),
             (r"(?:ELSE|CASE|DEFAULT|CONTINUE|GLOBAL|INTERRUPT|DECL|STRUC|ENUM|BRAKE|EXT|ANOUT"
              r"|ON_ERROR_PROCEED|SIGNAL|PUBLIC|TRIGGER).*|\w+\s*:", self.skip, "skip"),
             (r"(?P<called>\w+)\s*(?:\((?P<arguments>.*)\))?", self.call, "call"),
             (r".*", self.refuse, "path"),
         )  # fmt: skip
 
-    def first(self, uncalled: list[str], statements: Statements) -> list[str]:
+    def first(self, uncalled: list[str]) -> list[str]:
         """The first program of a file is the one that a controller runs."""
-        return [*self.procedures][:1] if self.moves.strict else super().first(uncalled, statements)
+        found = super().first(uncalled)
+        return [*self.listing.procedures][:1] if self.moves.strict else found
 
     def check(self, statements: Statements) -> None:
         """In a spline there are only segments and times."""
@@ -262,30 +210,24 @@ class KrlProgram(Program):
         for number, line in enumerate(lines, start=1):
             code = line.partition(";")[0].strip()
             for pattern in (*_DECLARED, _ASSIGNMENT):
-                match = re.fullmatch(pattern, code, self.flags)
+                match = re.fullmatch(pattern, code, self.language.flags)
                 if match and match["value"]:
                     name = self.values.key(match["name"])
-                    self.assigned.setdefault(name, []).append(f"{number} of {file}")
+                    self.listing.assigned.setdefault(name, []).append(f"{number} of {file}")
                     if "kind" in match.groupdict():
                         self.values.assign(number, match["name"], match["value"])
                         self.values.kept.add(self.values.key(match["name"]))
                     break
 
-    def parameter(self, words: Sequence[str]) -> str:
-        """A parameter stands before its kind, ``:IN`` or ``:OUT``."""
-        return words[0]
-
     # ------------------------------------------------------------ frames and speeds
 
     def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
-        self.refuse_calls(line, match["value"])
+        self.listing.refuse_calls(line, match["value"])
         self.moves.noted(line, match["word"], kind)
 
     def _speed(self, line: int, match: re.Match[str]) -> None:
         self._stated(line, match, "speed")
-        self.moves.feed = math.nan
-        with suppress(Unknown, TypeError):
-            self.moves.feed = float(self.values.value(match["value"]))
+        self.moves.feed = self.values.number(match["value"])
 
     def _ipo_mode(self, line: int, match: re.Match[str]) -> None:
         if "#TCP" in match[2].upper() and not self.moves.strict:
@@ -303,10 +245,8 @@ class KrlProgram(Program):
 
     def _numbered(self, text: str) -> tuple[str, mink.SE3 | None]:
         """The base whose number an expression states."""
-        try:
-            number = int(self.values.value(text))
-        except (Unknown, TypeError):
-            return f"base {text.strip()}", None
+        found = self.values.number(text)
+        number = text.strip() if math.isnan(found) else int(found)
         return self.bases.get(number, (f"base {number}", None))
 
     def _base_data(self, line: int, match: re.Match[str]) -> None:
@@ -320,7 +260,7 @@ class KrlProgram(Program):
 
     def _frame(self, text: str, name: str) -> tuple[str, mink.SE3 | None]:
         try:
-            return name, _pose(self.values.value(text))
+            return name, frame_pose(self.values.value(text))
         except (Unknown, KeyError, TypeError, ValueError):
             return name, None
 
@@ -330,55 +270,14 @@ class KrlProgram(Program):
         with suppress(Unknown, KeyError, TypeError):  # of a point that is in no file
             self.moves.frame = self._numbered(str(self.values.value(match["value"])["base_no"]))
 
-    # ------------------------------------------------------------ splines and their times
+    # ------------------------------------------------------------ moves
 
     def _begin_spline(self, line: int, match: re.Match[str]) -> None:
         self._with(line, match[0], match["with"] or "")
-        self._spline = True
-
-    def _end_spline(self, line: int, match: re.Match[str]) -> None:
-        if (self.moves.strict and not self._spline) or self._block_points is not None:
-            raise refuse(
-                line, match[0],
-                "expected a spline before it, and the end of its time block (TIME_BLOCK END = …).",
-            )  # fmt: skip
-        self._spline = False
-
-    def _begin_block(self, line: int, match: re.Match[str]) -> None:
-        if self._timed or not self._spline:
-            raise refuse(line, match[0], "expected one time block, in a spline of axis moves.")
-        self._timed, self._block_points = True, []
-
-    def _part(self, line: int, match: re.Match[str]) -> None:
-        self._parts.append(float(match[1]))
-        if self._block_points is None or len(self._parts) != len(self._block_points):
-            raise refuse(
-                line, match[0],
-                "expected TIME_BLOCK START, then one segment before each part; a line was lost or "
-                "added.",
-            )  # fmt: skip
-
-    def _end_block(self, line: int, match: re.Match[str]) -> None:
-        """The end of a time block: each segment takes its part's share of the whole time."""
-        block, self._block_points = self._block_points, None
-        parts, whole = self._parts, float(match[1])
-        if not block or len(parts) != len(block):
-            raise InvalidInput(
-                f"the time block has {len(block or [])} segments and {len(parts)} parts; a line "
-                "was lost or added.",
-                line=line,
-            )
-        total = sum(parts)
-        self.shares = abs(total - whole) > 0.6e-5
-        if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
-            raise InvalidInput("a time of the time block is not positive.", line=line)
-        for (place, point), part in zip(block, parts, strict=True):
-            self.moves.joint(place, point, None, part * whole / total)
-
-    # ------------------------------------------------------------ moves
+        self.spline.open = True
 
     def _stay(self, line: int, match: re.Match[str]) -> None:
-        if self._spline:
+        if self.spline.open:
             raise refuse(line, match[0], f"{match[1]} is not read as a target in a spline.")
         self.moves.note(f"line {line} moves to where the robot is ({match[1].upper()})")
 
@@ -404,7 +303,7 @@ class KrlProgram(Program):
     def _move(self, line: int, match: re.Match[str]) -> None:
         word, rest, moves = match["word"].upper(), match["rest"], self.moves
         relative, before = word.endswith("_REL"), (moves.frame, moves.feed)
-        if self._spline and word == "PTP":
+        if self.spline.open and word == "PTP":
             raise refuse(line, match[0], "expected SPTP in a spline.")
         if relative and "#TOOL" in rest.upper():
             raise refuse(
@@ -433,7 +332,7 @@ class KrlProgram(Program):
         angles = pose = None
         try:
             found = None if relative else self.values.value(text)
-            if isinstance(found, _Frame) and "a1" in found:
+            if isinstance(found, Frame) and "a1" in found:
                 axes = [name.lower() for name in KRL.axis_names]
                 external = {k.upper(): v for k, v in found.items() if re.fullmatch("e[1-6]", k)}
                 if not {*axes} <= {*found} or len(found) > len(axes) + len(external):
@@ -446,26 +345,26 @@ class KrlProgram(Program):
             if self.moves.strict:
                 raise
             self._at = None
-        if self._block_points is None or angles is None:
-            self.moves.joint(line, angles, pose)
+        if self.spline.segments is None or angles is None:
+            self.moves.joint(JointMove(line, angles, pose))
         else:
-            self._block_points.append((line, angles))
+            self.spline.segments.append((line, angles))
 
     def _target(self, text: str, *, relative: bool = False) -> mink.SE3:
         """A target; what it leaves out stays as it was."""
         found = self.values.value(text)
-        if not isinstance(found, _Frame) or not set(_POSE) & set(found):
+        if not isinstance(found, Frame) or not set(POSE) & set(found):
             raise Unknown(f"expected a position, {{X …,Y …,Z …,A …,B …,C …}}, got {text}")
-        if not set(_POSE) <= set(found) and self._at is None:
+        if not set(POSE) <= set(found) and self._at is None:
             raise Unknown(f"{text} leaves out some of X, Y, Z, A, B, C; nothing before has them")
-        at = self._at or _Frame()
+        at = self._at or Frame()
         if relative and any(found.get(key) for key in "abc"):
             raise InvalidInput(f"{text}: a relative turn is not read; write a position")
-        moved = {key: found.get(key, at.get(key)) for key in _POSE}
+        moved = {key: found.get(key, at.get(key)) for key in POSE}
         if relative:
-            moved = {key: at[key] + found.get(key, 0.0) for key in _POSE}
-        self._at = _Frame(moved)
-        return _pose(self._at)
+            moved = {key: at[key] + found.get(key, 0.0) for key in POSE}
+        self._at = Frame(moved)
+        return frame_pose(self._at)
 
 
 def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:
@@ -483,7 +382,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
     if [text for _, text in found[at : at + len(_FRAME)]] == _FRAME:
         del found[at : at + len(_FRAME)]
     program.execute(found)
-    if program.shares and (header := read_header(comments)):
+    if program.spline.shares and (header := read_header(comments)):
         raise InvalidInput(
             f"the parts of the time block are not {header['seconds']} s together, as the header "
             "says; a time was changed. Export it again, or remove the header."

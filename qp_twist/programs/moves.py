@@ -4,18 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
+from qp_twist.files import of_lines
 from qp_twist.programs.joint_moves import AXES, JointMoves
 
 _LISTED = 12
 """Kinds of statements that a note lists."""
 Kind = Literal["passed", "setting", "speed", "pause"]
 """Statements that do not move the robot: others, of tool, base or load, of speeds, waits."""
+
+
+class JointMove(NamedTuple):
+    """A joint move, in ``seconds``, to angles or a pose, or to what the program does not state.
+
+    With rates, in unit/s, there and where it begins, each joint moves on a cubic.
+    """
+
+    line: int
+    angles: list[float] | None = None
+    pose: mink.SE3 | None = None
+    seconds: float | None = None
+    rates: list[float] | None = None
 
 
 class Moves:
@@ -33,18 +47,8 @@ class Moves:
         self.frame: tuple[str, mink.SE3 | None] = "", None
         self.feed = math.nan
 
-    def joint(
-        self,
-        line: int,
-        angles: list[float] | None,
-        pose: mink.SE3 | None = None,
-        seconds: float | None = None,
-        rates: list[float] | None = None,
-    ) -> None:
-        """A joint move, to angles or to a pose, or to what the program does not state.
-
-        With rates, in unit/s, there and where it begins, each joint moves on a cubic.
-        """
+    def joint(self, move: JointMove) -> None:
+        """A joint move."""
 
     def line(self, line: int, pose: mink.SE3) -> None:
         """A straight move at the feed in force."""
@@ -91,15 +95,9 @@ class Course(Moves):
         self._external: dict[str, float] | None = None
         self._rounded = False
 
-    def joint(
-        self,
-        line: int,
-        angles: list[float] | None,
-        pose: mink.SE3 | None = None,
-        seconds: float | None = None,
-        rates: list[float] | None = None,
-    ) -> None:
+    def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
+        line, angles, _, seconds, rates = move
         if angles is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         for values in (angles, rates or angles):
@@ -131,8 +129,7 @@ class Course(Moves):
             if value != before:
                 raise InvalidInput(
                     f"it moves the external axis {axis} to {value:g}, from "
-                    f"{before:g}; only robots whose external axes stand still can be checked.",
-                    line=line,
+                    f"{before:g}; only robots whose external axes stand still can be checked."
                 )
 
     def wait(self, line: int, word: str, seconds: float) -> None:
@@ -140,7 +137,7 @@ class Course(Moves):
         if not 0.0 <= seconds < math.inf:
             raise InvalidInput(f"a wait of {seconds:g} s; expected a finite time.", line=line)
         if self._points and seconds > 0.0:
-            self.joint(line, list(self._points[-1]), None, seconds)
+            self.joint(JointMove(line, list(self._points[-1]), None, seconds))
             self._waits.append((line, f"a wait of {seconds:g} s"))
 
     def rounds(self, line: int, mark: str) -> None:
@@ -212,10 +209,7 @@ class Course(Moves):
 
 def _listed(words: Mapping[str, Mapping[int, None]]) -> str:
     """Words with the lines where they stand."""
-    found = []
-    for word, lines in words.items():
-        more = f" and {len(lines) - 1} more" if len(lines) > 1 else ""
-        found.append(f"{word} (line {next(iter(lines))}{more})")
+    found = [f"{word} ({of_lines([*lines])})" for word, lines in words.items()]
     if len(found) > _LISTED:
         found[_LISTED:] = [f"and {len(found) - _LISTED} more kinds"]
     return ", ".join(found)

@@ -19,10 +19,10 @@ import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
-from qp_twist.programs.syntax import Rule
+from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import (
     IN_DEGREES,
     Unknown,
@@ -127,19 +127,22 @@ _WORLD = "wobj0", mink.SE3.identity()
 class RapidModule(Program):
     """A module."""
 
-    opens = (
-        (r"MODULE\b.*", "ENDMODULE", "once"), (r"RECORD\b.*", "ENDRECORD", "never"),
-        (r"(?:LOCAL\s+)?TRAP\b.*", "ENDTRAP", "never"),
-        (_PROCEDURE, "END(?:PROC|FUNC)", "procedure"),
-        (r"WHILE\s+\(?\s*TRUE\s*\)?\s*DO", "ENDWHILE", "for ever"),
-        (r"FOR\s+(?P<name>\w+)\s+FROM\b(?P<first>.*)\bTO\b(?P<last>.*?)(?:\bSTEP\b(?P<step>.*))?"
-         r"\bDO", "ENDFOR", "for"),
-        (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
-        (r"WHILE\b(?P<condition>.*)\bDO", "ENDWHILE", "while"), (r"TEST\b.*", "ENDTEST", "open"),
+    language = Language(
+        opens=(
+            (r"MODULE\b.*", "ENDMODULE", "once"), (r"RECORD\b.*", "ENDRECORD", "never"),
+            (r"(?:LOCAL\s+)?TRAP\b.*", "ENDTRAP", "never"),
+            (_PROCEDURE, "END(?:PROC|FUNC)", "procedure"),
+            (r"WHILE\s+\(?\s*TRUE\s*\)?\s*DO", "ENDWHILE", "for ever"),
+            (r"FOR\s+(?P<name>\w+)\s+FROM\b(?P<first>.*)\bTO\b(?P<last>.*?)"
+             r"(?:\bSTEP\b(?P<step>.*))?\bDO", "ENDFOR", "for"),
+            (r"IF\b(?P<condition>.*)\bTHEN", "ENDIF", "if"),
+            (r"WHILE\b(?P<condition>.*)\bDO", "ENDWHILE", "while"),
+            (r"TEST\b.*", "ENDTEST", "open"),
+        ),
+        otherwise=r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE",
+        outside=_DATA, enclosed=True,
+        reads="absolute joint moves (MoveAbsJ) to literals or constants, one after the other,",
     )  # fmt: skip
-    otherwise = r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE"
-    outside, enclosed = _DATA, True
-    reads = "absolute joint moves (MoveAbsJ) to literals or constants, one after the other,"
 
     def __init__(self, moves: Moves) -> None:
         super().__init__(
@@ -156,9 +159,9 @@ class RapidModule(Program):
              r"|Set)|GOTO|CallByVar|PathRecMove\w*|StepBwdPath|MoveExtJ|%|Load\s)\b.*",
              self.refuse, "path"),
             (rf"IF\b.*(?:\b{_MOVES}|:=|\bGOTO|\bRETURN|\bEXIT).*", self.refuse, "path"),
-            (r"EXIT", self.end, "leaves"), (r"RETURN\b.*", self.leave, "leaves"),
+            (r"EXIT", "end", "leaves"), (r"RETURN\b.*", "return", "leaves"),
             (r"BREAK", self.refuse, "path"),
-            (r"ERROR|UNDO|BACKWARD", self.leave, "skip"),
+            (r"ERROR|UNDO|BACKWARD", "return", "skip"),
             (_DATA, self._data, "assigns"),
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"(?:ELSE|ELSEIF|CASE|DEFAULT)\b.*", self.skip, "skip"),
@@ -171,6 +174,10 @@ class RapidModule(Program):
             (r".*", self.refuse, "path"),
         )  # fmt: skip
 
+    def parameter(self, words: Sequence[str]) -> str:
+        """A parameter stands behind its kind."""
+        return words[-1]
+
     def _data(self, line: int, match: re.Match[str]) -> None:
         self.assign(line, match)
         name = match["name"].lower()
@@ -181,8 +188,9 @@ class RapidModule(Program):
 
     def _conditional(self, line: int, match: re.Match[str]) -> None:
         """A statement behind ``IF`` without ``THEN``."""
-        called = [self.procedures.get(word.lower()) for word in re.findall(r"\w+", match[0])]
-        if any(each and self._moving(each.body) for each in called):
+        listing, words = self.listing, re.findall(r"\w+", match[0].lower())
+        called = [listing.procedures[word] for word in words if word in listing.procedures]
+        if any(listing.moving(each.body) for each in called):
             self.refuse(line, match)
         self.skip(line, match)
 
@@ -212,7 +220,7 @@ class RapidModule(Program):
         """MoveAbsJ; ``check`` knows all its arguments."""
         (target, *others), options = self._arguments(line, match, 1)
         if not self.moves.strict:
-            self.moves.joint(line, None)
+            self.moves.joint(JointMove(line, None))
             return
         if len(others) != 3 or not all(re.fullmatch(rf"{_NAME}|\[[^()]*\]", x) for x in others):
             raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
@@ -230,7 +238,7 @@ class RapidModule(Program):
         given = zip("abcdef", external, strict=True)
         self.moves.external(line, {f"eax_{k}": v for k, v in given if v != float(_NONE)})
         seconds = float(self.values.value(options["t"])) if "t" in options else None
-        self.moves.joint(line, angles, None, seconds)
+        self.moves.joint(JointMove(line, angles, None, seconds))
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind = match["kind"].upper()
@@ -244,7 +252,7 @@ class RapidModule(Program):
             poses = []
         self.moves.feed = self._feed(arguments[count], options)
         if kind in ("J", "ABSJ"):
-            self.moves.joint(line, None, poses[0] if poses else None)
+            self.moves.joint(JointMove(line, None, poses[0] if poses else None))
         elif kind == "L":
             self.moves.line(line, poses[0])
         else:

@@ -19,10 +19,10 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
-from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, by_name, refuse, split, without_texts
-from qp_twist.programs.syntax import Rule
+from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import LARGEST_NUMBER, Pose, Unknown, Values, list_literal
 
 _TERMS = {
@@ -165,15 +165,18 @@ _VALUES: dict[str, Callable[..., Any]] = {
 class Script(Program):
     """A script of anyone."""
 
-    flags = re.ASCII | re.DOTALL  # capitals count
-    opens = (
-        (r"def\s+(?P<name>\w+)\s*\((?P<arguments>.*)\)\s*:", "end", "procedure"),
-        (r"(?:thread|sec)\b.*:", "end", "never"),
-        (r"while\s*\(?\s*True\s*\)?\s*:", "end", "for ever"),
-        (r"if\b(?P<condition>.*):", "end", "if"), (r"while\b(?P<condition>.*):", "end", "while"),
+    language = Language(
+        opens=(
+            (r"def\s+(?P<name>\w+)\s*\((?P<arguments>.*)\)\s*:", "end", "procedure"),
+            (r"(?:thread|sec)\b.*:", "end", "never"),
+            (r"while\s*\(?\s*True\s*\)?\s*:", "end", "for ever"),
+            (r"if\b(?P<condition>.*):", "end", "if"),
+            (r"while\b(?P<condition>.*):", "end", "while"),
+        ),
+        otherwise=r"elif\b(?P<condition>.*):|else\s*:",
+        reads="joint moves (movej, servoj) to literals or constants, one after the other,",
+        flags=re.ASCII | re.DOTALL,  # capitals count
     )  # fmt: skip
-    otherwise = r"elif\b(?P<condition>.*):|else\s*:"
-    reads = "joint moves (movej, servoj) to literals or constants, one after the other,"
 
     def __init__(self, moves: Moves) -> None:
         super().__init__(Values(str, str, _VALUES, list_literal), moves)
@@ -188,8 +191,8 @@ class Script(Program):
             (r"(?P<word>movel|movep|movec)\s*\((?P<arguments>.*)\)", self._move, "path"),
             (r"(?:move|servo|speed|force_mode|freedrive|teach|conveyor|path_offset|track|screw)\w*"
              r"\s*\(.*", self.refuse, "path"),
-            (r"break|continue", self.go_on, "leaves"),
-            (r"return\b.*", self.leave, "leaves"), (r"halt(?:\s*\(\s*\))?", self.end, "leaves"),
+            (r"break", "break", "leaves"), (r"continue", "continue", "leaves"),
+            (r"return\b.*", "return", "leaves"), (r"halt(?:\s*\(\s*\))?", "end", "leaves"),
             (r"(?:else|elif)\b.*", self.skip, "skip"),
             (r"(sleep)\s*\((.*)\)", self.wait, "pause"),
             (r"(stopj)\s*\((.*)\)", self._stop, "passed"),
@@ -200,18 +203,14 @@ class Script(Program):
             (r".*", self.refuse, "path"),
         )  # fmt: skip
 
-    def first(self, uncalled: list[str], statements: Statements) -> list[str]:
+    def first(self, uncalled: list[str]) -> list[str]:
         """A controller runs what stands outside functions, or else the only function."""
         if not self.moves.strict:
-            return super().first(uncalled, statements)
-        return [] if self._count > len(self.procedures) else uncalled
-
-    def parameter(self, words: Sequence[str]) -> str:
-        """A parameter may have a default value."""
-        return words[0]
+            return super().first(uncalled)
+        return [] if self._count > len(self.listing.procedures) else uncalled
 
     def _given(self, line: int, match: re.Match[str]) -> dict[str, str]:
-        self.refuse_calls(line, match["arguments"])
+        self.listing.refuse_calls(line, match["arguments"])
         given = by_name(line, match["arguments"], _ARGUMENTS[match["word"]])
         radius = given.get("r", "0")
         try:
@@ -244,16 +243,12 @@ class Script(Program):
                 ) from error
         if self.moves.strict and max(map(abs, angles or []), default=0.0) > 4.0 * math.pi:
             raise refuse(line, match[0], "more than two turns; URScript takes rad, not degrees.")
-        self.moves.joint(line, angles, pose, seconds if seconds > 0.0 else None)
+        self.moves.joint(JointMove(line, angles, pose, seconds if seconds > 0.0 else None))
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         given = self._given(line, match)
-        try:
-            timed = "t" in given and self.values.value(given["t"]) > 0.0
-            speed = given.get("v", "0.25")
-            self.moves.feed = math.nan if timed else float(self.values.value(speed))
-        except (Unknown, TypeError):
-            self.moves.feed = math.nan
+        untimed = self.values.number(given.get("t", "0")) <= 0.0
+        self.moves.feed = self.values.number(given.get("v", "0.25")) if untimed else math.nan
         poses = [_se3(self.values.value(text)) for key, text in given.items() if key[0] == "p"]
         if len(poses) != 1 + (match["word"] == "movec"):
             raise refuse(line, match[0], "expected poses, p[x, y, z, rx, ry, rz].")
@@ -263,7 +258,7 @@ class Script(Program):
             self.moves.line(line, poses[0])
 
     def _stop(self, line: int, match: re.Match[str]) -> None:
-        self.refuse_calls(line, match[2])
+        self.listing.refuse_calls(line, match[2])
         self.moves.noted(line, match[1], "passed")
         if self.moves.strict and self._blended:
             raise refuse(line, match[0], "stops the robot before it is where it was sent (r>0).")
@@ -313,7 +308,7 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
         if word in counts:
             q, w = (_numbers(line, each) for each in (arguments[0], arguments[1]))
             seconds = None if word == "start" else _numbers(line, f"[{arguments[-1]}]")[0]
-            moves.joint(line, q, None, seconds, w if kind == "cubic" else None)
+            moves.joint(JointMove(line, q, None, seconds, w if kind == "cubic" else None))
     if expected not in ([name], []):
         raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
 

@@ -7,7 +7,8 @@ import json
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import deepcopy
 from functools import lru_cache
 from typing import Any
@@ -33,6 +34,10 @@ _NUMBER = re.compile(NUMBER, re.ASCII)
 
 class Unknown(InvalidInput):
     """The program does not state a value: an input, a register, data of another file."""
+
+
+class Undecided(Exception):
+    """The program does not decide what runs."""
 
 
 class Pose(list[Any]):
@@ -64,6 +69,7 @@ class Values:
         self.names: dict[str, Any] = {}
         self.kept: set[str] = set()
         self.shared: set[str] = set()
+        self._local: dict[str, Any] = {}
 
     def value(self, text: str) -> Any:
         """The value of an expression.
@@ -77,20 +83,28 @@ class Values:
         literal = self._literal(text)
         return self._evaluated(text) if literal is None else literal
 
+    def number(self, text: str) -> float:
+        """The number that an expression is; nan if the program does not state it."""
+        try:
+            return float(self.value(text))
+        except (Unknown, TypeError, ValueError):
+            return math.nan
+
     def condition(self, text: str) -> bool:
         """Whether a condition holds.
 
         Raises:
-            Unknown: If the program does not decide it.
+            Undecided: If the program does not state that.
         """
         for pattern, replacement in self._comparison:
             text = re.sub(pattern, replacement, text)
         words = set(map(self.key, _WORD.findall(text)))
-        if undecided := words & (self.kept | self.shared):
-            raise Unknown(f"the file does not state {min(undecided)} at this line")
-        found = self._evaluated(text.strip())
-        if not isinstance(found, bool):
-            raise Unknown(f"{shown(text)} is no condition")
+        try:
+            found = self._evaluated(text.strip())
+        except Unknown as error:
+            raise Undecided from error
+        if words & (self.kept | self.shared) or not isinstance(found, bool):
+            raise Undecided
         return found
 
     def _evaluated(self, text: str) -> Any:
@@ -126,6 +140,22 @@ class Values:
     def forget(self, target: str, why: str) -> None:
         """A variable has no value any more that the file states."""
         self.names[self.base(target)] = Unknown(why)
+
+    @contextmanager
+    def scope(self) -> Iterator[None]:
+        """Behind it, what was :meth:`local` in it has its value of before."""
+        outer, self._local = self._local, {}
+        yield
+        for name, value in self._local.items():
+            if value is None:
+                self.names.pop(name, None)
+            else:
+                self.names[name] = value
+        self._local = outer
+
+    def local(self, name: str) -> None:
+        """A variable is one of this scope."""
+        self._local.setdefault(name, self.names.get(name))
 
     def base(self, target: str) -> str:
         """The variable of which a target is a part."""
