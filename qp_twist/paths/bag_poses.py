@@ -39,7 +39,7 @@ def bag_table(content: bytes) -> tuple[Table, list[str]]:
     """The poses of a bag, in metres (REP 103), and a note; of several paths the last counts.
 
     Raises:
-        InvalidInput: If it has no poses or those of several topics, or a library is missing.
+        InvalidInput: If it has no poses, or of several topics or frames, or a library is missing.
     """
     read = _mcap if content.startswith(_MCAP) else _sqlite if content[:6] == b"SQLite" else _ros_1
     topics: dict[tuple[str, str], list[_Message]] = {}
@@ -57,16 +57,27 @@ def bag_table(content: bytes) -> tuple[Table, list[str]]:
         for (topic, _), messages in found.items():
             counts = messages[-1:] if kinds is _ARRAYS else messages
             last = f", the last of {len(messages)} messages" if len(messages) > len(counts) else ""
-            poses = np.array([pose for message in counts for pose in _poses(message)])
-            table = Table(_NAMES, poses.reshape(-1, 7), np.arange(1, len(poses) + 1), {0: ""})
-            return table, [f"the path is the topic {topic}{last}."]
+            framed = [pose for message in counts for pose in _poses(message)]
+            poses = np.array([pose for _, pose in framed]).reshape(-1, 7)
+            frames = list(dict.fromkeys(frame for frame, _ in framed if frame))
+            if len(frames) > 1:
+                named = f"{', '.join(frames[:-1])} and {frames[-1]}"
+                raise InvalidInput(
+                    f"poses of {topic} are in frames {named}; transform them into one and record "
+                    "them anew."
+                )
+            within = f" in the frame {frames[0]}" if frames else ""
+            table = Table(_NAMES, poses, np.arange(1, len(poses) + 1), {0: ""})
+            return table, [f"the path is the topic {topic}{within}{last}."]
     raise InvalidInput(
         f"the bag has no messages with poses; expected {', '.join((*_ARRAYS, *_SINGLE))}."
     )
 
 
-def _poses(message: _Message) -> Iterator[tuple[float, ...]]:
-    """The poses of a message: x, y, z and the quaternion, its scalar last.
+def _poses(message: _Message) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """The poses of a message: their frame; x, y, z and the quaternion, its scalar last.
+
+    A pose of a path without a frame of its own is in that of the path.
 
     ROS 2 writes CDR: a number stands at a multiple of its size behind four bytes that state the
     order of bytes. ROS 1 writes numbers without gaps, and the number of a message in its header.
@@ -82,24 +93,23 @@ def _poses(message: _Message) -> Iterator[tuple[float, ...]]:
         at += size * count
         return struct.unpack_from(f"{order}{count}{form}", data, at - size * count)
 
-    def skip_text() -> None:
+    def text() -> str:
         nonlocal at
         size = int(take("I", 4)[0])
         at += size
+        return data[at - size : at].rstrip(b"\0").decode("utf-8", "replace").strip("/")
 
-    def skip_header() -> None:
+    def frame_of_header() -> str:
         take("I", 4, 2 if aligned else 3)  # time, and the message's number
-        skip_text()
+        return text()
 
-    if message.kind != "Pose":
-        skip_header()
+    frame = frame_of_header() if message.kind != "Pose" else ""
     if message.kind == "Odometry":
-        skip_text()
+        text()  # the frame of the velocity
     count = int(take("I", 4)[0]) if message.kind in _ARRAYS else 1
     for _ in range(count):
-        if message.kind == "Path":
-            skip_header()
-        yield take("d", 8, 7)
+        own = frame_of_header() if message.kind == "Path" else ""
+        yield own or frame, take("d", 8, 7)
 
 
 def _mcap(content: bytes) -> Iterator[_Message]:

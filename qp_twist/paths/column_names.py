@@ -93,6 +93,7 @@ NAMINGS = {
     ),
     "x_axis": Naming(_names("xyz", "tangent{} tangents{} {}tangent tang{} xaxis{} axisx{}")),
     "y_axis": Naming(_names("xyz", "yaxis{} axisy{} binormal{} bitangent{}")),
+    "z_axis": Naming(_names("xyz", "zaxis{} axisz{}")),
     "lead": _one("lead leadangle"),
     "tilt": _one("tilt tiltangle sidetilt"),
     "curve": _one("curve curveid curvename pass contour stroke"),
@@ -102,8 +103,13 @@ NAMINGS = {
 """Usual names of columns. Those of another program are another row."""
 DIRECTIONS = {group for group, of in NAMINGS.items() if of.means} | {"angles"}
 """Groups that are an orientation."""
-BESIDE = {"x_axis", "y_axis", "lead", "tilt"}
-"""Groups that complete one."""
+BESIDE: dict[Orientation, set[str]] = {
+    "axis": {"x_axis", "y_axis"},
+    "normal": {"x_axis", "y_axis", "lead", "tilt"},
+}
+"""Groups that complete an orientation."""
+COMPLETE = {group for groups in BESIDE.values() for group in groups}
+"""All of them."""
 _GROUPS = {name: (group, at) for group, of in NAMINGS.items() for name, at in of.names.items()}
 
 
@@ -125,6 +131,14 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
         if 0 < len(tangent) < len(columns):
             found["position"][place] = [i for i in columns if i not in tangent]
             found.setdefault("x_axis", {}).setdefault(place, []).extend(tangent)
+    frame = [found.get(f"{letter}_axis", {}) for letter in "xyz"]
+    found.pop("z_axis", None)
+    if all(frame):  # x, y and z of a frame are the columns of its rotation matrix
+        del found["x_axis"], found["y_axis"]
+        matrix = found.setdefault("matrix", {})
+        for column, places in enumerate(frame):
+            for place, columns in places.items():
+                matrix.setdefault(3 * place + column, []).extend(columns)
     return found
 
 

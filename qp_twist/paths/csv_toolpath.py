@@ -25,7 +25,7 @@ from qp_twist.files import (
 from qp_twist.paths.assumed_units import assumed_angle_unit, assumed_length_unit, named_length_unit
 from qp_twist.paths.column_names import has_position, names_in, usual
 from qp_twist.paths.orientation import tangents
-from qp_twist.paths.toolpath import Toolpath
+from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_columns import (
     ColumnChoice,
@@ -44,10 +44,13 @@ from qp_twist.paths.toolpath_points import (
 
 _LISTED = 12
 """Number of unused columns that are named; the others are counted."""
-_RAPID = re.compile(r"g?0+|rapid|travel|movej|ptp", re.IGNORECASE)
-_CUT = re.compile(r"g?0*1|cut|cutting|feed|linear|work|contact|process|movel|lin", re.IGNORECASE)
-_ARC = re.compile(r"g?0*[23]|arc|circ|circular|movec", re.IGNORECASE)
+_RAPID = re.compile(r"g?0+(\.0*)?|rapid|travel|movej|ptp|joint|j", re.IGNORECASE)
+_CUT = re.compile(
+    r"g?0*1(\.0*)?|cut|cutting|feed|linear|work|contact|process|movel|lin|l", re.IGNORECASE
+)
+_ARC = re.compile(r"g?0*[23](\.0*)?|arc|circ|circular|movec|c", re.IGNORECASE)
 """Entries of a column of motions."""
+_TYPES = "G0, rapid, travel, joint (or MoveJ, PTP) and G1, cut, feed, linear (MoveL, LIN)"
 
 
 def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:
@@ -98,7 +101,8 @@ def table_toolpath(
     """
     choice = options.columns or ColumnChoice()
     where = column_roles(table, choice, options.orientation, options.feed_unit)
-    rapid, notes = _rapid(table, where), [*notes, *where.notes]
+    notes = [*notes, *where.notes]
+    rapid = _rapid(table, where, notes)
     unit, in_file = _length_unit(table, where, options, notes, lines)
     angle, problems = _angle_scale(table, where, options, notes, unit), Problems()
     feed_column = where.single.get("feed")
@@ -109,14 +113,16 @@ def table_toolpath(
     ends = [*np.flatnonzero(begins).tolist(), len(begins)]
     positions = LENGTHS[unit] * table.numbers[:, where.position]
     orientation, directions = where.orientation, angle * table.numbers[:, where.direction]
-    if where.second:
-        second = table.numbers[:, where.second]
-        second = second if where.second_axis == "x" else np.cross(second, directions)
+    outward = -1.0 if options.axes_point == "into" else 1.0
+    if where.x_axis or where.y_axis:
+        into = options.axes_point == "into"
+        second = _x_axes(table, where, directions, problems, notes, into=into)
         directions = np.hstack([directions, second])
-    if where.orientation == "normal" and {"lead", "tilt"} & where.single.keys():
-        orientation, outward = "axis", -1.0 if options.axes_point == "into" else 1.0
-        lean = _lean(table, where, notes)
-        directions[:, :3] = outward * _leaned(positions, outward * directions[:, :3], lean, ends)
+    if {"lead", "tilt"} & where.single.keys():
+        orientation, lean = "axis", _lean(table, where, options, notes)
+        starts = begins if rapid is None else begins | rapid
+        normals = outward * directions[:, :3]
+        directions[:, :3] = outward * _leaned(positions, normals, lean, starts, rapid)
     feeds = np.full(len(begins), np.nan)
     if feed_column is not None:
         feeds = _feeds(table, feed_column, options, begins, problems)
@@ -192,13 +198,39 @@ def _angle_scale(
     return ANGLES[unit]
 
 
-def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array:
+def _x_axes(
+    table: Table,
+    where: ColumnRoles,
+    directions: Array,
+    problems: Problems,
+    notes: list[str],
+    *,
+    into: bool,
+) -> Array:
+    """x of the tool at each point, (N, 3), from columns of x or of y and from z, with a note."""
+    outward = -directions if into else directions
+    x, y = (table.numbers[:, at] for at in (where.x_axis, where.y_axis))
+    if where.x_axis and where.y_axis:
+        other = "out" if into else "into"
+        left_handed = (np.cross(x, y) * outward).sum(axis=1) < 0.0
+        for line in table.lines[left_handed][:1].tolist():
+            what = f"x, y and {where.orientation} are left-handed; does the {where.orientation} "
+            what += f'point the other way? Then axes_point = "{other}"'
+            problems.add(line, what, options={"axes_point": other})
+    letter, columns = ("x", where.x_axis) if where.x_axis else ("y", where.y_axis)
+    notes.append(f"{called(table, columns)} are {letter} of the tool: the roll of the waypoints.")
+    return x if where.x_axis else np.cross(y, outward)
+
+
+def _lean(table: Table, where: ColumnRoles, options: ReadingOptions, notes: list[str]) -> Array:
     """Lead and tilt at each point, rad, (N, 2)."""
     lean, units = np.zeros((len(table.lines), 2)), set()
     for place, key in enumerate(("lead", "tilt")):
         if key in where.single:
             column = where.single[key]
-            unit, _ = unit_of(table, key, (column,), "deg", ANGLES)
+            stated = split_unit(table.names[column])[1]
+            chosen = options.angle_unit or (None if stated else "deg")
+            unit, _ = unit_of(table, "angle_unit", (column,), chosen, ANGLES)
             lean[:, place] = ANGLES[unit] * table.numbers[:, column]
             units.add({"deg": "degrees", "rad": "radians"}[unit])
     if np.abs(lean).max(initial=0.0) >= 0.5 * np.pi:
@@ -210,45 +242,81 @@ def _lean(table: Table, where: ColumnRoles, notes: list[str]) -> Array:
     return lean
 
 
-def _leaned(positions: Array, normals: Array, lean: Array, ends: Sequence[int]) -> Array:
+def _leaned(
+    positions: Array, normals: Array, lean: Array, starts: Mask, rapid: Mask | None
+) -> Array:
     r"""Tool axes of the normals n, (N, 3) each; lead λ and tilt τ as Lead/Lean of Autodesk.
 
-    With t along each curve, perpendicular to n:
+    With t along each curve or cut (they begin at ``starts``), perpendicular to n; at a point
+    between rapid motions it is that of the next cut, or of the last one:
 
     .. math:: \cos\tau\,(\cos\lambda\,\mathbf n + \sin\lambda\,\mathbf t)
         + \sin\tau\,\mathbf n \times \mathbf t
     """
-    found = normals.copy()
-    for a, b in pairwise(ends):
-        lengths = np.linalg.norm(normals[a:b], axis=1, keepdims=True)
-        n = normals[a:b] / np.where(lengths > 0.0, lengths, 1.0)
-        t = tangents("lead and tilt", positions[a:b], n)
-        lead, tilt = lean[a:b, :1], lean[a:b, 1:]
-        ahead = np.cos(lead) * n + np.sin(lead) * t
-        found[a:b] = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    n = normals / np.where(lengths > 0.0, lengths, 1.0)
+    t, cut = np.zeros_like(n), np.ones(len(n), dtype=bool)
+    for a, b in pairwise([*np.flatnonzero(starts).tolist(), len(starts)]):
+        if rapid is not None and rapid[a] and np.ptp(positions[a:b], axis=0).max() < SAME_POINT:
+            cut[a:b] = False
+        else:
+            t[a:b] = tangents("lead and tilt", positions[a:b], n[a:b])
+    if cut.any():
+        alone, of_cuts = np.flatnonzero(~cut), np.flatnonzero(cut)
+        after = np.minimum(np.searchsorted(of_cuts, alone), len(of_cuts) - 1)
+        t[alone] = t[of_cuts[after]]
+        t[alone] -= (t[alone] * n[alone]).sum(axis=1, keepdims=True) * n[alone]
+        size = np.linalg.norm(t[alone], axis=1, keepdims=True)
+        t[alone] /= np.where(size > 0.0, size, 1.0)
+    lead, tilt = lean[:, :1], lean[:, 1:]
+    ahead = np.cos(lead) * n + np.sin(lead) * t
+    found: Array = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
     return found
 
 
-def _rapid(table: Table, where: ColumnRoles) -> Mask | None:
+def _rapid(table: Table, where: ColumnRoles, notes: list[str]) -> Mask | None:
     """Which motions are rapid by a column of their types; ``None`` without such a column.
 
-    Arcs are refused: a table has no columns for their centres.
+    A blank repeats the type before it. Arcs are refused: a table has no columns for their centres.
     """
     if "type" not in where.single:
         return None
-    entries = table.texts(where.single["type"])
-    arcs = [bool(_ARC.fullmatch(entry)) for entry in entries]
-    rapid = np.array([bool(_RAPID.fullmatch(entry)) for entry in entries])
-    cut = [bool(_CUT.fullmatch(entry)) for entry in entries]
-    if not (rapid | arcs | cut).all():
+    column = where.single["type"]
+    entries = [entry.strip() for entry in table.texts(column)]
+    for k in range(1, len(entries)):
+        entries[k] = entries[k] or entries[k - 1]
+    known = [_type_of(entry) for entry in entries]
+    numbers = [float(entry) for entry in entries if re.fullmatch(r"\d+(\.\d*)?", entry)]
+    counted = max(numbers, default=0.0) > 3.0  # numbers of the points, or of tools
+    if not any(known) or counted:
         return None
-    if any(arcs):
+    begin = 0 if entries[0] else 1  # no motion of the table leads to its first point
+    if None in known[begin:] or "arc" in known:
+        wrong = known.index(None, begin) if None in known[begin:] else known.index("arc")
         raise InvalidInput(
-            "an arc, for which a table has no columns; write straight motions.",
-            line=int(table.lines[arcs.index(True)]),
-            column=table.call(where.single["type"]),
+            (
+                f"{entries[wrong] or 'a blank'!r} is no type of motion among {_TYPES}; write one "
+                "of these"
+                if known[wrong] is None
+                else "an arc, for which a table has no columns; write straight motions"
+            )
+            + ", or give the column another name in the header to leave it out.",
+            line=int(table.lines[wrong]),
+            column=table.call(column),
         )
-    return rapid
+    if numbers:
+        name = table.call(column)
+        notes.append(
+            f"{name}: 0 is read as G0, a rapid motion, and 1 as G1, a cut; another name in the "
+            "header leaves the column out."
+        )
+    return np.array([kind == "rapid" for kind in known])
+
+
+def _type_of(entry: str) -> str | None:
+    """Which motion an entry of a column of types names; ``None`` if it is another word."""
+    kinds = {"rapid": _RAPID, "cut": _CUT, "arc": _ARC}
+    return next((kind for kind, words in kinds.items() if words.fullmatch(entry)), None)
 
 
 def _curves(table: Table, where: ColumnRoles) -> tuple[Mask, list[str]]:

@@ -335,6 +335,8 @@ class ProgramBuilder:
             unit, why = self._likely
             answer = options.answer("length_unit", "inch" if unit == "mm" else "mm")
             yield f"read as {unit}: {why}; {answer} reads it so."
+        if options.axes_point == "into" and not has_axis:
+            raise InvalidInput("the file states no tool axes; leave it out.", key="axes_point")
         if not options.orientation and not has_axis:
             yield "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
         if self._rapids:

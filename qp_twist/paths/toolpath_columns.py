@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, TypeVar, cast
 
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
@@ -22,7 +22,15 @@ from qp_twist.files import (
     columns_named,
     split_unit,
 )
-from qp_twist.paths.column_names import BESIDE, DIRECTIONS, NAMINGS, Naming, Orientation, usual
+from qp_twist.paths.column_names import (
+    BESIDE,
+    COMPLETE,
+    DIRECTIONS,
+    NAMINGS,
+    Naming,
+    Orientation,
+    usual,
+)
 from qp_twist.paths.section import Section
 from qp_twist.paths.suggested_columns import (
     LOOKED_AT,
@@ -123,8 +131,8 @@ class ColumnRoles:
         position: Indices of x, y, z.
         orientation: Meaning of the direction columns.
         direction: Their indices; a quaternion's w first.
-        second: Indices of another axis of the tool beside its axis or the normal.
-        second_axis: Which one it is.
+        x_axis: Indices of x of the tool beside its axis or the normal.
+        y_axis: Those of y, likewise.
         single: Indices of columns by themselves: curve, feed, lead, tilt, type.
         angle_unit: Unit of angles by convention, where neither the file nor the user states one.
         length_unit: Unit of positions likewise.
@@ -134,8 +142,8 @@ class ColumnRoles:
     position: tuple[int, ...]
     orientation: Orientation = "none"
     direction: tuple[int, ...] = ()
-    second: tuple[int, ...] = ()
-    second_axis: Literal["x", "y"] = "x"
+    x_axis: tuple[int, ...] = ()
+    y_axis: tuple[int, ...] = ()
     single: dict[str, int] = field(default_factory=dict)
     angle_unit: AngleUnit | None = None
     length_unit: LengthUnit | None = None
@@ -145,7 +153,7 @@ class ColumnRoles:
     def numbers(self) -> tuple[int, ...]:
         """Indices of the columns that must hold numbers."""
         single = [self.single[key] for key in ("lead", "tilt", "feed") if key in self.single]
-        return (*self.position, *self.direction, *self.second, *single)
+        return (*self.position, *self.direction, *self.x_axis, *self.y_axis, *single)
 
 
 def column_roles(
@@ -187,13 +195,12 @@ def column_roles(
     }
     naming, direction = _direction(table, groups, orientation)
     assert naming.means is not None
-    if naming.means not in ("axis", "normal"):
-        groups = {group: at for group, at in groups.items() if group not in BESIDE}
-    axis: Literal["x", "y"] = "y" if "y_axis" in groups else "x"
-    second = groups.get(f"{axis}_axis", ())
+    beside = BESIDE.get(naming.means, set())
+    groups = {group: at for group, at in groups.items() if group in beside or group not in COMPLETE}
+    x_axis, y_axis = groups.get("x_axis", ()), groups.get("y_axis", ())
     single = {group: at[0] for group, at in groups.items() if NAMINGS[group].size == 1}
     where = ColumnRoles(
-        position, naming.means, direction, second, axis, single, length_unit=length, notes=notes
+        position, naming.means, direction, x_axis, y_axis, single, length_unit=length, notes=notes
     )
     if len(set(where.numbers)) < len(where.numbers):
         raise InvalidInput("a column is used twice.", key="columns")
@@ -428,7 +435,8 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
     why = "are angles" if angles else "have the length 1 in each row"
     kind = "rpy" if angles else "normal" if len(found) == 3 else "quaternion_wxyz"
     suggestion = None
-    if len(found) == NAMINGS[kind].size and len(units) < 3:  # no rotation matrix
+    tangent = any({*found} & {*at} for group in COMPLETE for at in named.get(group, {}).values())
+    if len(found) == NAMINGS[kind].size and len(units) < 3 and not tangent:  # no rotation matrix
         suggestion = Suggestion({"position": where.position, kind: tuple(found)}, ())
     raise UnclearColumns(
         f"{called(table, found)} {why} and may state an orientation, which would be left out; say "

@@ -78,18 +78,22 @@ def test_the_points_of_a_scan_are_said_to_be_in_no_order(tmp_path: Path) -> None
         assert ("no path's" in note) == scattered
 
 
-def ros_message(store: Any, kind: str, shift: float) -> Any:
-    """A path of three poses, or one of them."""
+def ros_message(store: Any, kind: str, shift: float, first: str = "part") -> Any:
+    """A path of three poses, or the first of them, which has a frame of its own."""
     types = store.types
     stamp = types["builtin_interfaces/msg/Time"](1, 2)
     header_type = types["std_msgs/msg/Header"]
-    header = header_type(*([7] if "seq" in header_type.__dataclass_fields__ else []), stamp, "part")
+    number = [7] if "seq" in header_type.__dataclass_fields__ else []
+    header, own = (header_type(*number, stamp, frame) for frame in ("part", first))
     turn = types["geometry_msgs/msg/Quaternion"](0.6, 0.0, 0.0, 0.8)
     at = [types["geometry_msgs/msg/Point"](0.1 * k + shift, 0.2, 0.3) for k in range(3)]
     poses = [types["geometry_msgs/msg/Pose"](point, turn) for point in at]
     if kind == "geometry_msgs/msg/PoseArray":
         return types[kind](header, poses)
-    stamped = [types["geometry_msgs/msg/PoseStamped"](header, pose) for pose in poses]
+    stamped = [
+        types["geometry_msgs/msg/PoseStamped"](header if k else own, pose)
+        for k, pose in enumerate(poses)
+    ]
     if kind == "nav_msgs/msg/Path":
         return types[kind](header, stamped)
     covered = types["geometry_msgs/msg/PoseWithCovariance"](poses[0], np.zeros(36))
@@ -137,7 +141,25 @@ def test_a_bag_has_its_only_path(tmp_path: Path, container: str, kind: str) -> N
     else:
         expected, last = [0.0, 0.5], ""
     assert curve.positions == pytest.approx(np.array([[x, 0.2, 0.3] for x in expected]))
-    assert f"the path is the topic /tool_path{last}." in toolpath.assumptions
+    note = f"the path is the topic /tool_path in the frame part{last}."
+    assert note in toolpath.assumptions
+
+
+@pytest.mark.parametrize("kind", [KINDS[1], KINDS[2]])
+def test_poses_of_a_bag_in_several_frames_are_refused(tmp_path: Path, kind: str) -> None:
+    from rosbags import rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    path = tmp_path / "bag"
+    plugin = rosbag2.StoragePlugin.SQLITE3
+    with rosbag2.Writer(path, version=9, storage_plugin=plugin) as bag:
+        topic = bag.add_connection("/p", kind, typestore=store)
+        for k, frame in enumerate(("tool", "part", "tool")):
+            message = ros_message(store, kind, 0.5 * k, frame)
+            bag.write(topic, k, store.serialize_cdr(message, kind))
+    with pytest.raises(InvalidInput, match="poses of /p are in frames tool and part"):
+        read_toolpath(next(path.glob("*.db3")))
 
 
 @pytest.mark.parametrize(
@@ -202,6 +224,40 @@ def test_axes_that_point_into_the_part_are_turned_round(tmp_path: Path) -> None:
     path.write_text("x,y,z\n10,0,4\n20,0,4\n")
     with pytest.raises(InvalidInput, match="axes_point: there are no tool axes or normals"):
         read_toolpath(path, axes_point="into")
+    path = tmp_path / "flat.nc"
+    path.write_text("G21 G90\nG1 X0 Y0 Z0 F100\nX10\n")
+    with pytest.raises(InvalidInput, match="axes_point: the file states no tool axes"):
+        read_toolpath(path, axes_point="into")
+
+
+@pytest.mark.parametrize(
+    ("axes", "into", "expected"),
+    [
+        ({"n": "0,0,1", "x": "1,0,0", "y": "0,-1,0"}, False, "x, y and normal are left-handed"),
+        ({"n": "0,0,1", "x": "1,0,0", "y": "0,-1,0"}, True, [[1, 0, 0], [0, -1, 0], [0, 0, -1]]),
+        ({"n": "0,0,1", "x": "1,0,0", "y": "0,1,0"}, True, 'Then axes_point = "out"'),
+        ({"n": "0,0,1", "x": "0,1,0", "y": "-1,0,0"}, False, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+        ({"n": "0,0,-1", "y": "0,-1,0"}, True, [[-1, 0, 0], [0, -1, 0], [0, 0, 1]]),
+        ({"x": "0,1,0", "y": "-1,0,0", "z": "0,0,1"}, False, [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]),
+    ],
+)
+def test_axes_of_a_frame_are_those_of_the_file(
+    tmp_path: Path, axes: dict[str, str], into: bool, expected: str | list[list[int]]
+) -> None:
+    path = tmp_path / "frames.csv"
+    names = [f"{k}{c}" if k == "n" else f"{k}axis_{c}" for k in axes for c in "xyz"]
+    rows = "".join(f"{10 * k},0,0,{','.join(axes.values())}\n" for k in range(3))
+    path.write_text(f"x_mm,y_mm,z_mm,{','.join(names)}\n{rows}", encoding="utf-8")
+    if isinstance(expected, str):
+        with pytest.raises(InvalidInput, match=f"line 2: .*{expected}"):
+            read_toolpath(path, axes_point="into" if into else None)
+        return
+    toolpath = read_toolpath(path, axes_point="into" if into else None)
+    [curve] = toolpath.curves
+    assert curve.rotations is not None
+    found = curve.rotations[0].T
+    assert found == pytest.approx(np.array(expected))
+    assert ("roll of the waypoints" in " ".join(toolpath.notes)) == ("n" in axes)
 
 
 def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
@@ -218,8 +274,70 @@ def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"line 4, column 'type': an arc"):
         path.write_text(path.read_text().replace("G1,30", "G2,30"))
         read_toolpath(path)
-    path.write_text(path.read_text().replace("G2,30", "seam,30"))
-    assert len(read_toolpath(path).curves) == 1
+
+
+@pytest.mark.parametrize(
+    ("types", "expected"),
+    [
+        ("G0,G1,,G0,,G1", ""),
+        ("0,1,1,0,0,1", "0 is read as G0, a rapid motion, and 1 as G1, a cut"),
+        ("0.0,1.0,,0.0,,1.0", "0 is read as G0"),
+        ("J,L,L,J,J,L", ""),
+        (
+            "G0,G1,seam,G0,G0,G1",
+            "line 4, column 'type': 'seam' is no type of motion.* leave it out",
+        ),
+        ("G0,G1,2,G0,G0,G1", "line 4, column 'type': an arc.* leave it out"),
+        ("a,b,b,a,a,b", "not used: column 'type'"),
+        ("1,2,3,4,5,6", "not used: column 'type'"),
+    ],
+)
+def test_types_of_motions_are_all_known_or_none_is(
+    tmp_path: Path, types: str, expected: str
+) -> None:
+    path = tmp_path / "moves.csv"
+    at = [(0, 50), (0, 0), (10, 0), (10, 50), (20, 50), (20, 0)]
+    rows = zip(at, types.split(","), strict=True)
+    text = "".join(f"{x},0,{z},{kind}\n" for (x, z), kind in rows)
+    path.write_text(f"x_mm,y_mm,z_mm,type\n{text}", encoding="utf-8")
+    if expected.startswith("line"):
+        with pytest.raises(InvalidInput, match=expected):
+            read_toolpath(path)
+        return
+    toolpath = read_toolpath(path)
+    if expected.startswith("not"):
+        assert len(toolpath.curves) == 1
+    else:
+        assert [c.lines.tolist() for c in toolpath.curves] == [[2, 3, 4], [6, 7]]
+    assert expected in " ".join(toolpath.notes)
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "options", "expected"),
+    [
+        ("nx,ny,nz,lead,type", ["0,0,1,10,G0", *["0,0,1,10,G1"] * 2] * 2, {}, "lean"),
+        ("nx,ny,nz,lead [rad]", ["0,0,1,0.17453293"] * 6, {}, "in radians"),
+        ("nx,ny,nz,lead", ["0,0,1,0.17453293"] * 6, {"angle_unit": "rad"}, "in radians"),
+        ("nx,ny,nz,lead", ["0,0,1,10"] * 6, {}, "in degrees"),
+        ("i,j,k,lead,tilt", ["0,0,1,10,0"] * 6, {}, "not used: column 'lead', column 'tilt'"),
+    ],
+)
+def test_a_lean_is_that_of_each_cut_in_its_unit(
+    tmp_path: Path, header: str, rows: list[str], options: dict[str, Any], expected: str
+) -> None:
+    """Two cuts there and back, which the first table parts by a rapid motion."""
+    path = tmp_path / "lean.csv"
+    at = [(0, 0), (10, 0), (20, 0), (20, 50), (10, 50), (0, 50)]
+    text = "".join(f"{x},{y},0,{row}\n" for (x, y), row in zip(at, rows, strict=True))
+    path.write_text(f"x_mm,y_mm,z_mm,{header}\n{text}", encoding="utf-8")
+    toolpath = read_toolpath(path, **options)
+    assert expected in " ".join(toolpath.notes)
+    ahead = 0.0 if header.startswith("i") else np.sin(np.radians(10.0))
+    axes = np.concatenate([curve.axes for curve in toolpath.curves])
+    assert axes[0] == pytest.approx([ahead, 0.0, np.sqrt(1.0 - ahead**2)])
+    assert axes[-1] == pytest.approx([-ahead, 0.0, np.sqrt(1.0 - ahead**2)])
+    if "type" in header:
+        assert axes[2] == pytest.approx(axes[0]) and axes[3] == pytest.approx(axes[-1])
 
 
 def test_a_speed_holds_until_the_next_one(tmp_path: Path) -> None:
