@@ -10,6 +10,7 @@ from qp_twist.paths.machine_tool import Hole
 from qp_twist.paths.program_values import numbers_of
 
 _OUT_AT_FEED = (74, 84, 85, 89)
+_SAME_DEPTH = 1e-6
 CALLED = {"CYCLE81": "", "CYCLE82": "a dwell at the bottom", "CYCLE83": "pecks"}
 """Drilling cycles of SINUMERIK, and what of each is left out of the path."""
 
@@ -57,6 +58,11 @@ def called_hole(call: str, scale: float) -> Hole:
     if back is None or (depth is None and below is None):
         raise InvalidInput(f"{call}: expected RTP, RFP, SDIS and DP or DPR")
     plane = plane or 0.0
+    if depth is not None and below and abs(plane - abs(below) - depth) > _SAME_DEPTH:
+        raise InvalidInput(
+            f"{call}: DP and DPR are two depths, and controls differ in which of them counts; "
+            "state one"
+        )
     near, bottom = plane + abs(above or 0.0), plane - abs(below or 0.0) if depth is None else depth
     if near < bottom:
         raise InvalidInput(f"{call}: the reference plane is below the bottom of the hole")

@@ -37,7 +37,9 @@ class Modes:
     feed: int = 94  # per minute; 95 per turn of the spindle, 93 motions per minute
     to_initial: bool = True  # after a hole: G98, or to R by G99
     filament_relative: bool = False  # E of a 3-D printer
+    filament_by_itself: bool = False  # M83 made it so
     rounding: float = 0.0  # RNDM: of each corner
+    corner_feed: float = 0.0  # FRCM: of each corner; 0: that of the path
     cycle: Drilling | None = None
     called: str = ""  # MCALL: the cycle that drills at the end of each motion
 
@@ -81,10 +83,7 @@ class Motions(MachineTool):
         modes, corner = self.modes, self._corner_of(block)
         if modes.motion is None:
             raise InvalidInput("no G0, G1, G2 or G3 says how to move there")
-        if {"@", "^"} & block.words.keys():
-            if modes.plane != 17:
-                raise InvalidInput("@ and ^ are read in the plane of G17 alone")
-            self.polar(block, "@", "^", np.zeros(3), (0, 1))
+        self._resolve_polar(block)
         if modes.motion not in (0, 1):
             if block.words.get("P", 1.0) != 1.0:
                 raise InvalidInput("P: several turns are not read; write each turn as an arc")
@@ -104,6 +103,13 @@ class Motions(MachineTool):
         if modes.called:
             self.bore(called_hole(modes.called, self.scale()))
 
+    def _resolve_polar(self, block: Block) -> None:
+        """Write @ and ^ of LinuxCNC, a radius and an angle about the origin, as X and Y."""
+        if {"@", "^"} & block.words.keys():
+            if self.modes.plane != 17:
+                raise InvalidInput("@ and ^ are read in the plane of G17 alone")
+            self.polar(block, "@", "^", np.zeros(3), (0, 1))
+
     def _corner_of(self, block: Block) -> Corner | None:
         """The corner at the end of a block.
 
@@ -116,7 +122,13 @@ class Motions(MachineTool):
             raise InvalidInput("expected one corner, of a size of at least 0")
         kind, size = found[0] if found and found[0][1] else ("R", self.modes.rounding)
         modal = self.modes.rounding > 0.0
-        return Corner(kind, self.scale() * size, modal=modal) if size else None
+        if not size:
+            return None
+        value = block.words.get("FRC", self.modes.corner_feed)
+        if value and self.modes.feed == 93:
+            raise InvalidInput("FRC and FRCM with G93 are not read")
+        feed = (self.out.scale() * value, self.modes.feed == 95) if value else None
+        return Corner(kind, self.scale() * size, modal=modal, feed=feed)
 
     # ------------------------------------------------------------ arcs
 
@@ -213,9 +225,14 @@ class Motions(MachineTool):
         if not 0 <= repeats <= 1000:
             raise InvalidInput(f"G{cycle.code}: expected 0 to 1000 repeats, got {repeats}")
         begin = self.axis.turn(block, cut=False)
-        aside = replace(block, words={k: words[k] for k in "XY" if k in words})
         for _ in range(repeats):
             start = self.at
+            aside = replace(
+                block,
+                words={k: words[k] for k in "XY@^" if k in words},
+                kinds=dict(block.kinds),
+            )
+            self._resolve_polar(aside)
             self.target(aside)
             for axis in "XY":
                 if axis not in self.at:

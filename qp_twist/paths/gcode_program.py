@@ -9,6 +9,7 @@ from functools import cached_property
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.program_course import Course
+from qp_twist.paths.program_values import FUNCTIONS
 
 _WORDS = (
     "SUB|ENDSUB|CALL|RETURN|IF|ELSEIF|ELSE|ENDIF|WHILE|ENDWHILE|DO|REPEAT|ENDREPEAT|BREAK|CONTINUE"
@@ -23,13 +24,14 @@ _NUMBER = re.compile(r"\s*N\s*0*([0-9]+)", re.IGNORECASE)
 _PROGRAM = re.compile(r"\s*[O:]\s*0*([0-9]+)(?!\s*(?:SUB|CALL|IF|WHILE|REPEAT|DO)\b)", re.I)
 _SIMPLE = re.compile(
     r"[#\[]|^\s*(?:N[0-9]+\s*)?(?:O|IF|WHILE|GOTO|DO|END)|M9[789]|G65"
-    r"|(?<![A-Z0-9_])R[0-9]+\s*=|=[^;\"]*(?<![A-Z0-9_])R[0-9]", re.IGNORECASE,
+    r"|(?<![A-Z0-9_])R[0-9]+\s*=|=[^;\"]*(?<![A-Z0-9_])R[0-9]"
+    r"|=\s*[-+]?\s*(?:[0-9.]+\s*(?:[-+*/]|DIV|MOD)|[A-Z0-9]*\()", re.IGNORECASE,
 )  # fmt: skip
 """What a line has that needs more than to be read where it stands."""
 _ARGUMENTS = "ABCIJKDEF H M   QRSTUVWXYZ"
 """FANUC: the variable #n of a macro has the n-th letter as its argument."""
 _COMMENT = re.compile(
-    r"(?<![-+*/=(])(?<!AC|IC|DC)(?<!SIN|COS|TAN|ABS|POT)(?<!SQRT)(?<!ATAN2|ROUND|TRUNC)\([^)]*\)|;.*",
+    rf"(?<![-+*/=(])(?<!AC|IC|DC){''.join(f'(?<!{name})' for name in FUNCTIONS)}\([^)]*\)|;.*",
     re.IGNORECASE,
 )
 """A comment; brackets behind an operator or a function are those of a formula of SINUMERIK."""

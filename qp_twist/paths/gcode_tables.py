@@ -61,6 +61,7 @@ CYCLES = ("CYCLE832", "CYCLE800", *CALLED)
 ENDS = (2, 30, 99, 17)
 KNOWN = frozenset({
     *"XYZABCEIJKRFSTDHPQLNO@^", "CR", "RPL", "RND", "RNDM", "CHF", "CHR", "FRC", "FRCM", "CTOL",
+    "ADIS", "ADISPOS",
     "S1", "S2", "M1", "M2", "M3", "I1", "J1", "K1", *BY_VECTOR,
 })  # fmt: skip
 MOVING = frozenset({*"XYZABCIJKR@^", *BY_VECTOR, "CR", "I1", "J1", "K1"})

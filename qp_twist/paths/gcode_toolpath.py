@@ -19,6 +19,7 @@ from qp_twist.paths.gcode_program import Program
 from qp_twist.paths.gcode_words import ARCS, FRAMES, read_block
 from qp_twist.paths.program_block import BEHIND_SLASH, Block
 from qp_twist.paths.program_facts import COMMENT, Facts
+from qp_twist.paths.program_frame import Frame
 from qp_twist.paths.program_values import NUMBER
 from qp_twist.paths.toolpath import Toolpath
 from qp_twist.paths.toolpath_builder import (
@@ -93,6 +94,7 @@ class _Reader:
         self.to = Motions(out, facts)
         self._filament = 0.0
         self._origins: dict[tuple[float | None, float | None], dict[str, float]] = {}
+        self._shifted: set[str] = set()  # by a SINUMERIK frame, and not stated since
 
     def read(self, lines: Sequence[str]) -> None:
         """Read all lines up to the end of the program."""
@@ -158,6 +160,7 @@ class _Reader:
         for code in block.switches:
             self.to.tip = tables.KINEMATICS.get(code, self.to.tip)
         modes.rounding = words.get("RNDM", modes.rounding)
+        modes.corner_feed = words.get("FRCM", modes.corner_feed)
         # G5 and G5.1 with P or Q look ahead; the words of a spline are others.
         ahead = bool({"P", "Q"} & words.keys()) and (
             5.1 in block.codes or not set("XYZIJK") & words.keys()
@@ -195,20 +198,28 @@ class _Reader:
         if stem in ("TRAORI", "TRAFOOF"):
             self.to.tip = stem == "TRAORI"
         elif stem in ("M82", "M83"):
-            modes.filament_relative = stem == "M83"
+            modes.filament_relative = modes.filament_by_itself = stem == "M83"
         elif stem == "MCALL":
             modes.called = ""
         elif stem in CALLED:
             self.to.call_drilling(name, at_each="MCALL" in block.names)
         elif stem == "CYCLE800":
             frame, note = swiveled(self.to.frame, name, self.to.scale())
-            self.to.reframe(frame)
+            self._program_frame(frame)
             if note:
                 self.out.note(note)
         elif stem in FRAMES:
-            self.to.reframe(programmed(self.to.frame, stem, block.words, self.to.scale()))
+            self._program_frame(programmed(self.to.frame, stem, block.words, self.to.scale()))
             return True
         return False
+
+    def _program_frame(self, frame: Frame) -> None:
+        """A frame of SINUMERIK, and the axes along which relative words are open after it."""
+        before, after = self.to.frame.whole, frame.whole
+        shifts = after.translation != before.translation
+        turns = bool(np.any(after.rotation.as_matrix() != before.rotation.as_matrix()))
+        self._shifted |= {k for k, shift in zip("XYZ", shifts, strict=True) if shift or turns}
+        self.to.reframe(frame)
 
     def _code(self, code: float, block: Block) -> None:
         """Process a G code."""
@@ -254,8 +265,9 @@ class _Reader:
         if name == "motion":
             modes.cycle = None
         if name == "relative":
-            if modes.filament_relative and not value:
+            if self.facts.extrudes and modes.filament_by_itself and not value:
                 self.out.note("G90 makes E absolute again after M83, as in Marlin; in Klipper not")
+                modes.filament_by_itself = False
             modes.filament_relative = value
         setattr(modes, name, value)
 
@@ -311,6 +323,13 @@ class _Reader:
         if self.to.modes.relative:
             for name in tables.RELATIVE & block.words.keys():
                 block.kinds.setdefault(name, "IC")
+        if open_ := sorted(k for k in self._shifted if block.relative(k)):
+            raise InvalidInput(
+                f"{open_[0]} is relative, and its frame has changed since it was stated: whether "
+                "the tool makes up for that too is a setting of the machine "
+                "(FRAME_OFFSET_INCR_PROG); state an absolute position first"
+            )
+        self._shifted -= block.words.keys()
         cut = motion != 0 and self._deposits(block)
         if not cut and motion and not {"X", "Y", "Z"}.isdisjoint(block.words):
             self.out.note("motions that deposit no filament (E) are rapid")

@@ -13,7 +13,7 @@ from qp_twist.paths.program_values import NUMBER
 _WORD = re.compile(rf"([A-Z@^])\s*({NUMBER})")
 _PLAIN = re.compile(rf"(?:\s*[A-Z]\s*{NUMBER})+\s*")
 _ASSIGNED = re.compile(
-    rf"(CR|TURN|RNDM?|CHF|CHR|RPL|FRCM?|CTOL|[A-Z][0-9]?)\s*=\s*({NUMBER})(?![A-Z(])"
+    rf"(CR|TURN|RNDM?|CHF|CHR|RPL|FRCM?|CTOL|ADIS(?:POS)?|[A-Z][0-9]?)\s*=\s*({NUMBER})(?![A-Z(])"
 )
 _BY_KIND = re.compile(rf"([XYZABC]|[IJK]1?)\s*=?\s*(AC|IC|DC)\s*\(\s*({NUMBER})\s*\)")
 """SINUMERIK: a coordinate that is absolute or relative, whatever G90 or G91."""

@@ -43,7 +43,7 @@ _NO_MOTION = ("BLK FORM", "TOOL DEF", "STOP", "*", "CYCL END", "LBL")
 _SETS = re.compile(
     r"(?:(?P<kind>[0-9]+) ?: ?)?(?:SYSREAD )?(?P<name>Q[LRS]?[0-9]+)(?: ?= ?(?P<value>.*))?"
 )
-"""A parameter that is set: by a formula, or by FN 0 to FN 4, or by another function."""
+"""A parameter that is set: by a formula, or by FN 0 to FN 7, or by another function."""
 _PROGRAMS = {
     **dict.fromkeys(("CALL", "CALL PGM"), "calls another program"),
     "TCH PROBE": "is a measurement, after which the coordinates are elsewhere",
@@ -186,16 +186,21 @@ class _Reader:
             return
         if re.match(r"(?:9|1[0-2])\b", text):
             raise InvalidInput(f"FN {shortened(text)}: expected IF … GOTO LBL …")
+        if re.match(r"(?:1[56]|38)\b", text):  # they print or send
+            self.out.pass_over(keyword)
+            return
         match = _SETS.match(text)
         if match is None:
             raise InvalidInput(f"{shortened(text)!r} is no parameter that is set")
         self.out.pass_over(keyword)
         name, formula = match["name"], (match["value"] or "").replace(",", ".")
-        known = match["kind"] in (None, "0", "1", "2", "3", "4")
+        kind = match["kind"] or ""
+        known = kind in ("", "0", "1", "2", "3", "4", "5", "6", "7")
         try:
             value = self._values.value(formula.replace("DIV", "/") if known else "")
         except InvalidInput:  # matters only where the parameter is used
-            self._values.forget(name)
+            what = shortened(repr(formula)) if known else f"FN {kind}"
+            self._values.forget(name, "" if kind == "18" else f"{what} is not computed")
         else:
             self._values.set(name, value)
 
@@ -207,6 +212,11 @@ class _Reader:
         for switch in block.switches:
             if switch in _REFUSED:
                 raise InvalidInput(f"M{switch:g} is {_REFUSED[switch]}, which is not read")
+            if switch == 89 and block.words.keys() - {"F"}:
+                raise InvalidInput(
+                    "M89 in a block with a motion: whether there is a hole where it ends is not "
+                    "sure; write M89 in a block of its own before it or behind it"
+                )
             to.tip = (to.tip or switch == 128) and switch != 129
             self.out.pass_over(f"M{switch:g}")
         if not {"RL", "RR", "R+", "R-"}.isdisjoint(block.names):
@@ -228,14 +238,19 @@ class _Reader:
         return not {2, 30}.isdisjoint(block.switches)
 
     def _feed(self, block: Block) -> None:
-        if {"FZ", "FT"} & block.words.keys():
+        if (feed := self._feed_of(block)) is not None:
+            self.out.feeds.state("F", feed[0], 1.0, per_turn=feed[1])
+
+    def _feed_of(self, block: Block) -> tuple[float, bool] | None:
+        """The feed of a block, m per minute or turn, and whether per turn."""
+        words = block.words
+        if {"FZ", "FT"} & words.keys():
             raise InvalidInput("FZ and FT are feeds per tooth and in a time, which are not read")
-        if "FU" in block.words:
-            self.out.feeds.state("FU", block.words["FU"], self.out.scale(), per_turn=True)
-        if "F" in block.words:
-            self.out.feeds.state("F", block.words["F"], feed_unit(self.out))
-            if self.out.length_unit == "inch":
-                self.out.note(_INCH)
+        if "F" not in words:
+            return (self.out.scale() * words["FU"], True) if "FU" in words else None
+        if self.out.length_unit == "inch":
+            self.out.note(_INCH)
+        return feed_unit(self.out) * words["F"], False
 
     def _corner(self, keyword: str, text: str) -> None:
         """RND, CHF: the corner between the cut before and the one behind."""
@@ -246,7 +261,7 @@ class _Reader:
         if not isinstance(self.to.last, Cut):
             raise InvalidInput(f"{keyword} is read between two straight cuts alone")
         kind = "R" if keyword == "RND" else "C"
-        self.to.corner = Corner(kind, size * self.out.scale())
+        self.to.corner = Corner(kind, size * self.out.scale(), feed=self._feed_of(block))
 
     def _approach(self, keyword: str, text: str) -> None:
         block = words(re.sub("^[A-Z]+", "", text), self._values)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -59,11 +60,13 @@ class Corner(NamedTuple):
         kind: ``R``, ``C`` or ``CHF``, as for :func:`~qp_twist.paths.arcs.cut_corner`.
         size: m.
         modal: Whether each corner is cut, where there is one.
+        feed: In the corner, m per minute or turn, and whether per turn; if it has its own.
     """
 
     kind: str
     size: float
     modal: bool = False
+    feed: tuple[float, bool] | None = None
 
 
 class Cut(NamedTuple):
@@ -215,13 +218,21 @@ class MachineTool:
 
     def bore(self, hole: Hole, begin: dict[str, float] | None = None) -> None:
         """The motions of a hole where the tool is."""
+        with self._own_feed("F of a cycle", hole.feed):
+            for height, rapid in hole.motions():
+                start, self.at = self.at, {**self.at, "Z": height}
+                self.straight(start, begin or {}, cut=not rapid)
+
+    @contextmanager
+    def _own_feed(self, word: str, feed: tuple[float, bool] | None) -> Iterator[None]:
+        """Motions at a feed of their own, if there is one."""
         feeds, self.out.feeds = self.out.feeds, copy.copy(self.out.feeds)
-        if hole.feed is not None:
-            self.out.feeds.state("F of a cycle", hole.feed[0], 1.0, per_turn=hole.feed[1])
-        for height, rapid in hole.motions():
-            start, self.at = self.at, {**self.at, "Z": height}
-            self.straight(start, begin or {}, cut=not rapid)
-        self.out.feeds = feeds
+        if feed is not None:
+            self.out.feeds.state(word, feed[0], 1.0, per_turn=feed[1])
+        try:
+            yield
+        finally:
+            self.out.feeds = feeds
 
     def heading(self) -> Array | None:
         """The direction at the end of the last cut, (3,), if there is one."""
@@ -320,10 +331,11 @@ class MachineTool:
         last = self.out.rows[-1]
         moved = self.frame.whole.apply(first) if self.frame.changed else first
         self.out.rows[-1] = last._replace(position=tuple(moved.tolist()))
-        if corner.kind == "R":
-            self._add(*self.out.divide_arc(motion), begin, cut=True)
-        else:
-            self._add(motion.end[None], np.ones(1), begin, cut=True)
+        with self._own_feed("the feed of a corner", corner.feed):
+            if corner.kind == "R":
+                self._add(*self.out.divide_arc(motion), begin, cut=True)
+            else:
+                self._add(motion.end[None], np.ones(1), begin, cut=True)
 
     # ------------------------------------------------------------ points
 

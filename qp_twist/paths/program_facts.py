@@ -18,6 +18,8 @@ _NO_MOTION = re.compile(
     r"^[^\n]*(?<![A-Z])(?:M(?:73|8[2-7]|92|[1-9][0-9]{2,3})|G0*(?:4|10|28|30|52|53|92))(?![0-9])"
     r"[^\n]*|^[^\n]*SUPA[^\n]*|^[^\n]*=\s*[\[#][^\n]*", re.MULTILINE,
 )  # fmt: skip
+_PACKED = re.compile(r"(?<![A-Z0-9_#<.])(?:[A-Z]=?[-+]?[0-9.]+){2,}(?![A-Z_=#\[])")
+"""Words without blanks between them."""
 _COORDINATE = re.compile(rf"(?<![A-Z0-9_#<])([ABCEIJKRXYZ])\s*=?\s*({NUMBER})")
 _POINTLESS = re.compile(r"(?<![A-Z0-9_#<])[XYZIJK]\s*=?\s*[+-]?0*[1-9][0-9]*(?![0-9.])")
 _TIP = re.compile(r"(?<![A-Z])(?:G43\.[45]|G234|TRAORI|M428)(?![0-9])")
@@ -61,7 +63,9 @@ class Facts:
         """Facts of the lines of a program."""
         text = "\n".join(lines).upper()
         plain = COMMENT.sub("", text)
-        code = _NO_MOTION.sub("", plain)
+        code = _PACKED.sub(
+            lambda found: re.sub("(?<=[0-9.])(?=[A-Z])", " ", found[0]), _NO_MOTION.sub("", plain)
+        )
         found: dict[str, list[str]] = {}
         for letter, number in _COORDINATE.findall(code):
             found.setdefault(letter, []).append(number)

@@ -22,7 +22,7 @@ _OPERATORS = {
     "AND": " and ", "OR": " or ",
 }  # fmt: skip
 _OPERATOR = re.compile(rf"(?<![A-Z_])({'|'.join(_OPERATORS)})(?![A-Z_])")
-_FUNCTIONS: dict[str, Callable[..., float]] = {
+FUNCTIONS: dict[str, Callable[..., float]] = {
     "SIN": lambda a: math.sin(math.radians(a)), "COS": lambda a: math.cos(math.radians(a)),
     "TAN": lambda a: math.tan(math.radians(a)), "ASIN": lambda v: math.degrees(math.asin(v)),
     "ACOS": lambda v: math.degrees(math.acos(v)),
@@ -32,7 +32,7 @@ _FUNCTIONS: dict[str, Callable[..., float]] = {
     "LN": math.log, "FIX": math.floor, "FUP": math.ceil, "INT": math.trunc, "TRUNC": math.trunc,
     "ROUND": lambda v: math.floor(abs(v) + 0.5) * math.copysign(1.0, v),
 }  # fmt: skip
-_BARE = re.compile(rf"\b({'|'.join(_FUNCTIONS)})\s*([+-]?\s*(?:{_NAME}|[0-9.]+))")
+_BARE = re.compile(rf"\b(?!ATAN2\s*\()({'|'.join(FUNCTIONS)})\s*([+-]?\s*(?:{_NAME}|[0-9.]+))")
 """Klartext: a function of a term without brackets."""
 _QUOTIENT = re.compile(r"ATAN\s*(\((?:[^()]|\([^()]*\))*\))\s*/\s*(\((?:[^()]|\([^()]*\))*\))")
 """FANUC and LinuxCNC: ATAN[y]/[x]."""
@@ -41,10 +41,14 @@ _NODES = (
     ast.Name, ast.Load, ast.operator, ast.unaryop, ast.boolop, ast.cmpop,
 )  # fmt: skip
 _SET = re.compile(r"(#\s*(?:\[[^=]*\]|<[^<>]*>|[0-9]+))\s*=(?!=)")
+_NEXT_WORD = re.compile(r"<[^<>]*>|(?<![A-Z_])([A-Z@^])(?=\s*[-+]?\s*[#\[0-9.])")
+"""Names, and words behind a value that is set."""
+_INDEXED = re.compile(r"(?<![A-Z0-9_])R\[\s*([0-9]+)\s*\]")
+"""SINUMERIK: R[1] is R1."""
 _COMPUTED = re.compile(r"[-+]?\s*(?:#\s*(?:<[^<>]*>|[0-9]+|(?=\[))|(?=\[))")
-_FACTOR = rf"[-+]?\s*(?:R[0-9]+|{NUMBER}|(?:{'|'.join(_FUNCTIONS)})?\s*\((?:[^()]|\([^()]*\))*\))"
+_FACTOR = rf"[-+]?\s*(?:R[0-9]+|{NUMBER}|(?:{'|'.join(FUNCTIONS)})?\s*\((?:[^()]|\([^()]*\))*\))"
 _FORMULA = re.compile(
-    rf"(?:(?<![A-Z0-9_])(R[0-9]+)\s*=|(=|[ID]C\s*\(|AC\s*\())\s*({_FACTOR}(?:\s*[-+*/]\s*{_FACTOR})*)"
+    rf"(?:(?<![A-Z0-9_])(R[0-9]+)\s*=|(=|[ID]C\s*\(|AC\s*\())\s*({_FACTOR}(?:\s*(?:[-+*/]|DIV(?![A-Z])|MOD(?![A-Z]))\s*{_FACTOR})*)"
 )
 """SINUMERIK: a parameter that is set, or a word that has a formula."""
 
@@ -59,6 +63,7 @@ class Variables:
     def __init__(self) -> None:
         self.local: dict[str, float] = {}
         self._shared: dict[str, float] = {}
+        self._lacks: dict[str, str] = {}  # why a variable that is set has no value
 
     def _home(self, name: str) -> dict[str, float]:
         inner = name[1:].isdecimal() and int(name[1:]) <= LOCALS
@@ -70,25 +75,29 @@ class Variables:
         name = _name(name)
         self._home(name)[name] = value
 
-    def forget(self, name: str) -> None:
+    def forget(self, name: str, why: str) -> None:
         """A variable has a value that is not known here."""
+        name = _name(name)
         self._home(name).pop(name, None)
+        self._lacks[name] = why
 
     def get(self, name: str) -> float:
         """The value of a variable."""
         found = self._home(name).get(name)
         if found is None:
-            raise InvalidInput(
-                f"{name.lower() if name[0] == '#' else name} has no value in this file: it is one "
-                "of the machine's, of a measurement, or of the program that calls this one"
+            why = self._lacks.get(name) or (
+                "it is one of the machine's, of a measurement, or of the program that calls this "
+                "one"
             )
+            shown = name.lower() if name[0] == "#" else name
+            raise InvalidInput(f"{shown} has no value in this file: {why}")
         return found
 
     def value(self, text: str) -> float:
         """The value of an expression."""
         known = {"V": self.get, "I": lambda number: self.get(f"#{round(number)}")}
         try:
-            found = float(eval(_compiled(text), {"__builtins__": {}, **_FUNCTIONS}, known))
+            found = float(eval(_compiled(text), {"__builtins__": {}, **FUNCTIONS}, known))
         except (SyntaxError, NameError, TypeError, RecursionError, MemoryError) as error:
             raise InvalidInput(f"{shortened(text)!r} is not computed") from error
         except (ArithmeticError, ValueError) as error:
@@ -106,19 +115,33 @@ class Variables:
         return found
 
     def resolved(self, text: str) -> str:
-        """A block of G-code with numbers in place of variables and formulas; it sets variables."""
-        text, *parts = _SET.split(text)
-        # Several of a line, FANUC's #1=0#2=5, get the values from before the line.
-        values = [self.value(part) for part in parts[1::2]]
-        for name, value in zip(parts[::2], values, strict=True):
+        """A block of G-code with numbers in place of variables and formulas; it sets variables.
+
+        Its settings of ``#`` count behind it: its words have the values from before (LinuxCNC).
+        """
+        text, *parts = _SET.split(_INDEXED.sub(r"R\1", text))
+        settings = {}
+        for name, part in zip(parts[::2], parts[1::2], strict=True):
             inner = name.lstrip("# ")
-            self.set(f"#{round(self.value(inner))}" if inner[0] == "[" else name, value)
+            end = next((k.start() for k in _NEXT_WORD.finditer(part) if k[1]), len(part))
+            to = f"#{round(self.value(inner))}" if inner[0] == "[" else name
+            settings[to] = self.value(part[:end])
+            text += f" {part[end:]}"
+        if re.search(r"(?<![A-Z0-9_])R[0-9]+\s*=", text) and re.search(
+            r"(?<![A-Z0-9_])[A-QS-Z][A-Z0-9]*\s*=[^=]*(?<![A-Z0-9_])R[0-9]+(?![0-9]|\s*=)", text
+        ):
+            raise InvalidInput(
+                "an R parameter is set in a block whose words use one; write it in a block of its "
+                "own"
+            )
         text = _FORMULA.sub(self._formula, text)
         out, at = [], 0
         while (found := _COMPUTED.search(text, at)) is not None:
             end = _closing(text, found.end()) if text[found.end() :][:1] == "[" else found.end()
             out += [text[at : found.start()], f"{self.value(text[found.start() : end]):.9f}"]
             at = end
+        for name, value in settings.items():
+            self.set(name, value)
         return "".join([*out, text[at:]])
 
     def _formula(self, found: re.Match[str]) -> str:

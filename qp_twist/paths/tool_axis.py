@@ -88,26 +88,39 @@ class ToolAxis:
 
     def turn(self, block: Block, *, cut: bool) -> dict[str, float]:
         """Read A, B and C of a block; the angles from which they turn, degrees."""
-        begin = self.angles
+        begin, by_vector = self.angles, self.vector is not None
         if stated := {"A", "B", "C"} & block.words.keys():
             self.angles = dict(begin)
+            if by_vector:
+                self._end_vector(block)
+                begin = {}
         for letter in sorted(stated):
-            more = begin.get(letter, 0.0) if block.relative(letter) else 0.0
+            more = self.angles.get(letter, 0.0) if block.relative(letter) else 0.0
             value = block.words[letter] + more
             known = letter in self._letters
             if value and not known:
                 self._refuse(letter)
-            if known and letter not in begin and self._out.rows and value:
+            if known and letter not in begin and self._out.rows and value and not by_vector:
                 raise InvalidInput(
                     f"{letter} is first stated here, after the first motion; where it was before is"
                     " open"
                 )
             self.angles[letter] = value
             self.stated |= self.rotary is not None
-            self.vector = None if known else self.vector
         if cut and stated and self.rotary is not None:
             return self._begin_of_cut(block, begin)
         return begin
+
+    def _end_vector(self, block: Block) -> None:
+        """Rotary axes state the tool axis again, if they all are absolute."""
+        letters = (set("".join(self._letters)) or {"A", "B", "C"}) & self._facts.stated
+        lacks = sorted(k for k in letters if k not in block.words or block.relative(k))
+        if lacks or letters == {"C"}:
+            raise InvalidInput(
+                f"{lacks[0] if lacks else 'A or B'} is open, since the tool axis was a vector "
+                "before; state all rotary axes as absolute angles"
+            )
+        self.vector = None
 
     def _refuse(self, letter: str) -> None:
         """Add the problem, once, of a rotary axis that is not known."""

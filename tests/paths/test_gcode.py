@@ -341,6 +341,11 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G1 X2 ,R5\nY1", "line 5: the corner takes 5 mm of cuts"),
         ("G1 X2 ,R.5\nG0 Y1", "line 5: a corner is cut between two straight cuts alone"),
         ("CYCLE81(5,0,1)", "CYCLE81.5,0,1.: expected RTP, RFP, SDIS and DP or DPR"),
+        ("CYCLE81(30,0,3,-20,7)", "DP and DPR are two depths"),
+        ("ATRANS X10\nG91 X2", "line 5: X is relative, and its frame has changed"),
+        ("R1=5\nX=R1 R1=6", "line 5: an R parameter is set in a block whose words use one"),
+        ("#3=6 G1 X#3", "#3 has no value in this file"),
+        ("G93 X5 F4 RND=1 FRC=2", "FRC and FRCM with G93"),
         ("CYCLE81(5,R,1,-3)", "expected numbers, got 'R'"),
         ("CYCLE84(5,0,1,-3)", "CYCLE84 is a cycle of the control"),
         ("CYCLE800(1,\"T\",0,192,0,0,0,1,2,3)", "CYCLE800 with the mode 192 states the plane"),
@@ -386,6 +391,63 @@ def test_what_changes_the_path_or_is_open_is_refused_with_its_line(
     where = "" if "line 5" in message else "line 4: .*"
     with pytest.raises(InvalidInput, match=where + message):
         read(tmp_path, f"G21 G54\nG0 X0 Y0 Z0\nG1 X1 F100\n{block}\nX3\n")
+
+
+@pytest.mark.parametrize(
+    ("block", "ends"),
+    [
+        ("#3=15\nG1 X#3 #3=50\nY#3", [[15, 0], [15, 50]]),
+        ("#3=6\n#3=9 G1 X#3 Y[#3+1] #4=[#3*2]\nY#4", [[6, 7], [6, 12]]),
+        ("R[1]=7\nX=R[1]", [[7, 0]]),
+        ("X=SIN(30)*10 (half)", [[5, 0]]),
+        ("X=ATAN2(1,1)/9 Y=TAN(45)", [[5, 1]]),
+        ("X=TRUNC(2.7) Y=10*ABS(-3)-7 MOD 4", [[2, 27]]),
+        ("G641 ADIS=0.5 X2", [[2, 0]]),
+        ("ATRANS X10\nX1\nG91 X1 Y5\nG90", [[11, 0], [12, 5]]),
+    ],
+)
+def test_values_are_those_that_the_control_computes(
+    tmp_path: Path, block: str, ends: list[list[float]]
+) -> None:
+    toolpath = read(tmp_path, f"G21 G90\nG0 X0 Y0 Z0\nG1 Y0.5 F100\nY0\n{block}\n")
+    assert millimetres(toolpath)[3:, :2] == pytest.approx(np.array(ends))
+
+
+def test_holes_are_where_polar_words_say(tmp_path: Path) -> None:
+    text = "G21 G90\nG0 X1 Y2 Z10\nG81 @5 ^45 Z-3 R1 F20\n@10\nG91 @2 ^0 Z-4 R-9 L2\nG80\n"
+    holes = [1e3 * curve.positions[-1, :2] for curve in read(tmp_path, text).curves]
+    radii = np.array([5, 10, 12, 14])
+    assert holes == pytest.approx(np.outer(radii, [math.sqrt(0.5)] * 2))
+
+
+@pytest.mark.parametrize(
+    ("words", "feed"), [("RND=2 FRC=20", 20), ("FRCM=30 CHR=2", 30), ("FRCM=30 RND=2 FRC=9", 9)]
+)
+def test_a_corner_has_a_feed_of_its_own(tmp_path: Path, words: str, feed: float) -> None:
+    [curve] = read(tmp_path, f"G21 G90\nG0 X0 Y0 Z0\nG1 X10 {words} F100\nY10\n").curves
+    assert curve.feeds is not None
+    per_minute = 6e4 * curve.feeds[1:]
+    assert per_minute == pytest.approx([100, *[feed] * (len(curve) - 3), 100])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("G91\nX1\nG90\nX9\n", False),
+        ("M83\nG1 X1 E1\nG91\nX1 E1\nG90\nX9 E5\n", True),
+        ("M83\nG1 X1 E1\nX2 E1\n", False),
+    ],
+)
+def test_what_g90_does_to_filament_is_said_where_there_is_some(
+    tmp_path: Path, text: str, said: bool
+) -> None:
+    notes = read(tmp_path, f"G21 G90\nG0 X0 Y0 Z0\nG1 F100\n{text}").notes
+    assert any("G90 makes E absolute" in note for note in notes) == said
+
+
+def test_words_without_blanks_are_those_of_a_mill(tmp_path: Path) -> None:
+    found = millimetres(read(tmp_path, "G21G90\nG0X0Y0Z5\nG1 Z0 F100\nG1X10Y20\nX30\n"))
+    assert found[-2:].tolist() == [[10, 20, 0], [30, 20, 0]]
 
 
 @pytest.mark.parametrize(

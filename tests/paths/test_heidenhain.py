@@ -23,6 +23,10 @@ def read(folder: Path, text: str, **options: object) -> Toolpath:
     ("block", "message"),
     [
         ("L X+Q7", "Q7 has no value in this file"),
+        ("FN 8: Q7 = +3 LEN +4\nL X+Q7", "Q7 has no value in this file: FN 8 is not computed"),
+        ("CYCL DEF 200 D\nL X+30 FMAX M89", "M89 in a block with a motion"),
+        ("M128\nLN X+1 TX+0 TY+0.6 TZ+0.8\nL X+3 C+0", "A or B is open, since the tool axis was"),
+        ("FN 16: F-PRINT A.A/B.B", None),
         ("Q7 = Q1 + 2\nL X+Q7", "Q7 has no value in this file"),
         ("Q7 = 3\nFN 18: SYSREAD Q7 = ID270 NR1 IDX1\nL X+Q7", "Q7 has no value in this file"),
         (
@@ -92,6 +96,27 @@ def test_a_program_is_known_by_its_first_block(tmp_path: Path) -> None:
     file = tmp_path / "part.nc"
     file.write_text("; made up\n" + HEAD + "L X+1\nEND PGM P MM\n")
     assert len(read_toolpath(file).curves) == 1
+
+
+def test_rotary_axes_state_the_tool_axis_after_a_vector(tmp_path: Path) -> None:
+    text = HEAD + "M128\nLN X+10 TX+0 TY+0.6 TZ+0.8\nL X+20\nL X+30 A+0 C+0\nL X+40\n"
+    [curve] = read(tmp_path, text + "END PGM P MM\n").curves
+    assert curve.vectors is not None
+    assert curve.vectors[2:] == pytest.approx(np.array([[0, 0.6, 0.8]] * 2 + [[0, 0, 1]] * 2))
+
+
+def test_a_corner_has_a_feed_of_its_own(tmp_path: Path) -> None:
+    text = HEAD + "L X+10\nRND R5 F50\nL Y+10\nCHF 2 F20\nL X+0\nEND PGM P MM\n"
+    [curve] = read(tmp_path, text).curves
+    assert curve.feeds is not None
+    expected = [500, 500, *[50] * (len(curve) - 6), 500, 20, 500]
+    assert 6e4 * curve.feeds[1:] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("function", "value"), [("5: Q7 = SQRT +16", 4), ("6: Q7 = SIN+30", 0.5)])
+def test_functions_of_parameters_are_computed(tmp_path: Path, function: str, value: float) -> None:
+    [curve] = read(tmp_path, f"{HEAD}FN {function}\nL X+Q7\nEND PGM P MM\n").curves
+    assert 1e3 * curve.positions[-1, 0] == pytest.approx(value)
 
 
 def test_a_machine_and_its_corners_are_those_of_gcode(tmp_path: Path) -> None:
