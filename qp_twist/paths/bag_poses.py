@@ -14,6 +14,7 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import Table
+from qp_twist.paths.pose_records import only_frame
 
 _MCAP, _SQLITE, _ROS_1 = b"\x89MCAP", b"SQLite format 3", b"#ROSBAG V2.0\n"
 _NAMES = (*(f"position.{c} [m]" for c in "xyz"), *(f"orientation.{c}" for c in "xyzw"))
@@ -59,14 +60,8 @@ def bag_table(content: bytes) -> tuple[Table, list[str]]:
             last = f", the last of {len(messages)} messages" if len(messages) > len(counts) else ""
             framed = [pose for message in counts for pose in _poses(message)]
             poses = np.array([pose for _, pose in framed]).reshape(-1, 7)
-            frames = list(dict.fromkeys(frame for frame, _ in framed if frame))
-            if len(frames) > 1:
-                named = f"{', '.join(frames[:-1])} and {frames[-1]}"
-                raise InvalidInput(
-                    f"poses of {topic} are in frames {named}; transform them into one and record "
-                    "them anew."
-                )
-            within = f" in the frame {frames[0]}" if frames else ""
+            frame = only_frame(topic, (frame for frame, _ in framed))
+            within = f" in the frame {frame}" if frame else ""
             table = Table(_NAMES, poses, np.arange(1, len(poses) + 1), {0: ""})
             return table, [f"the path is the topic {topic}{within}{last}."]
     raise InvalidInput(

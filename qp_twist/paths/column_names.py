@@ -133,8 +133,9 @@ def usual(names: Sequence[str]) -> dict[str, dict[int, list[int]]]:
             found.setdefault("x_axis", {}).setdefault(place, []).extend(tangent)
     frame = [found.get(f"{letter}_axis", {}) for letter in "xyz"]
     found.pop("z_axis", None)
-    if all(frame):  # x, y and z of a frame are the columns of its rotation matrix
-        del found["x_axis"], found["y_axis"]
+    if frame[2] and (frame[0] or frame[1]):  # columns of the frame's rotation matrix
+        for letter in "xy":
+            found.pop(f"{letter}_axis", None)
         matrix = found.setdefault("matrix", {})
         for column, places in enumerate(frame):
             for place, columns in places.items():

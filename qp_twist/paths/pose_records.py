@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -27,6 +27,8 @@ _OF_OTHERS = re.compile(
     r"rot|offset|size|dim|scale|grav|inert|com$|limit|min|max|vel|acc|force|gain"
 )
 """Parts of keys whose x, y, z are no position."""
+_FRAME = re.compile(r"(?<![\w-])frame_id[\"']?\s*:[ ]*[\"']?/?([^\s\"',}#]+)")
+"""Frames of poses (not ``child_frame_id``)."""
 _MOST_NODES = 10_000_000
 """A text whose references stand for more entries is refused."""
 _DEEP = re.compile(r"(?:[\[{]\s*){100}")
@@ -74,6 +76,7 @@ def pose_table(suffix: str, lines: Sequence[str]) -> tuple[Table, list[str]] | N
             f"the text is no YAML: {getattr(error, 'problem', None) or 'it cannot be read'}.",
             line=None if mark is None else mark.line + 1,
         ) from error
+    frame = only_frame("the file", _FRAME.findall(text))
     walk = _Walk()
     poses = [pose for document in documents if document for pose in walk.poses(document, 0)]
     if not poses:
@@ -84,11 +87,28 @@ def pose_table(suffix: str, lines: Sequence[str]) -> tuple[Table, list[str]] | N
     names = list(dict.fromkeys(name for pose in poses for name in pose.values))
     numbers = np.array([[pose.values.get(name, np.nan) for name in names] for pose in poses])
     names, notes = _ordered(names, numbers)
+    if frame:
+        notes.append(f"poses are in the frame {frame}.")
     if walk.named:
         notes.append("poses with names are passed in the order of the file.")
     changes = [k for k, (a, b) in enumerate(pairwise(poses), start=1) if a.group != b.group]
     at = np.array([pose.line for pose in poses], dtype=np.int64)
     return Table(tuple(names), numbers, at, dict.fromkeys([0, *changes], "")), notes
+
+
+def only_frame(where: str, frames: Iterable[str]) -> str:
+    """The frame in which all poses are; empty if none is named.
+
+    Raises:
+        InvalidInput: If there are several.
+    """
+    *others, last = dict.fromkeys(filter(None, frames)) or [""]
+    if others:
+        raise InvalidInput(
+            f"poses of {where} are in frames {', '.join(others)} and {last}; transform them into "
+            "one, and write them anew."
+        )
+    return last
 
 
 class _Walk:

@@ -435,8 +435,14 @@ def _refuse_unused_orientation(table: Table, where: ColumnRoles) -> None:
     why = "are angles" if angles else "have the length 1 in each row"
     kind = "rpy" if angles else "normal" if len(found) == 3 else "quaternion_wxyz"
     suggestion = None
-    tangent = any({*found} & {*at} for group in COMPLETE for at in named.get(group, {}).values())
-    if len(found) == NAMINGS[kind].size and len(units) < 3 and not tangent:  # no rotation matrix
+    beside = [i for key in COMPLETE for at in named.get(key, {}).values() for i in at]
+    if {*found} & {*beside}:
+        raise InvalidInput(
+            f"{called(table, found)}: an axis beside that of the tool or a normal, which no column "
+            'states; add it, or orientation = "none" to [path] to leave these columns out.',
+            options={"orientation": "none"},
+        )
+    if len(found) == NAMINGS[kind].size and len(units) < 3:  # no rotation matrix
         suggestion = Suggestion({"position": where.position, kind: tuple(found)}, ())
     raise UnclearColumns(
         f"{called(table, found)} {why} and may state an orientation, which would be left out; say "

@@ -34,6 +34,10 @@ JOINTS = "waypoints:\n- {x: 1, y: 2, z: 3}\n- {config: [0.1, 0.2, 0.3, 0.4, 0.5,
         ("a.json", "[[1, 2, 3, 1, 0, 0, 0]]", "have the length 1 in each row and may state an or"),
         ("a.yaml", "a: [1, 2\nb: 3\n", "line 2: the text is no YAML"),
         ("a.yaml", "a: &a [*a, 1]\n", "cannot be read|no pose"),
+        ("a.yaml", "".join(
+            f"- header: {{frame_id: '{frame}'}}\n  pose: {{position: {{x: {k}, y: 2, z: 3}}}}\n"
+            for k, frame in enumerate(("base", "tool", "base"))), "are in frames base and tool"),
+        ("a.csv", "x_mm,y_mm,z_mm,tx,ty,tz\n0,0,0,1,0,0\n9,0,0,1,0,0\n", "which no column states"),
         ("a.txt", "transforms:\n- child_frame_id: tool\n", "TF. are those of all frames"),
         ("a.db3", "SQLite format 3\0", "its content cannot be read"),
         ("a.bag", "#ROSBAG V1.2\n", "rosbags-convert writes it anew"),
