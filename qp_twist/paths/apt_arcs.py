@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,11 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.paths.arcs import Arc, ArcAxis, angle_between, check_radii
+from qp_twist.files import shortened
+from qp_twist.paths.apt_frames import Frames
+from qp_twist.paths.apt_statements import Statement, number, taken, unit_vector
+from qp_twist.paths.arcs import Arc, ArcAxis, check_radii, check_radius
 from qp_twist.paths.toolpath_builder import ProgramBuilder, times
 
-_ON = 2e-5
-"""How near to a circle a point is on it, m."""
 _NO_MATTER = 5e-5
 """How far from its chord an arc may be, m, where the file leaves open which of both it means."""
 _SMOOTH = math.cos(math.radians(3.0))
@@ -25,16 +25,9 @@ _ANGLE_ROUNDING = math.radians(0.01)
 
 
 class Circle(NamedTuple):
-    """A circle of CIRCLE or MOVARC.
+    """A circle of CIRCLE or MOVARC: lengths in m, points and axis (3,).
 
-    Attributes:
-        line: Of the file.
-        word: CIRCLE or MOVARC.
-        centre: m, (3,).
-        axis: Unit vector, (3,).
-        radius: m.
-        angle: Of the motion, rad, if it is stated.
-        turns: Turns begun by a helix: 1 for an arc.
+    Its motion is by ``angle``, rad, if that is stated. A helix begins ``turns``, an arc one.
     """
 
     line: int
@@ -43,7 +36,37 @@ class Circle(NamedTuple):
     axis: Array
     radius: float
     angle: float | None
-    turns: int = 1
+    turns: int
+
+    @classmethod
+    def of(cls, of: Statement, start: Array, frames: Frames, scale: float) -> Circle:
+        """The circle of a statement: centre, axis, perhaps a radius, an angle, turns.
+
+        It begins at ``start``, m, (3,). The numbers are in ``frames``, ``scale`` metres each.
+        """
+        words = [word for word in of.arguments if word not in ("CENTER", "AXIS", "RADIUS")]
+        angle, turns = (taken(of.word, words, name) for name in ("ANGLE", "TIMES"))
+        # After the radius NX states tolerances and the tool's size; SolidWorks leaves it out.
+        if not 6 <= len(words) <= (11 if of.word == "CIRCLE" else 7):
+            raise InvalidInput(
+                f"{of.word} takes the centre x, y, z, the axis i, j, k and the radius"
+                + (", then ANGLE and degrees" if of.word == "MOVARC" else "")
+                + f"; got {len(words)} words in {shortened(','.join(of.arguments))!r}"
+            )
+        if turns is not None and not (turns >= 1.0 and turns.is_integer()):
+            raise InvalidInput(f"{of.word}, TIMES: expected a number of turns, got {turns:g}")
+        values = [number(of.word, word) for word in words]
+        if angle is not None and not 0.0 < abs(angle) <= 360.0:
+            raise InvalidInput(f"{of.word}: expected an angle up to 360 degrees, got {angle:g}")
+        centre = scale * frames.point(values[:3])
+        axis = np.array(frames.vector(unit_vector(of.word, values[3:6])))
+        check_radius(float(np.abs(centre - start).max()))
+        return cls(
+            of.line, of.word, centre, axis,
+            scale * values[6] if len(values) > 6
+            else float(np.linalg.norm(np.cross(axis, start - centre))),
+            None if angle is None else math.radians(angle), int(turns or 1),
+        )  # fmt: skip
 
     @property
     def side(self) -> float:
@@ -76,11 +99,7 @@ class Arcs:
     def ended_at(self, circle: Circle, start: Array, end: Array, heading: Array | None) -> Arc:
         """The arc from where the tool is to the point of a GOTO.
 
-        Args:
-            circle: The circle.
-            start: Where the tool is, m, (3,).
-            end: The point, m, (3,).
-            heading: Direction of the straight cut that led to the start, (3,), if one did.
+        ``heading`` is the direction of the straight cut that led to the start, if one did.
 
         Raises:
             InvalidInput: If the points are not on the circle.
@@ -124,9 +143,9 @@ class Arcs:
         self.against_sense += cosine < -_SMOOTH
 
     @property
-    def all_fit(self) -> bool:
-        """Whether something fits this sense, and nothing the other one."""
-        return bool(self.for_sense) and not self.against_sense
+    def undecided(self) -> bool:
+        """Whether there are circles of an open sense, and not all beside them fits this one."""
+        return bool(self.lines and (self.against_sense or not self.for_sense))
 
     def weigh_second(self, last: Array, point: Array) -> None:
         """Remember a second GOTO on a circle: it may be a point of the arc, or end a chord.
@@ -140,13 +159,17 @@ class Arcs:
         off, moved = point - circle.centre, point - last
         off = off - circle.axis * float(off @ circle.axis)
         flat = abs(float(moved @ circle.axis)) < 1e-6
-        if not flat or np.linalg.norm(moved) <= 1e-6:
+        on_circle = abs(float(np.linalg.norm(off)) - circle.radius) < 2e-6
+        if not (flat and on_circle) or np.linalg.norm(moved) <= 1e-6:
             return
-        if abs(float(np.linalg.norm(off)) - circle.radius) >= 2e-6:
-            return
-        apart = self._off_chord(circle, last, point)
+        axis = self._axis_of(circle) * circle.side
+        radial = last - circle.centre
+        angle = math.atan2(float(axis @ np.cross(radial, off)), float(radial @ off))
+        apart = circle.radius * (1.0 - math.cos(0.5 * (angle % (2.0 * math.pi))))
         if apart >= self._out.options.arc_error:
             self.seconds.append((self._out.line, circle.line, apart))
+            self._out.note("a point behind an arc is on its circle, too ({}): the motion to it is "
+                           "read as a straight one.")  # fmt: skip
 
     def refuse_open(self) -> None:
         """Refuse second GOTOs on circles, unless most circles of the file end with their first one.
@@ -199,70 +222,3 @@ class Arcs:
             )
         self.for_sense += fits and not mirrored
         self.against_sense += mirrored and not fits
-
-    def _off_chord(self, circle: Circle, last: Array, point: Array) -> float:
-        """Distance of the arc from where the tool is to a point of the circle from its chord, m."""
-        axis = self._axis_of(circle) * circle.side
-        radial, end = last - circle.centre, point - circle.centre
-        angle = math.atan2(float(axis @ np.cross(radial, end)), float(radial @ end))
-        return circle.radius * (1.0 - math.cos(0.5 * (angle % (2.0 * math.pi))))
-
-
-def arc_to_line(
-    start: Array,
-    heading: Array,
-    centre: Array,
-    axis: Array,
-    radius: float,
-    line: Sequence[Array],
-    count: int,
-) -> Arc:
-    """A motion along a circle up to a line.
-
-    Args:
-        start: Where it begins, m, (3,).
-        heading: Direction in which it begins, (3,).
-        centre: Of the circle, m, (3,).
-        axis: Of the circle, unit vector, (3,).
-        radius: Of the circle, m.
-        line: Two points of the line, m.
-        count: Which crossing of the line ends the motion, from 1.
-
-    Raises:
-        InvalidInput: If the heading is more than 60° from the circle, or the line does not cross
-            the circle, or ends on it elsewhere.
-    """
-    tangent = np.cross(axis, start - centre)
-    lengths = float(np.linalg.norm(tangent) * np.linalg.norm(heading))
-    cosine = float(tangent @ heading) / lengths if lengths > 0.0 else 0.0
-    if abs(cosine) < 0.5:
-        raise InvalidInput(
-            "INDIRV is not along the circle where the tool is, so which way round is open"
-        )
-    axis = math.copysign(1.0, cosine) * axis
-    check_radii(start, start, centre, axis, radius)
-    one, two = (p - axis * float((p - centre) @ axis) for p in line)
-    along = two - one
-    length = float(np.linalg.norm(along))
-    if length < 1e-9:
-        raise InvalidInput("the two points of LINE are the same")
-    along /= length
-    foot = one + along * float((centre - one) @ along)
-    square = radius**2 - float((foot - centre) @ (foot - centre))
-    if square <= 0.0:
-        raise InvalidInput("LINE does not cross the circle")
-    crossings = [foot + side * math.sqrt(square) * along for side in (1.0, -1.0)]
-    sweeps = [
-        2.0 * math.pi if np.linalg.norm(p - start) < _ON else angle_between(start, p, centre, axis)
-        for p in crossings
-    ]
-    at = int(np.argsort(sweeps, kind="stable")[count - 1])
-    end = crossings[at]
-    on_circle = abs(float(np.linalg.norm(two - centre)) - radius) < _ON
-    if on_circle and np.linalg.norm(two - end) > 2.0 * _ON:
-        raise InvalidInput(
-            "the second point of LINE is on the circle, but the motion crosses the line at "
-            f"another point {'first' if count == 1 else 'the second time'}; which one ends it is "
-            "open"
-        )
-    return Arc(start, end, centre, axis, sweeps[at])

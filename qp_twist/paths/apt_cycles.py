@@ -9,7 +9,7 @@ from itertools import zip_longest
 from qp_twist.errors import InvalidInput
 from qp_twist.files import shortened
 from qp_twist.paths.apt_statements import Statement, not_read, number
-from qp_twist.paths.apt_words import FEED_UNITS
+from qp_twist.paths.apt_units import FEED_UNITS
 from qp_twist.paths.machine_tool import Hole
 
 _BORED = frozenset({"DRILL", "DEEP", "DEEP2", "BRKCHP", "CSINK", "FACE", "REAM", "BORE", "THRU"})

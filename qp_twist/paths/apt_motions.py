@@ -39,6 +39,7 @@ class Motions:
         rapid: Whether the next motion is rapid.
         last: Where the tool is, m, (3,); ``None`` if that is not known.
         heading: Direction of the straight cut that led there, (3,), likewise.
+        spline: One that is not complete.
     """
 
     def __init__(self, out: ProgramBuilder, sense: ArcAxis) -> None:
@@ -47,12 +48,18 @@ class Motions:
         self.rapid = False
         self.last: Array | None = None
         self.heading: Array | None = None
-        self._spline: Spline | None = None
+        self.spline: Spline | None = None
 
     def begin_curve(self) -> None:
         """Begin another curve: where the tool is, is not known."""
         self.out.begin_curve()
         self.last = self.heading = self.arcs.begun = self.arcs.ended = None
+
+    def start(self, word: str) -> Array:
+        """Where the tool is before a motion, m, (3,)."""
+        if self.last is None:
+            raise InvalidInput(f"{word}: where the tool is before it is not known; expected a GOTO")
+        return self.last
 
     def straight_heading(self) -> Array | None:
         """Direction of the straight cut that led to where the tool is, if a cut follows it."""
@@ -95,21 +102,15 @@ class Motions:
         self.heading, self.arcs.ended = None, circle
         self.add([*points], [*axes[:-1], tool_axis])
 
-    def begin_spline(self) -> None:
-        """A spline begins where the tool is."""
-        if self.last is None:
-            raise InvalidInput("NURBS: where the curve begins is not known; expected a GOTO")
-        self._spline = Spline(self.out.line, [], [self.last])
-
     def begun_spline(self, word: str) -> Spline:
         """The spline to which a word belongs."""
-        if self._spline is None:
+        if self.spline is None:
             raise InvalidInput(f"{word}: expected NURBS before it")
-        return self._spline
+        return self.spline
 
     def end_spline(self) -> None:
         """Add the points of a spline whose last control point has been read."""
-        spline, self._spline = self._spline, None
+        spline, self.spline = self.spline, None
         if spline is None:
             return
         with self.out.at(spline.line):

@@ -619,7 +619,7 @@ def test_a_motion_along_a_circle_that_is_not_clear_is_refused(
         ("MOVARC/0,0,0,0,0,1,10,ANGLE,400\nGOTO/0,10,0", "expected an angle up to 360 degrees"),
         ("MOVARC/0,0,0,0,0,1,10,ANGLE,80\nGOTO/0,10,0",
          "the angle is 80 degrees, but the point after it is 90 degrees on, or 270"),
-        ("FROM/0,0,0\nCIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0", "line 4: CIRCLE: where the arc begins"),
+        ("FROM/0,0,0\nCIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0", "line 4: CIRCLE: where the tool is"),
         ("CIRCLE/0,0,0,0,0,1,10\nGOTO/0,10,0\nGOTO/-10,0,0",
          "line 5: the point is on the circle of line 3 too, and whether the motion to it is the"),
     ],
