@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from oracles.twists import ALONG_X, PLANE, POINT, at, twists
 
 import qp_twist as qt
 from qp_twist.checks import Array
+from qp_twist.control.posing import EVERYTHING
 
 pytestmark = pytest.mark.any_blas  # distances are the kernel's own
 
@@ -595,6 +597,57 @@ def test_steps_keep_the_distance_where_they_lead(mode: str, acceleration: float 
         feed=lambda t: cell.task.set_target(at(1.0, 0.5 * np.cos(3.0 * t), 0.0)),
     )  # fmt: skip
     assert 0.02 - 1e-6 <= least <= 0.021  # it does get there
+
+
+FOUR_JOINTS = """
+    <mujoco><compiler angle="radian" autolimits="true"/><worldbody>
+      <geom name="wall" type="box" size="0.1 2 1" pos="0.9 0 0" quat="0.98 0 0 0.2"/>
+      <body name="ball" mocap="true" pos="0.1 1.3 0"><geom size="0.1"/></body>
+      <body><joint axis="0 0 1" range="-3 3"/>
+        <geom type="capsule" size="0.04" fromto="0 0 0 0.4 0 0"/>
+        <body pos="0.4 0 0"><joint axis="0 0 1" range="-2.8 2.8"/>
+          <geom type="capsule" size="0.04" fromto="0 0 0 0.3 0 0"/>
+          <body pos="0.3 0 0"><joint axis="0 0 1" range="-2.8 2.8"/>
+            <geom type="capsule" size="0.03" fromto="0 0 0 0.2 0 0"/>
+            <body pos="0.2 0 0"><joint axis="0 0 1" range="-2.8 2.8"/>
+              <geom name="hand" type="box" size="0.1 0.05 0.03" pos="0.1 0 0"/>
+              <site name="tool" pos="0.2 0 0"/></body></body></body></body>
+    </worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("mode", ["scale", "relax"])
+def test_before_a_wall_and_an_obstacle_kernel_and_reference_agree(mode: str) -> None:
+    """One call of the kernel, and the readable step on the same rows."""
+    model = mujoco.MjModel.from_xml_string(FOUR_JOINTS)
+    motion, clearance = qt.MotionLimit(model, velocity=2.0), qt.Clearance(model, distance=0.01)
+    task, start = qt.TwistTask("tool", "site", PLANE), np.array([1.2, 0.6, -0.9, -0.4])
+    controller = qt.Controller(
+        model, [task], limits=[clearance, motion], on_infeasible=mode,  # type: ignore[arg-type]
+        secondary=[qt.PostureReference(model, start, gain=0.01)],
+    )  # fmt: skip
+    configuration = mink.Configuration(model, start)
+    seen: Counter[str] = Counter()
+    for k in range(600):
+        configuration.data.mocap_pos[0] = [0.1, 1.3 - 0.0005 * k, 0.0]
+        configuration.update()
+        away = min(0.01 * k, 1.0)
+        task.set_target(at(0.3 + 0.9 * away, 0.5 + 0.6 * np.sin(0.01 * k), 0.0))
+        velocity = motion.velocity
+        step = controller.step(configuration, 0.005)
+        if k % 4 == 0:
+            motion.velocity = velocity
+            compiled, controller._prepared = controller._prepared, None
+            clearance.in_step.has_begun = True  # with the rows of the step
+            expected = controller._solved(configuration, 0.005, EVERYTHING)
+            clearance.in_step.has_begun, controller._prepared = False, compiled
+            motion.velocity = step.velocity
+            assert step.status is expected.status
+            np.testing.assert_allclose(step.velocity, expected.velocity, atol=1e-7)
+            seen[step.status.name] += 1
+        configuration.integrate_inplace(step.velocity, 0.005)
+    assert controller.reference_steps == 150
+    assert "RELAXED" in seen
+    assert mode == "relax" or "SCALED" in seen
 
 
 def test_the_distance_may_be_changed_between_two_steps() -> None:

@@ -202,6 +202,35 @@ def test_a_step_keeps_joints_coupled_unless_its_limits_are_given(solver: str | N
     assert "finger_2 to finger_1" in step.message
 
 
+@given(SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_reference_and_kernel_take_the_same_step(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = coupled_chain(rng, 6)
+    task = qt.TwistTask("tool", "site", ALONG_X)
+    q = rng.uniform(-0.5, 0.5, model.nq)
+    configuration = mink.Configuration(model, q)
+    task.set_target_from_configuration(configuration)
+    assert task.target is not None
+    near = task.target.translation() + 0.02 * rng.normal(size=3)
+    task.set_target(mink.SE3.from_translation(near))
+    pull = qt.PostureReference(model, rng.uniform(-1, 1, model.nq), 0.1)
+    steps = []
+    for solver in ("compiled", "daqp"):
+        controller = qt.Controller(model, tasks=[task], secondary=[pull], solver=solver)
+        try:
+            steps.append(controller.step(configuration, 0.05))
+        except (qt.NoSolutionFound, qt.InvalidInput) as error:  # couplings that contradict others
+            steps.append(type(error))
+    one, other = steps
+    if isinstance(one, type) or isinstance(other, type):
+        assert one is other
+        return
+    assert one.status is other.status
+    np.testing.assert_allclose(one.velocity, other.velocity, atol=1e-6)
+    assert {(b.joint, b.kind) for b in one.binding} == {(b.joint, b.kind) for b in other.binding}
+
+
 # ---------------------------------------------------------------- runs and their checks
 
 
