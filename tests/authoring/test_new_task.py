@@ -8,6 +8,7 @@ import re
 import time
 import tomllib
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import mink
@@ -26,6 +27,8 @@ from qp_twist.cli import main
 from qp_twist.cli import new as _command  # noqa: F401
 from qp_twist.cli import run as _run  # noqa: F401
 from qp_twist.paths import shipped_folder
+from qp_twist.robots import load_robot
+from qp_twist.trajectories import refine_trajectory
 
 Array = npt.NDArray[np.float64]
 
@@ -216,19 +219,114 @@ def test_limits_in_degrees_in_a_urdf_are_asked_about(near: Path, tmp_path: Path)
 # ---------------------------------------------------------------- new and run are one
 
 
-@pytest.mark.parametrize("speed", [0.1, 4.0])
-def test_what_new_says_is_what_run_finds(
-    speed: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@dataclass(frozen=True)
+class HandPlaced:
+    """A curved path around a random configuration of a robot, in the robot's world.
+
+    Attributes:
+        robot: A shipped scene, or one of the real robots.
+        seed: Of the configuration, the path and the speed.
+        scale: Of the path's size, m.
+        speed: Along it, m/s; above a few tenths the joints cannot follow without slowing down.
+    """
+
+    robot: RealRobot | str
+    seed: int
+    scale: float
+    speed: float
+
+    @property
+    def file(self) -> Path:
+        return Path(self.robot) if isinstance(self.robot, str) else self.robot.path
+
+    @property
+    def frame(self) -> tuple[str, str]:
+        return ("tool", "site") if isinstance(self.robot, str) else (self.robot.frame, "body")
+
+    def write(self, file: Path) -> Array:
+        """Write the toolpath, in metres, and return the configuration."""
+        scene = shipped_folder("scenes") / self.file
+        model = load_robot(scene if isinstance(self.robot, str) else self.file).model
+        ranges = qt.JointRanges.of(model)
+        rng = np.random.default_rng(self.seed)
+        low = np.maximum(np.where(ranges.limited, ranges.lower, -2.5), -2.5)
+        high = np.minimum(np.where(ranges.limited, ranges.upper, 2.5), 2.5)
+        q = 0.5 * (low + high) + (high - low) * rng.uniform(-0.3, 0.3, len(low))
+        configuration = mink.Configuration(model, q)
+        pose = configuration.get_transform_frame_to_world(*self.frame)
+        normal = -pose.rotation().as_matrix()[:, 2]
+        along = np.cross(normal, rng.normal(size=3))
+        along /= np.linalg.norm(along)
+        across = np.cross(normal, along)
+        t = np.linspace(0.0, 1.0, 13)[:, None]
+        points = pose.translation() + self.scale * (t * along + 0.3 * np.sin(3.0 * t) * across)
+        normals = np.cos(self.bend * t) * normal + np.sin(self.bend * t) * across
+        rows = [";".join(f"{v:.9f}" for v in row) for row in np.hstack([points, normals])]
+        file.write_text("\n".join(["x [m];y [m];z [m];nx;ny;nz", *rows]), encoding="utf-8")
+        return q
+
+    @property
+    def bend(self) -> float:
+        return float(np.random.default_rng(self.seed + 1).uniform(0.0, 1.0))
+
+
+IRB140 = next(r for r in (*MJCF, *URDF) if r.name == "irb140")
+PLACED_BY_HAND = {
+    "kr16_2": HandPlaced(KR16, 1, 0.15, 0.1),
+    "irb140": HandPlaced(IRB140, 3, 0.5, 4.0),
+}
+"""Each with another size and speed of the path: every combination takes minutes."""
+
+
+def by_hand(task: qt.PathTask, q: Array) -> bool:
+    """Whether the task is done from a configuration: with the library's parts, one by one."""
+    try:
+        followed = qt.follow(
+            task.started_at(q),
+            "qp_gradient",
+            slow_down=True,
+            stop=lambda q, position_error, axis_error: position_error > 1e-4 or axis_error > 1e-3,
+        )
+        timed = qt.time_trajectory(refine_trajectory(followed))
+    except qt.InvalidInput:
+        return False
+    return qt.check_trajectory(timed, task).passes
+
+
+@pytest.mark.parametrize("robot", PLACED_BY_HAND)
+def test_what_new_says_is_what_run_finds_and_what_is_placed_well_is_not_moved(
+    robot: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """At any speed: the joints slow down where they cannot follow."""
-    arch(tmp_path / "arch.csv", (1150.0, 100.0, 600.0))
+    """Against ``qp-twist run`` on the file, and against a follow from the configuration by hand."""
     out, joints = tmp_path / "task.toml", tmp_path / "joints.csv"
-    made = new_task(Request(KR16.path, tmp_path / "arch.csv", frame="tool0", speed=speed), out)
+    case = PLACED_BY_HAND[robot]
+    q = case.write(tmp_path / "path.csv")
+    name, kind = case.frame
+    # Where nothing is found, the search takes all of its time.
+    request = Request(case.file, tmp_path / "path.csv", frame=name, frame_type=kind,
+                      speed=case.speed, search_seconds=10.0)  # fmt: skip
+    made = new_task(request, out, force=True)
     task = load(out)
+    moved = any("MOVED" in note for note in made.notes)
+    place = tomllib.loads(out.read_text("utf-8"))["path"]["placement"]
+    assert moved is any([*place["position"], *place["rpy_deg"]])
+    if not moved and by_hand(task, q):
+        assert made.runs, made.notes
+    if moved:
+        stays = request.changed(place=(0.0, 0.0, 0.0))
+        assert not new_task(stays, tmp_path / "stays.toml", force=True).runs
+        assert not by_hand(load(tmp_path / "stays.toml"), q), made.notes
     capsys.readouterr()
-    main(["run", str(out), "--method", made.method, "--out", str(joints)])
-    assert made.runs and made.check is not None
-    assert made.check.verdict in "".join(capsys.readouterr())
+    try:
+        main(["run", str(out), "--method", made.method, "--out", str(joints)])
+        code = 0
+    except SystemExit as ended:
+        code = int(str(ended.code))
+    said = "".join(capsys.readouterr())
+    assert (code == 0) is made.runs, (made.notes, said)
+    if made.check is None:
+        return
+    assert made.check.verdict in said
     file = qt.read_trajectory(joints, [str(name) for name in made_names(task)])
     found = qt.check_trajectory(file, task)
     assert [f.name for f in found.findings] == [f.name for f in made.check.findings]

@@ -55,6 +55,38 @@ def test_a_real_robot_has_its_joints_and_a_frame_at_its_end(real: RealRobot) -> 
     assert set(model.jnt_bodyid.tolist()) <= set(turning)
 
 
+@pytest.mark.parametrize("real", each((*MJCF, *URDF)))
+def test_a_real_robot_reaches_a_target_inside_its_limits(real: RealRobot) -> None:
+    robot = real.load()
+    model, rng, dt = robot.model, seeded(real.name), 0.05
+    speed = np.array([robot.velocity_limits.get(model.joint(j).name, 1.0) for j in range(model.nv)])
+    start = random_configuration(model, rng, margin=0.1)
+    there = start + rng.uniform(-0.3, 0.3, model.nq)
+    limited = model.jnt_limited.astype(bool)
+    low, high = np.where(limited[:, None], model.jnt_range, [[-np.inf, np.inf]]).T
+    task = qt.TwistTask(real.frame, "body", SPIN_FREE)
+    task.set_target_from_configuration(mink.Configuration(model, np.clip(there, low, high)))
+    target = task.target
+    assert target is not None
+
+    configuration = mink.Configuration(model, start)
+    controller = qt.Controller(model, [task], limits=[qt.MotionLimit(model, velocity=speed)])
+    for _ in range(100):
+        velocity = controller.step(configuration, dt).velocity
+        assert (np.abs(velocity) <= speed + 1e-9).all()
+        configuration.integrate_inplace(velocity, dt)
+        assert ((low <= configuration.q) & (configuration.q <= high)).all()
+        body = configuration.data.body(real.frame)
+        axis = body.xmat.reshape(3, 3)[:, 2]
+        distance = np.linalg.norm(body.xpos - target.translation())
+        tilt = np.linalg.norm(np.cross(axis, target.rotation().as_matrix()[:, 2]))
+        if distance < 1e-6 and tilt < 1e-6:
+            break
+    assert distance < 1e-6
+    assert tilt < 1e-6
+    assert axis @ target.rotation().as_matrix()[:, 2] > 0.0
+
+
 # ----------------------------------------------------------------------- URDF against its own tags
 
 
