@@ -143,8 +143,7 @@ class Trajectory:
         at_feed = self.path.durations
         if at_feed is None or self.durations is None:
             return None
-        feed: Array = np.where(self.path.moves, self.durations[1:], at_feed[1:])
-        return feed
+        return np.where(self.path.moves, self.durations[1:], at_feed[1:])
 
     @cached_property
     def _pairs(self) -> tuple[FramePair, FramePair]:
@@ -246,22 +245,7 @@ class Trajectory:
     @property
     def ending(self) -> str:
         """Where the run ends or leaves the path, and why, in words; empty if it does neither."""
-        count, kept, rows = len(self.path_task.waypoints), self.kept, self.rows_kept
-        if rows < len(self.q):
-            held = ", ".join(self.binding[rows])
-            where = f"leaves the path at waypoint {kept + 1} of {count}"
-            return f"{where}, held by {held}" if held else where
-        if kept == count:
-            return ""
-        if self.blocked_by is not None:
-            held = ", ".join(self.blocked_by) or "a singularity"
-            why = f"at no speed is the next one reached, held by {held}"
-        else:
-            why = self.failure
-        where = (
-            f"ends at waypoint {kept} of {count}" if kept else f"meets none of {count} waypoints"
-        )
-        return f"{where}: {why}" if why else where
+        return _ending(self)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -281,8 +265,7 @@ class Trajectory:
     @cached_property
     def constraint_excess(self) -> Array:
         """Largest violation of the task's constraints at each waypoint, m or rad, (N,)."""
-        excess: Array = self.path_task.constraint_excess(self.q).max(axis=1, initial=0.0)
-        return excess
+        return np.asarray(self.path_task.constraint_excess(self.q).max(axis=1, initial=0.0))
 
     @cached_property
     def between(self) -> PathErrors:
@@ -354,3 +337,20 @@ class Trajectory:
             self.axis_error,
             (self.path_task.tolerances.position, self.path_task.tolerances.axis),
         )
+
+
+def _ending(run: Trajectory) -> str:
+    count, kept, rows = len(run.path_task.waypoints), run.kept, run.rows_kept
+    if rows < len(run.q):
+        held = ", ".join(run.binding[rows])
+        where = f"leaves the path at waypoint {kept + 1} of {count}"
+        return f"{where}, held by {held}" if held else where
+    if kept == count:
+        return ""
+    if run.blocked_by is not None:
+        held = ", ".join(run.blocked_by) or "a singularity"
+        why = f"at no speed is the next one reached, held by {held}"
+    else:
+        why = run.failure
+    where = f"ends at waypoint {kept} of {count}" if kept else f"meets none of {count} waypoints"
+    return f"{where}: {why}" if why else where

@@ -289,18 +289,7 @@ class PathTask:
         rad/s and rad/s², (nv,) each; ∞ for other joints, and where none are public; ``None`` for an
         unknown robot. Timing and checks use them where the task has no limits.
         """
-        names = (self.scene.stem, self.scene.parent.name)
-        found = known_limits(*self.arm, names)
-        if found is None:
-            return None
-        robot, dofs = found
-        # Joints are hinges and slides, so that degrees of freedom have the order of coordinates.
-        dofs = self.shown.order[dofs].tolist()
-        limits = np.full((2, self.model.nv), np.inf)
-        limits[0, dofs] = robot.speeds
-        if robot.accelerations is not None:
-            limits[1, dofs] = robot.accelerations
-        return robot, limits[0], limits[1]
+        return _known_limits(self)
 
     @property
     def tolerances(self) -> Tolerances:
@@ -350,17 +339,7 @@ class PathTask:
 
     def method_names(self) -> list[str]:
         """The methods that apply to this task, closed forms before their counterparts."""
-        return [
-            name
-            for name, method in METHODS.items()
-            if not method.on_request
-            and not (name == "sns" and self.stated_constraints)  # bounds only
-            and not (method.flipped and self.flipped_waypoints is None)
-            # Bands and constraints are not translated for other libraries.
-            and not (method.peer and (self.bands or self.stated_constraints))
-            # An arm with fewer joints than operational directions cannot fix its whole twist.
-            and not (method.whole_twist and self.operational.rank > self.model.nv)
-        ]
+        return [name for name in METHODS if _applies(name, self)]
 
     def __repr__(self) -> str:
         ranks = ", then ".join(str(t.rank) for t in self.projectors)
@@ -376,6 +355,35 @@ def _poses(waypoints: tuple[mink.SE3, ...]) -> tuple[Array, Array]:
     positions = np.array([w.translation() for w in waypoints])
     rotations.flags.writeable = positions.flags.writeable = False
     return rotations, positions
+
+
+def _applies(name: str, task: PathTask) -> bool:
+    """Whether a method is one for this task, and compared without being asked for."""
+    method = METHODS[name]
+    return not (
+        method.on_request
+        or (name == "sns" and task.stated_constraints)  # bounds only
+        or (method.flipped and task.flipped_waypoints is None)
+        # Bands and constraints are not translated for other libraries.
+        or (method.peer and (task.bands or task.stated_constraints))
+        # An arm with fewer joints than operational directions cannot fix its whole twist.
+        or (method.whole_twist and task.operational.rank > task.model.nv)
+    )
+
+
+def _known_limits(task: PathTask) -> tuple[KnownRobot, Array, Array] | None:
+    names = (task.scene.stem, task.scene.parent.name)
+    found = known_limits(*task.arm, names)
+    if found is None:
+        return None
+    robot, dofs = found
+    # Joints are hinges and slides, so that degrees of freedom have the order of coordinates.
+    dofs = task.shown.order[dofs].tolist()
+    limits = np.full((2, task.model.nv), np.inf)
+    limits[0, dofs] = robot.speeds
+    if robot.accelerations is not None:
+        limits[1, dofs] = robot.accelerations
+    return robot, limits[0], limits[1]
 
 
 def _check_types(task: PathTask) -> None:

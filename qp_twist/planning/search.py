@@ -134,41 +134,16 @@ class PlanSearch:
             return by_now
         if result.path is not None or result.certificate.kind != "speed" or self.slower is None:
             return result
+        problem, slower = self.problem, self.slower
         try:
-            return replace(result, certificate=self._with_pace(result.certificate, self.slower))
+            certificate = _with_pace(
+                result.certificate,
+                problem.limits,
+                lambda times: self._searched(replace(problem, limits=slower(times))).path,
+            )
+            return replace(result, certificate=certificate)
         except KeyboardInterrupt:  # the result itself is known
             return result
-
-    def _with_pace(self, certificate: Certificate, slower: Slower) -> Certificate:
-        """The certificate of a path that is too fast, with how much slower it has a motion."""
-
-        def find(times: float) -> JudgedPath | None:
-            return self._searched(replace(self.problem, limits=slower(times))).path
-
-        without, limits = 1.0, self.problem.limits
-        for times in _SLOWER:
-            path = find(times)
-            if path is not None:
-                break
-            without = times
-        else:
-            note = f"nor was one found for the path {without:g} times slower"
-            return replace(certificate, note=note)
-        needed, number, joint = limits.pace(path.q)
-        for _ in range(_HALVINGS):
-            times = float(np.sqrt(without * needed))
-            path = find(times)
-            if path is None:
-                without = times
-            else:
-                needed, number, joint = limits.pace(path.q)
-        note = (
-            f"only its speed prevents one: {needed:.3g} times slower the path has a motion, which "
-            f"needs that after waypoint {number + 1}, for {joint}"
-        )
-        if without > 1.0:
-            note += f"; {without:.3g} times slower none was found"
-        return replace(certificate, slower=needed, note=note)
 
     def _searched(self, problem: Problem) -> SearchResult:
         certificate = find_impossible(problem, self.levels)
@@ -391,6 +366,39 @@ class PlanSearch:
         except KeyboardInterrupt:  # once more: without a bound
             pass
         return SearchResult(best, certificate, bound, interrupted=True)
+
+
+def _with_pace(
+    certificate: Certificate, limits: PathConstraints, slowed: Callable[[float], JudgedPath | None]
+) -> Certificate:
+    """The certificate of a path that is too fast, with how much slower it has a motion.
+
+    ``slowed`` returns the best motion of the path that takes so many times as long, if any.
+    """
+    without = 1.0
+    for times in _SLOWER:
+        path = slowed(times)
+        if path is not None:
+            break
+        without = times
+    else:
+        note = f"nor was one found for the path {without:g} times slower"
+        return replace(certificate, note=note)
+    needed, number, joint = limits.pace(path.q)
+    for _ in range(_HALVINGS):
+        times = float(np.sqrt(without * needed))
+        path = slowed(times)
+        if path is None:
+            without = times
+        else:
+            needed, number, joint = limits.pace(path.q)
+    note = (
+        f"only its speed prevents one: {needed:.3g} times slower the path has a motion, which "
+        f"needs that after waypoint {number + 1}, for {joint}"
+    )
+    if without > 1.0:
+        note += f"; {without:.3g} times slower none was found"
+    return replace(certificate, slower=needed, note=note)
 
 
 def _alike(value: float, best: float, share: float = _ROUNDED) -> bool:
