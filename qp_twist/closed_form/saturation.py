@@ -33,8 +33,8 @@ class Saturation:
     saturated: Mask
     """Joints that are held at a bound, shape (n,)."""
     proven: bool
-    """Whether s is known to be the largest feasible scale: at s = 1, in the basic form if releasing
-    a joint would not help, in the optimal form unless the iterations ran out."""
+    """Whether s is known to be the largest feasible scale. It is at s = 1, in the basic form if
+    releasing a joint would not help, in the optimal form unless the iterations ran out."""
 
 
 def saturation_in_null_space(

@@ -45,8 +45,8 @@ class Step:
     velocity: Array
     """q̇ in the model's tangent space, rad/s or m/s, shape (nv,)."""
     scale: float
-    """s in A q̇ = s b of the first level: 1 if it is met at full speed, except in the directions
-    that are ``lost``. A relaxed step has no s, and scale is 1: see its residuals."""
+    """s in A q̇ = s b of the first level; 1 if it is met at full speed, except in the directions
+    that are ``lost``. A relaxed step has no s, and scale is 1; see its residuals."""
     residuals: tuple[Array, ...]
     """A q̇ − s b for each task (s = 1 below the first level), m/s and rad/s, in the rows of its
     basis; in the order of ``Controller.tasks``. Of a first level that is braked b is
@@ -65,8 +65,8 @@ class Step:
     recovering: tuple[str, ...] = ()
     """Sentences about joints that are outside their limits and returning."""
     gaps: tuple[float, ...] = ()
-    """If the step was solved level by level: for each level, a bound of its residual's length above
-    the optimum, m/s and rad/s. Empty if one program contains all rows."""
+    """Bounds of how far each level's residual is longer than at its optimum, m/s and rad/s, if the
+    step was solved level by level. Empty if one program contains all rows."""
     proven: bool = True
     """Whether every gap is at most 1e-7 (longest row + max |b|) of its level. If not, rows are
     nearly dependent, and lower levels depend on rounding."""

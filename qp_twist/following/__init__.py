@@ -10,4 +10,5 @@ from .found_starts import find_starts as find_starts
 from .planned import plan as plan
 from .planned import whole_plan as whole_plan
 from .planned import with_start as with_start
+from .trajectory import RowSteps as RowSteps
 from .trajectory import Trajectory as Trajectory

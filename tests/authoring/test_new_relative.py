@@ -178,7 +178,7 @@ def test_a_part_on_the_table_stands_on_its_plate(robot: Path, tmp_path: Path) ->
         (["--relative-to", "plat"], "--relative-to: the scene has no body 'plat'; did you mean"),
         (
             ["--relative-to", "arm_link_6", "--frame", "arm_tool"],
-            "--frame: the frame 'arm_tool' does",
+            "no frame 'arm_tool' that moves",
         ),
         (["--relative-to", "plate", "--tool-at", "1,0,1"], "--relative-to: with a tool"),
         (["--tool-at", "1,0"], "--tool-at '1,0': expected three numbers"),

@@ -39,10 +39,7 @@ def test_metrics_of_a_trajectory_made_by_hand() -> None:
     q = np.radians(
         [[45.0, 45.0, 90.0], [45.0, 45.0, 110.0], [95.0, 45.0, 110.0], [0.0, 100.0, 110.0]]
     )
-    four = {
-        name: getattr(template, name)[:4] for name in ("scale", "iterations", "binding", "statuses")
-    }
-    numbers = metrics(dataclasses.replace(template, q=q, seconds=0.3, **four))
+    numbers = metrics(dataclasses.replace(template, q=q, seconds=0.3, steps=template.steps[:4]))
     assert list(numbers) == KEYS
     assert numbers["violations"] == 2
     assert numbers["first_violation"] == {"joint_1": 3, "joint_2": 4}

@@ -19,7 +19,10 @@ from qp_twist.studies.sample import section_of
 pytestmark = pytest.mark.numerical
 TASK = qt.load_task("planar_line")
 COUNT = 5
-MEASURED = ("position_error", "axis_error", "band_excess", "sigma_min")
+MEASURED = (
+    "position_error", "axis_error", "band_excess", "sigma_min", "scale", "iterations", "binding",
+    "statuses",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +36,7 @@ def made(template: qt.Trajectory, **changed: Any) -> qt.Trajectory:
         "q": np.tile(np.radians([45.0, 45.0, 90.0]), (COUNT, 1)),
         "position_error": zeros, "axis_error": zeros, "band_excess": zeros, "scale": ones,
         "sigma_min": ones, "iterations": np.ones(COUNT, dtype=np.int64), "binding": COUNT * ((),),
-        "statuses": COUNT * (qt.Status.SOLVED,),
+        "statuses": COUNT * (qt.Status.SOLVED,), "steps": (),
         "path_task": dataclasses.replace(template.path_task, waypoints=TASK.waypoints[:COUNT]),
     }  # fmt: skip
     values = still | changed
