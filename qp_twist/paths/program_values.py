@@ -48,7 +48,7 @@ _INDEXED = re.compile(r"(?<![A-Z0-9_])R\[\s*([0-9]+)\s*\]")
 _COMPUTED = re.compile(r"[-+]?\s*(?:#\s*(?:<[^<>]*>|[0-9]+|(?=\[))|(?=\[))")
 _FACTOR = rf"[-+]?\s*(?:R[0-9]+|{NUMBER}|(?:{'|'.join(FUNCTIONS)})?\s*\((?:[^()]|\([^()]*\))*\))"
 _FORMULA = re.compile(
-    rf"(?:(?<![A-Z0-9_])(R[0-9]+)\s*=|(=|[ID]C\s*\(|AC\s*\())\s*({_FACTOR}(?:\s*(?:[-+*/]|DIV(?![A-Z])|MOD(?![A-Z]))\s*{_FACTOR})*)"
+    rf"(?:(?<![A-Z0-9_])(R[0-9]+)\s*=|(=|[ID]C\s*\(|AC\s*\())\s*({_FACTOR}(?:\s*(?:\*\*|[-+*/]|DIV(?![A-Z])|MOD(?![A-Z]))\s*{_FACTOR})*)"
 )
 """SINUMERIK: a parameter that is set, or a word that has a formula."""
 

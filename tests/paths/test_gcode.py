@@ -402,6 +402,7 @@ def test_what_changes_the_path_or_is_open_is_refused_with_its_line(
         ("X=SIN(30)*10 (half)", [[5, 0]]),
         ("X=ATAN2(1,1)/9 Y=TAN(45)", [[5, 1]]),
         ("X=TRUNC(2.7) Y=10*ABS(-3)-7 MOD 4", [[2, 27]]),
+        ("R1=3\nX=R1**2 Y=R1 DIV 2", [[9, 1]]),
         ("G641 ADIS=0.5 X2", [[2, 0]]),
         ("ATRANS X10\nX1\nG91 X1 Y5\nG90", [[11, 0], [12, 5]]),
     ],
