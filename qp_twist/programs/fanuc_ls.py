@@ -26,7 +26,7 @@ from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import NUMBER, Statements, refuse, shown
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import Undecided, Unknown, Values, pose_of, zyx_quaternion
 
@@ -120,7 +120,7 @@ _FIELD = re.compile(
 )
 _FEEDS = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0}
 """m/s in units of speeds."""
-_NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>\w+)[^\]]*\]"
+_NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>R\s*\[[^\]]*\]|\w+)[^\]]*\]"
 _NOTED: Mapping[Kind, Sequence[str]] = {
     "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
     "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),
@@ -196,7 +196,9 @@ class TpProgram(Program):
             (r"IF\b(?P<condition>.*?),\s*(?P<statement>CALL\s+(?P<called>\w+)[^,]*)", self._if,
              "skip"),
             (r"IF\b.*,\s*(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self._may_assign, "skip"),
+            (r"IF\b.*,\s*[JLCA]\s+PR?\s*\[.*", self.refuse, "path"),
             (rf"(WAIT)\s+({NUMBER})\s*\(sec\)", self.wait, "pause"),
+            (r"WAIT\b.*\bTIMEOUT\s*,\s*LBL\b.*", self._wait_or_jump, "skip"),
             *self.noting(_NOTED),
             (r"R\s*\[\s*\D.*?=.*", self._assign_some, "skip"),
             (r"(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self.assign, "assigns"),
@@ -300,7 +302,31 @@ class TpProgram(Program):
                 if self.moves.strict:
                     self.check(statements)
             self.listing.procedures[key] = Procedure(1, [], statements)
+            self.load_called(statements)
         return True
+
+    def load_called(self, statements: Statements) -> None:
+        """Read the programs that statements call, as far as they are beside this one."""
+        for _, text in statements:
+            if called := re.search(r"\b(?:CALL|RUN)\s+(\w+)", text, re.IGNORECASE):
+                self._load(called[1])
+
+    def first(self, uncalled: list[str]) -> list[str]:
+        """What stands in the file runs, and what it calls."""
+        return []
+
+    def _may_move(self, body: Statements) -> bool:
+        """Whether statements move, or call a program that is not beside this one."""
+        return self.listing.moving(body) is not None or any(
+            re.match(r"(?:IF\b.*,\s*)?(?:CALL|RUN)\b", text, re.IGNORECASE)
+            and match["called"].lower() not in self.listing.procedures
+            for _, text, match, _ in self.listing.reached(body)
+        )
+
+    def _pass_over(self, line: int, begin: str, body: Statements, why: str) -> None:
+        super()._pass_over(line, begin, body, why)
+        if self._may_move(body):
+            raise refuse(line, begin, "decides whether a program runs that is not beside the file.")
 
     def _registers(self) -> dict[str, Any]:
         names = self.values.names.items()
@@ -324,14 +350,18 @@ class TpProgram(Program):
         try:
             holds = self.values.condition(match["condition"])
         except Undecided:
-            called, listing = match.groupdict().get("called"), self.listing
-            if called and not (
-                self._load(called) and listing.moving(listing.procedures[called.lower()].body)
-            ):
+            called = match.groupdict().get("called")
+            if called and not self._may_move([(line, match["statement"])]):
                 self.skip(line, match)
                 return None
             self.undecided(line, match)
         return self.run([(line, match["statement"])]) if holds else None
+
+    def _wait_or_jump(self, line: int, match: re.Match[str]) -> None:
+        self.moves.note(
+            f"{shown(match[0])} (line {line}) is taken to be met before its time is out"
+        )
+        self.skip(line, match)
 
     def _may_assign(self, line: int, match: re.Match[str]) -> None:
         self.values.forget(match["name"], f"{match['name']} depends on {shown(match[0])}")
@@ -352,12 +382,18 @@ class TpProgram(Program):
 
     # ------------------------------------------------------------ moves
 
-    def _move(self, line: int, match: re.Match[str]) -> None:
-        word, moves, zone = match["word"].upper(), self.moves, match["zone"] or ""
-        if word == "A" or re.search(
-            r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)", match["options"], re.I
+    def _check_options(self, line: int, match: re.Match[str]) -> None:
+        options = f"{match['speed']} {match['options']}".upper()
+        if re.search(r"\bRTCP\b", options):
+            raise refuse(line, match[0], CARRIES)
+        if match["word"].upper() == "A" or re.search(
+            r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)", options
         ):
             self.refuse(line, match)
+
+    def _move(self, line: int, match: re.Match[str]) -> None:
+        word, moves, zone = match["word"].upper(), self.moves, match["zone"] or ""
+        self._check_options(line, match)
         timed = re.fullmatch(rf"({NUMBER})\s*(%|sec|msec)", match["speed"], re.I)
         if moves.strict and not (
             timed
@@ -377,8 +413,8 @@ class TpProgram(Program):
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
             moves.joint(JointMove(line, angles, pose, None if math.isnan(seconds) else seconds))
             return
-        speed = re.fullmatch(rf"({NUMBER})\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
-        moves.feed = float(speed[1]) * _FEEDS[speed[2].lower()] if speed else math.nan
+        speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
+        moves.feed = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
         if pose is None:
             raise refuse(line, match[0], "where this is in space is not in the file (joint angles, "
                          "or a register); write a position, X Y Z W P R.")  # fmt: skip
@@ -399,6 +435,8 @@ class TpProgram(Program):
         """The angles or the pose of a point, and its frame; none of a register."""
         if kind.upper() == "PR":
             return None, None
+        if not number.isdecimal():
+            number = f"{self.values.value(number):g}"
         inside = self._points[self._file].get(int(number)) if number.isdecimal() else None
         if inside is None:
             raise InvalidInput(f"there is no P[{number}] under /POS", line=line)
@@ -490,6 +528,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
     """Execute a program; its remarks."""
     program = TpProgram(moves, beside)
     found = program.read(lines)
+    program.load_called(found)
     program.last_line = found[-1][0] if found else 0
     program.execute(found)
     return program.comments

@@ -23,12 +23,20 @@ from qp_twist.programs.values import Values, pose_of, zyx_quaternion
 _POINT = re.compile(r"\s*([CP])0*(\d+)\s*=\s*(.*)", re.ASCII)
 _TARGET = r"\s+(?P<kind>[CP])0*(?P<number>\d+)(?P<rest>\s.*|)"
 _NOTED: Mapping[Kind, Sequence[str]] = {
+    # outputs, clocks, messages, the weld; no position that is read depends on other variables
     "passed": (
-        r"(DOUT|AOUT|PULSE|TIMER|WAIT|PAUSE|NWAIT|MSG|CLEAR|INC|DEC|ARCON|ARCOF|ARCSET|ARCCTS"
-        r"|SPEED|ADVINIT|CNVSET|NOP|COMM)\b()(?:.*)",
-        r"(SET|ADD|SUB|MUL|DIV)\s+()[BIDRS]\S*\s.*",
+        r"(DOUT|AOUT|ARATI?ON|ARATI?OF|PULSE|TIMER|WAIT|PAUSE|NWAIT|MSG|DIALOG|PRINT|CLEAR|ARCON"
+        r"|ARCOF|ARCSET|ARCCTS|ARCCTE|AWELD|VWELD|SPEED|ADVINIT|ADVSTOP|CNVSET|SHCK(?:SET|RST)"
+        r"|COMM)\b()(?:.*)",
+        r"(INC|DEC|SET|ADD|SUB|MUL|DIV|AND|OR|XOR|NOT|DIN|GETS|GETE|SQRT|SIN|COS|ATAN)\s+"
+        r"()L?[BIDRS]\[?\d.*",
     ),
 }
+_DECIDES = (
+    r"(JUMP|CASE|FOR|NEXT|\w*WHILE\w*|IF\w*|ELSE\w*|ENDIF|SWITCH|ENDSWITCH|DEFAULT)\b.*"
+    r"|(\w+)\s.*\b(?:IF|UNTIL)\b.*"
+)
+"""Words that decide which lines run, or how far."""
 
 
 class Job(Program):
@@ -49,17 +57,16 @@ class Job(Program):
     def grammar(self) -> Sequence[Rule]:
         """Moves, words that move nothing, calls."""
         return (
+            (r"'.*|\*\S+|NOP", "", "silent"),
+            (r"(MSG)\b.*", self.skip, "passed"),
+            (_DECIDES, self._decides, "path"),
             (rf"(?P<word>MOV[JLC]){_TARGET}", self._move, "path"),
             (r"(?:GETS|GETPOS|CNVRT|SET|SETE|ADD|SUB|MULMAT|INVMAT)\s+(PX?0*\d+)\b.*", self._change,
              "path"),
-            (r"END|RET", "end", "leaves"),
-            (r"'.*|\*\S+|NOP", "", "silent"),
-            (r"JUMP\s.*|IF\b.*|.*\bUNTIL\b.*", self.undecided, "path"),
-            (r"(?:MOV|IMOV|SMOV|MSHIFT|SFTO|MFRAME|SETTOOL|WVON|CALL\s+JOB:\S+\s+IF|REFP|EIMOV"
-             r"|CORRON).*", self.refuse, "path"),
+            (r"END|RET|ABORT", "end", "leaves"),
+            (r"CALL\s+(?:JOB:)?(\S+).*", self._call_job, "path"),
+            (r"WVO(?:N|F)\b.*", self._weave, "passed"),
             *self.noting(_NOTED),
-            (r"CALL\s+JOB:(?P<called>\S+)(?P<arguments>.*)", self.call, "call"),
-            (r"(?P<called>[A-Z]\w*)(?P<arguments>.*)", self.call, "call"),
             (r".*", self.refuse, "path"),
         )  # fmt: skip
 
@@ -76,6 +83,20 @@ class Job(Program):
                 line=self._arc[0][0],
             )
         self._arc = []
+
+    def _decides(self, line: int, match: re.Match[str]) -> None:
+        raise refuse(
+            line, match[0],
+            f"{(match[1] or match[2]).upper()} decides here which lines run, or how far, which is "
+            "not read; write a job without it.",
+        )  # fmt: skip
+
+    def _call_job(self, line: int, match: re.Match[str]) -> None:
+        raise refuse(line, match[0], f"the job {match[1]} is not read; write one job of all.")
+
+    def _weave(self, line: int, match: re.Match[str]) -> None:
+        self.moves.note("weaving (WVON) is left out: the path is its middle")
+        self.skip(line, match)
 
     def _change(self, line: int, match: re.Match[str]) -> None:
         """A position that the job changes is one that the file does not state."""

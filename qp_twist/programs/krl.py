@@ -16,6 +16,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import mink
 
@@ -27,7 +28,7 @@ from qp_twist.programs.krl_spline import Spline
 from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import Unknown
 
@@ -83,7 +84,7 @@ _NOTED: Mapping[Kind, Sequence[str]] = {
     # outputs, flags, timers, names for them, and how far from a point rounding begins
     "passed": (
         r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART"
-        r"|\$APO(?:\.\w+)?|\$ORI_TYPE|\$CIRC_TYPE|\$H_POS)\s*=(?!=)(.*)",
+        r"|\$APO(?:\.\w+)?|\$H_POS)\s*=(?!=)(.*)",
         rf"(?=(PULSE)){_PULSE}",
         r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
         rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
@@ -115,6 +116,12 @@ _WITH = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 """What an SPTP may have after WITH, also as the maker's inline forms write it."""
+_UNREAD_WITH = re.compile(
+    r"\$(?:BASE|VEL)\s*=\s*\{|\$IPO_MODE|\$ORI_TYPE\s*=\s*(?!#VAR\b)"
+    r"|\$CIRC_TYPE\s*=\s*(?!#BASE\b)",
+    re.IGNORECASE,
+)
+"""What a move may not have after WITH."""
 
 
 class KrlProgram(Program):
@@ -149,6 +156,7 @@ class KrlProgram(Program):
         super().__init__(krl_values(), moves)
         self.bases: dict[int | str, tuple[str, mink.SE3 | None]] = {}
         self._at: Frame | None = None
+        self._before_spline = moves.frame, moves.feed
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, splines and their times, frames, speeds, data, what moves nothing, calls."""
@@ -158,17 +166,18 @@ class KrlProgram(Program):
             (rf"(?P<word>S?(?:LIN|CIRC|PTP)(?:_REL)?)\b\s*(?P<targets>.*?){_REST}", self._move,
              "path"),
             (r"PTP_SPLINE(?:\s+WITH\s+(?P<with>.*))?", self._begin_spline, "joint"),
-            (r"ENDSPLINE", self.spline.end, "joint"),
+            (r"ENDSPLINE", self._end_spline, "joint"),
             (r"TIME_BLOCK\s+START", self.spline.begin_block, "joint"),
             (rf"TIME_BLOCK\s+PART\s*=\s*({NUMBER})", self.spline.part, "joint"),
             (rf"TIME_BLOCK\s+END\s*=\s*({NUMBER})", self.spline.end_block, "joint"),
-            (r"SPLINE(?:\s.*)?", self.skip, "path"),
+            (r"SPLINE(?:\s+WITH\s+(?P<with>.*))?", self._begin_spline, "path"),
             (r"(?:GOTO|RESUME|SPL|RSI_(?:MOVECORR|ON)|TOUCH\w*)\b.*", self.refuse, "path"),
             (r"RETURN\b.*", "return", "leaves"), (r"EXIT", "break", "leaves"),
             (rf"(WAIT)\s+SEC\s+({NUMBER})", self.wait, "pause"),
             (_BEGIN, "", "silent"),
             (r"\$BASE\s*[.\[].*", self.refuse, "path"),
-            (r"(\$IPO_MODE)\s*=(.*)", self._ipo_mode, "setting"),
+            (r"(\$(?:IPO_MODE|ORI_TYPE|CIRC_TYPE))\s*=(?!=)\s*(.*)", self._mode, "setting"),
+            (r"(?P<word>\$VEL)\s*=(?!=)(?P<value>.*)", self._speeds, "speed"),
             (r"(?P<word>BAS)\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,(?P<value>.*)\)", self._speed,
              "speed"),
             (r"(?P<word>\$VEL\.CP)\s*=(?!=)(?P<value>.*)", self._speed, "speed"),
@@ -177,6 +186,7 @@ class KrlProgram(Program):
             (r"(?P<word>BASE_DATA)\s*\[(?P<part>.*?)\](?P<field>.*?)=(?!=)(?P<value>.*)",
              self._base_data, "setting"),
             (r"(?P<word>FDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_frame, "setting"),
+            (r"(?P<word>LDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_line, "speed"),
             *self.noting(_NOTED),
             *((pattern, self.assign, "assigns") for pattern in _DECLARED),
             (_ASSIGNMENT, self.assign, "assigns"),
@@ -215,9 +225,23 @@ class KrlProgram(Program):
                     name = self.values.key(match["name"])
                     self.listing.assigned.setdefault(name, []).append(f"{number} of {file}")
                     if "kind" in match.groupdict():
+                        self._declare(match)
                         self.values.assign(number, match["name"], match["value"])
                         self.values.kept.add(self.values.key(match["name"]))
                     break
+
+    def _declare(self, match: re.Match[str]) -> None:
+        """Remember the type of variables."""
+        names = re.sub(r"\[[^\]]*\]", "", f"{match['name']}{match['part']}")
+        kinds = self.values.kinds
+        assert kinds is not None
+        kinds |= {self.values.base(name): match["kind"].lower() for name in names.split(",")}
+
+    def assign(self, line: int, match: re.Match[str]) -> None:
+        """An assignment or declaration."""
+        if "kind" in match.groupdict():
+            self._declare(match)
+        super().assign(line, match)
 
     # ------------------------------------------------------------ frames and speeds
 
@@ -229,8 +253,22 @@ class KrlProgram(Program):
         self._stated(line, match, "speed")
         self.moves.feed = self.values.number(match["value"])
 
-    def _ipo_mode(self, line: int, match: re.Match[str]) -> None:
-        if "#TCP" in match[2].upper() and not self.moves.strict:
+    def _speeds(self, line: int, match: re.Match[str]) -> None:
+        """A record, {CP …,ORI1 …,ORI2 …}."""
+        self._stated(line, match, "speed")
+        found = self._data(match["value"]).get("cp", math.nan)
+        self.moves.feed = found if isinstance(found, float) else math.nan
+
+    def _data(self, text: str) -> Mapping[str, Any]:
+        """A record; empty if the file does not state it."""
+        with suppress(Unknown):
+            found = self.values.value(text)
+            return found if isinstance(found, Frame) else {}
+        return {}
+
+    def _mode(self, line: int, match: re.Match[str]) -> None:
+        """Moves of a tool on a part that stands still, whose orientation turns in proportion."""
+        if match[2].strip().upper() not in ("#BASE", "#VAR") and not self.moves.strict:
             self.refuse(line, match)
         self.moves.noted(line, match[1], "setting")
 
@@ -267,14 +305,31 @@ class KrlProgram(Program):
     def _inline_frame(self, line: int, match: re.Match[str]) -> None:
         """The base of the move that follows, by which inline forms state it."""
         self._stated(line, match)
-        with suppress(Unknown, KeyError, TypeError):  # of a point that is in no file
-            self.moves.frame = self._numbered(str(self.values.value(match["value"])["base_no"]))
+        data = self._data(match["value"])
+        if data.get("ipo_frame", "base") != "base" and not self.moves.strict:
+            raise refuse(line, match[0], CARRIES)
+        if "base_no" in data:
+            self.moves.frame = self._numbered(str(data["base_no"]))
+
+    def _inline_line(self, line: int, match: re.Match[str]) -> None:
+        """How the tool turns on the move that follows, by which inline forms state it."""
+        self._stated(line, match, "speed")
+        data = self._data(match["value"])
+        turns = data.get("ori_typ", "var"), data.get("circ_typ", "base")
+        if turns != ("var", "base") and not self.moves.strict:
+            self.refuse(line, match)
 
     # ------------------------------------------------------------ moves
 
     def _begin_spline(self, line: int, match: re.Match[str]) -> None:
+        self._before_spline = self.moves.frame, self.moves.feed
         self._with(line, match[0], match["with"] or "")
         self.spline.open = True
+
+    def _end_spline(self, line: int, match: re.Match[str]) -> None:
+        if self.spline.open:
+            self.moves.frame, self.moves.feed = self._before_spline
+        self.spline.end(line, match)
 
     def _stay(self, line: int, match: re.Match[str]) -> None:
         if self.spline.open:
@@ -284,19 +339,19 @@ class KrlProgram(Program):
     def _with(self, line: int, statement: str, text: str) -> None:
         """What stands after WITH, for this move alone: inline forms set speed and tool anew."""
         strict, moves = self.moves.strict, self.moves
-        if not strict and re.search(r"\$(?:BASE|VEL)\s*=\s*\{|\$IPO_MODE", text, re.IGNORECASE):
+        if not strict and _UNREAD_WITH.search(text):
             raise refuse(
                 line, statement,
-                "states a frame or a speed for this move in a way that is not read; write it before"
-                " the move.",
+                "states a frame, a speed or how the tool turns for this move in a way that is not "
+                "read.",
             )  # fmt: skip
         for part in filter(None, split(text)):
             if strict and not _WITH.fullmatch(part):
                 raise refuse(line, statement, f"{part}: not read after WITH.")
             speed = re.match(r"\$(VEL|ACC|GEAR)", part, re.IGNORECASE)
             moves.noted(line, part.partition("=")[0].strip(), "speed" if speed else "setting")
-        if found := re.search(rf"\$VEL(?:\.CP)?\s*=\s*(?:SVEL_CP\s*\()?\s*({NUMBER})", text, re.I):
-            moves.feed = float(found[1])
+        if found := re.search(r"\$VEL(?:\.CP)?\s*=\s*(?:SVEL_CP\s*\()?([^,)]+)", text, re.I):
+            moves.feed = self.values.number(found[1])
         if found := re.search(r"\$BASE\s*=\s*(?:SBASE\s*\(\s*)?([\w.]+)", text, re.IGNORECASE):
             moves.frame = self._numbered(found[1])
 

@@ -46,6 +46,10 @@ def _literal(text: str) -> Frame | None:
     return found
 
 
+def _record(**fields: Any) -> Frame:
+    return Frame({k: float(v) if type(v) is int else v for k, v in fields.items()})
+
+
 def _key(name: str) -> str:
     return name.lower().replace("$", "_")
 
@@ -64,7 +68,8 @@ def _translate(text: str) -> str:
 
 def krl_values() -> Values:
     """Variables of KRL, with those that each program has."""
-    values = Values(_key, _translate, {**IN_DEGREES, "_f": Frame}, _literal, [("<>", "!=")])
+    values = Values(_key, _translate, {**IN_DEGREES, "_f": _record}, _literal, [("<>", "!=")])
+    values.kinds = {}
     nothing = Frame(dict.fromkeys(POSE, 0.0))
     values.names |= {"_nullframe": nothing, "_world": nothing, "true": True, "false": False}
     return values

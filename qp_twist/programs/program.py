@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from itertools import zip_longest
 from typing import NoReturn
@@ -160,7 +161,7 @@ class Program:
                 or key in self.values.functions
             ):
                 raise refuse(line, match[0], "this name has a meaning already.")
-            if part or not isinstance(self.values.names[key], bool | float | list | dict):
+            if part or not isinstance(self.values.names[key], int | float | list | dict):
                 self.moves.noted(line, kind or name, "passed")
 
     def _note(self, kind: Kind, line: int, match: re.Match[str]) -> None:
@@ -243,20 +244,24 @@ class Program:
                     if condition is None or self.values.condition(condition):
                         return self.run(branch)
                 return ""
-            for _ in rounds(self.values, line, role, match, closing):
-                signal = self.run(body)
-                if signal not in ("", "continue"):
-                    return "" if signal == "break" else signal
+            own = role == "for" and self.language.own_counter
+            with self.values.scope(match["name"]) if own else nullcontext():
+                for _ in rounds(self.values, line, role, match, closing, counts_down=own):
+                    signal = self.run(body)
+                    if signal not in ("", "continue"):
+                        return "" if signal == "break" else signal
         except Undecided:
-            self._pass_over(line, match[0], body)
+            word = match[0].split(maxsplit=1)[0]
+            why = "which is not decided in the file"
+            self._pass_over(line, match[0], body, f"{word} is not read" if role == "open" else why)
         return ""
 
-    def _pass_over(self, line: int, begin: str, body: Statements) -> None:
+    def _pass_over(self, line: int, begin: str, body: Statements, why: str) -> None:
         """Pass over what runs or not; then it may not move, nor say where anything is."""
         if moving := self.listing.moving(body):
             raise InvalidInput(
-                f"{shown(moving[1])} runs or not by {shown(begin)} of line {line}, which is not "
-                "decided in the file; write a program without it.",
+                f"{shown(moving[1])} runs or not by {shown(begin)} of line {line}, {why}; write a "
+                "program without it.",
                 line=moving[0],
             )
         for name, number in self.listing.assigning(body).items():
@@ -279,9 +284,8 @@ class Program:
             raise InvalidInput(f"{name} takes {len(parameters)} arguments, got {len(arguments)}.")
         self._called.add(name)
         given = [(p, a, self.values.base(p)) for p, a in zip_longest(parameters, arguments)]
-        with self.values.scope():
-            for parameter, argument, key in given:
-                self.values.local(key)
+        with self.values.scope(*parameters):
+            for parameter, argument, _ in given:
                 self.values.assign(line, parameter, argument or "")
             self._running = chain
             signal = self.run(body)

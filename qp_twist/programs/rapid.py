@@ -21,7 +21,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import (
     IN_DEGREES,
@@ -141,6 +141,7 @@ class RapidModule(Program):
         ),
         otherwise=r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE",
         outside=_DATA, enclosed=True,
+        own_counter=True,
         reads="absolute joint moves (MoveAbsJ) to literals or constants, one after the other,",
     )  # fmt: skip
 
@@ -148,6 +149,7 @@ class RapidModule(Program):
         super().__init__(
             Values(str.lower, _translate, _FUNCTIONS, list_literal, _COMPARISON), moves
         )
+        self.values.adds_vectors = True
         self.values.names |= {"true": True, "false": False}
 
     def grammar(self) -> Sequence[Rule]:
@@ -211,10 +213,23 @@ class RapidModule(Program):
         given = (option.partition(":=") for _, *options in arguments for option in options)
         options = {key.strip().lower(): value.strip() for key, _, value in given}
         self.moves.frame = self._frame(options.get("wobj", "wobj0"))
+        tool = arguments[targets + 2][0] if len(arguments) > targets + 2 else _TOOL
+        if self._is_held(options.get("wobj", "wobj0")) is True or self._is_held(tool) is False:
+            raise refuse(line, match[0], CARRIES)
         zone = arguments[targets + 1][0].strip()
         if zone.lower() not in ("fine", "z0") or "z" in options:
             self.moves.rounds(line, zone)
         return [first.strip() for first, *_ in arguments], options
+
+    def _is_held(self, name: str) -> bool | None:
+        """Whether the robot holds a tool or work object; ``None`` if the file does not say so."""
+        if self.moves.strict:
+            return None
+        try:
+            held = self.values.value(name)[0]
+        except (Unknown, TypeError, LookupError):
+            return None
+        return held if isinstance(held, bool) else None
 
     def _move_joints(self, line: int, match: re.Match[str]) -> None:
         """MoveAbsJ; ``check`` knows all its arguments."""

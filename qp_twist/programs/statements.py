@@ -9,6 +9,11 @@ from qp_twist.errors import InvalidInput
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _LONGEST = 80
 """Characters of a statement that messages show."""
+CARRIES = (
+    "the robot carries the part to a tool that stands still, which is not read; write the path of "
+    "the tool on the part."
+)
+"""Why a move is refused."""
 Statements = list[tuple[int, str]]
 """Statements with their lines."""
 

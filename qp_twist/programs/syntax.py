@@ -34,6 +34,8 @@ class Language(NamedTuple):
         outside: What may stand outside procedures, if that is strict.
         enclosed: Whether only in another block.
         reads: What ``check`` reads, for messages.
+        own_counter: Whether the counter of ``for`` is the loop's own; without a step it then also
+            counts down.
         flags: Of the patterns.
     """
 
@@ -43,4 +45,5 @@ class Language(NamedTuple):
     outside: str = r".*"
     enclosed: bool = False
     reads: str = ""
+    own_counter: bool = False
     flags: re.RegexFlag = re.IGNORECASE | re.ASCII | re.DOTALL

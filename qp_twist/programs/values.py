@@ -53,6 +53,8 @@ class Values:
         names: Values of variables; :class:`Unknown` where the program does not state one.
         kept: Variables whose value another run or program may have changed: it decides nothing.
         shared: Variables that something beside the program assigns, likewise, at any time.
+        adds_vectors: Whether sums of three numbers are those of vectors; other lists have none.
+        kinds: The declared types, if the language has integers (``int``, ``real``, …).
     """
 
     def __init__(
@@ -70,6 +72,8 @@ class Values:
         self.kept: set[str] = set()
         self.shared: set[str] = set()
         self._local: dict[str, Any] = {}
+        self.adds_vectors = False
+        self.kinds: dict[str, str] | None = None
 
     def value(self, text: str) -> Any:
         """The value of an expression.
@@ -79,7 +83,7 @@ class Values:
         """
         text = text.strip()
         if _NUMBER.fullmatch(text):
-            return float(text)
+            return self._number(int(text) if text.lstrip("+-").isdecimal() else float(text))
         literal = self._literal(text)
         return self._evaluated(text) if literal is None else literal
 
@@ -118,7 +122,7 @@ class Values:
     def assign(self, line: int, target: str, text: str) -> None:
         """Assign to a variable or a component; what has no value is remembered as such."""
         try:
-            value, name = self.value(text), self.key(target.strip())
+            value, name = self._typed(target, self.value(text)), self.key(target.strip())
             if isinstance(value, list | dict) and self._literal(text.strip()) is None:
                 value = deepcopy(value)  # it may be another variable's
             node = None if name.isidentifier() else _parsed(self._translate(name))
@@ -142,16 +146,20 @@ class Values:
         self.names[self.base(target)] = Unknown(why)
 
     @contextmanager
-    def scope(self) -> Iterator[None]:
-        """Behind it, what was :meth:`local` in it has its value of before."""
+    def scope(self, *targets: str) -> Iterator[None]:
+        """Behind it, these variables and all that was :meth:`local` have their values of before."""
         outer, self._local = self._local, {}
-        yield
-        for name, value in self._local.items():
-            if value is None:
-                self.names.pop(name, None)
-            else:
-                self.names[name] = value
-        self._local = outer
+        for target in targets:
+            self.local(self.base(target))
+        try:
+            yield
+        finally:
+            for name, value in self._local.items():
+                if value is None:
+                    self.names.pop(name, None)
+                else:
+                    self.names[name] = value
+            self._local = outer
 
     def local(self, name: str) -> None:
         """A variable is one of this scope."""
@@ -165,7 +173,7 @@ class Values:
     def _of(self, node: ast.AST) -> Any:
         match node:
             case ast.Constant(value):
-                return float(value) if type(value) is int else value
+                return self._number(value)
             case ast.Name(name) if name in self.names:
                 if isinstance(self.names[name], Unknown):
                     raise self.names[name]
@@ -174,7 +182,9 @@ class Values:
                 return [self._of(element) for element in elements]
             case ast.UnaryOp(sign, operand):
                 return _OPERATORS[type(sign)](self._of(operand))
-            case ast.BinOp(left, sign, right) | ast.Compare(left, [sign], [right]):
+            case ast.BinOp(left, sign, right):
+                return self._combined(type(sign), self._of(left), self._of(right))
+            case ast.Compare(left, [sign], [right]):
                 return _OPERATORS[type(sign)](self._of(left), self._of(right))
             case ast.BoolOp(sign, operands):
                 return _OPERATORS[type(sign)]([self._of(operand) for operand in operands])
@@ -186,6 +196,34 @@ class Values:
                 words = {str(word.arg): self._of(word.value) for word in keywords}
                 return self.functions[name](*map(self._of, arguments), **words)
         raise Unknown(f"the file does not state {ast.unparse(node)}")
+
+    def _number(self, value: Any) -> Any:
+        """A constant; whole ones are integers only where the language has such."""
+        return float(value) if type(value) is int and self.kinds is None else value
+
+    def _combined(self, sign: type, one: Any, other: Any) -> Any:
+        if isinstance(one, list) or isinstance(other, list):
+            both = isinstance(one, list) and isinstance(other, list) and len(one) == len(other) == 3
+            if not (self.adds_vectors and both and sign in (ast.Add, ast.Sub)):
+                raise Unknown("sums and products of lists are not read")
+            return [self._combined(sign, a, b) for a, b in zip(one, other, strict=True)]
+        if sign is ast.Div and type(one) is type(other) is int:
+            if one % other:
+                raise Unknown(
+                    f"{one}/{other} is no whole number, and quotients of INT, which are cut off, "
+                    f"are not read; write {one}/{other}.0 if both may be REAL"
+                )
+            return one // other
+        return _OPERATORS[sign](one, other)
+
+    def _typed(self, target: str, value: Any) -> Any:
+        """A value as the declared type of a variable has it."""
+        kind = (self.kinds or {}).get(self.base(target))
+        if kind == "int" and isinstance(value, float):
+            if value != int(value):
+                raise Unknown(f"{value:g} is no whole number, and it is INT")
+            return int(value)
+        return float(value) if type(value) is int and (kind == "real" or "." in target) else value
 
     def _place(self, node: ast.Subscript) -> Any:
         place = self._of(node.slice)

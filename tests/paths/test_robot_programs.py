@@ -101,7 +101,7 @@ def read(folder: Path, name: str, text: str, **options: object) -> Toolpath:
         ("a.ls", fanuc("1:L P[7] 10mm/sec FINE ;"), "line 4: there is no P.7. under /POS"),
         ("a.jbi", jbi("MOVL C00002 V=10.0\n"), "line 10: .*pulses or angles"),
         ("a.jbi", jbi("MOVL C00001\nMOVC C00001\nMOVL C00001\n"), "an arc is three MOVC"),
-        ("a.jbi", jbi("JUMP *A IF IN#(1)=ON\n"), "line 10: .*decides by what is not in the file"),
+        ("a.jbi", jbi("JUMP *A IF IN#(1)=ON\n"), "line 10: .*JUMP decides here which lines run"),
         ("a.jbi", jbi("SET P001 P002\nMOVL P001 V=10.0\n"), "line 11: .*the job changes it"),
         ("a.script", "def a():\n  movel([0,-1,1,0,0,0], a=1)\nend\n", "line 2: expected a pose"),
         ("a.script", "def a():\n  movel(pose_trans(get_tcp_pose(), p[0,0,0,0,0,0]), v=1)\nend\n",
@@ -266,3 +266,115 @@ def test_variables_of_a_procedure_are_its_own(tmp_path: Path) -> None:
     work = "PROC work(num x)\nVAR num y:=x;\nENDPROC\n"
     [curve] = read(tmp_path, "a.mod", rapid(body, work)).curves
     assert 1e3 * curve.positions[0, 0] == pytest.approx(501)
+
+
+SCRIPT_MOVES = " movel(p[0,0,0,0,0,0])\n movel(p[0.2,0,0,0,0,0])\n"
+TP_MOVES = "1:L P[1] 10mm/sec FINE ;\n{}\n3:L P[2] 10mm/sec FINE ;"
+HELD = (
+    'PERS wobjdata held:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n'
+    "PERS tooldata fixed:=[FALSE,[[0,0,0],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+)
+
+
+def between(line: str) -> str:
+    return krl(f"{LIN.format(1)}{line}\n{LIN.format(2)}")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "sentence"),
+    [
+        *(("a.jbi", jbi(f"MOVL C00001\n{line}\nMOVL P00001\n"), f"line 11: .*{sentence}")
+          for line, sentence in (
+            ("FOR I001=0 TO 3", "FOR decides here"), ("WHILEEXP B000<3", "WHILEEXP decides here"),
+            ("IFTHENEXP B000=1", "IFTHENEXP decides"), ("SWITCH B000 CASE 1", "SWITCH decides"),
+            ("MOVL P00001 V=5 UNTIL IN#(1)=ON", "MOVL decides here which lines run, or how far"),
+            ("CALL JOB:OTHER", "the job OTHER is not read"), ("RET IF IN#(1)=ON", "RET decides"),
+            ("PAUSE IF IN#(1)=ON", "PAUSE decides here"), ("TSYNC 1", "may move the robot"))),
+        ("a.src", between("$ORI_TYPE=#CONSTANT"), "line 4: .*ORI_TYPE"),
+        ("a.src", between("$CIRC_TYPE=#PATH"), "line 4: .*CIRC_TYPE"),
+        ("a.src", krl("S" + LIN.format(1).strip() + " WITH $ORI_TYPE=#JOINT\n"), "the tool turns"),
+        ("a.src", between("LDAT_ACT={VEL 2.0,ORI_TYP #CONSTANT,CIRC_TYP #BASE}"),
+         "line 4: 'LDAT_ACT"),
+        ("a.src", between("FDAT_ACT={TOOL_NO 1,BASE_NO 1,IPO_FRAME #TCP}"),
+         "line 4: .*the robot carries the part"),
+        ("a.src", krl("INT n\nREAL x\nn=7\nx=n/2\nLIN {X x,Y 0,Z 0,A 0,B 0,C 0}"),
+         "7/2 is no whole number.*INT"),
+        ("a.src", krl("INT n\nn=2.7\nLIN {X n,Y 0,Z 0,A 0,B 0,C 0}"), "2.7 is no whole number"),
+        ("a.src", krl("SWITCH 2\nCASE 2\n" + LIN.format(1) + "ENDSWITCH"), "SWITCH is not read"),
+        ("a.mod", rapid("TEST 2\nCASE 2:\n" + move(0) + "ENDTEST\n"), "TEST is not read"),
+        ("a.mod", rapid(move(0, wobj="\\WObj:=held") + move(1), HELD), "robot carries the part"),
+        ("a.mod", rapid(move(0).replace("tool0", "fixed") + move(1), HELD),
+         "line 9: .*the robot carries the part"),
+        ("a.ls", fanuc(TP_MOVES.format("2:L P[2] 10mm/sec FINE RTCP ;")),
+         "line 5: .*the robot carries the part"),
+        ("a.ls", fanuc(TP_MOVES.format("2:IF DI[1]=ON,CALL FOO ;")),
+         "line 5: .*decides by what is not in the file"),
+        ("a.ls", fanuc(TP_MOVES.format("2:IF (DI[1]=ON) THEN ;\n CALL FOO ;\n ENDIF ;")),
+         "line 5: .*a program runs that is not beside the file"),
+        ("a.ls", fanuc(TP_MOVES.format("2:IF (DI[1]=ON) THEN ;\n CALL PART ;\n ENDIF ;")),
+         "runs or not by 'IF"),
+        ("a.script", f"def a():\n thread T():\n  movel(p[0.9,0,0,0,0,0])\n end\n{SCRIPT_MOVES}"
+                     " t = run T()\nend\n", "line 7: .*threads that move are not read"),
+        ("a.script", f"def a():\n q=[0,0,0,0]+[1]\n{SCRIPT_MOVES} movel(p[q[4],0,0,0,0,0])\nend",
+         "sums and products of lists are not read"),
+    ],
+)  # fmt: skip
+def test_what_a_controller_does_otherwise_than_is_computed_is_refused(
+    tmp_path: Path, name: str, text: str, sentence: str
+) -> None:
+    (tmp_path / "part.ls").write_text(fanuc("1:L P[2] 1mm/sec FINE ;"))
+    with pytest.raises(InvalidInput, match=sentence):
+        read(tmp_path, name, text)
+
+
+def offset(x: str) -> str:
+    return f"MoveL Offs(p0,{x},0,0),v100,fine,tool0;\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "x"),
+    [
+        ("a.mod", rapid(f"FOR i FROM 3 TO 1 DO\n{offset('i')}ENDFOR\n"), [503, 502, 501]),
+        ("a.mod", rapid(f"FOR i FROM 1 TO 2 DO\n{offset('i')}ENDFOR\n{offset('i')}",
+                        "VAR num i:=77;\n"), [501, 502, 577]),
+        ("a.mod", rapid(f"VAR pos d;\nd:=[1,2,3]+[10,20,30];\n{offset('d.x')}{move(1)}"),
+         [511, 510]),
+        ("a.src", krl("INT n\nREAL x\nn=8\nx=7\n" + "".join(
+            f"LIN {{X {each},Y 0,Z 300,A 0,B 0,C 180}}\n" for each in ("n/2", "x/2", "7/2.0*2"))),
+         [4, 3.5, 7]),
+        ("a.ls", fanuc("1:R[1]=2 ;\n2:L P[1] 10mm/sec FINE ;\n3:L P[R[1]] 10mm/sec FINE ;"),
+         [1, 9]),
+        ("a.jbi", jbi("SET B001 3\nMOVL C00001\nINC B001\nWVON WEV#(1)\nMOVL P00001\n"), [1, 1]),
+    ],
+)  # fmt: skip
+def test_counters_vectors_and_integers_are_those_of_the_language(
+    tmp_path: Path, name: str, text: str, x: list[float]
+) -> None:
+    [curve] = read(tmp_path, name, text).curves
+    assert 1e3 * curve.positions[:, 0] == pytest.approx(x)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "feeds"),
+    [
+        ("a.src", between("$VEL={CP 0.05,ORI1 200,ORI2 200}"), [0.05]),
+        ("a.src", krl(LIN.format(1) + f"SPLINE WITH $VEL.CP=0.3\nS{LIN.format(2)}ENDSPLINE\n"
+                      + LIN.format(3)), [0.3, 0.1]),
+        ("a.src", between(f"REAL v\nv=0.2\nS{LIN.format(3).strip()} WITH $VEL.CP=v\nv=1"),
+         [0.2, 0.1]),
+        ("a.ls", fanuc("1:R[1]=5 ;\n2:L P[1] 10mm/sec FINE ;\n3:L P[2] R[1]mm/sec FINE ;"),
+         [0.005]),
+    ],
+)  # fmt: skip
+def test_speeds_of_records_splines_and_registers_count(
+    tmp_path: Path, name: str, text: str, feeds: list[float]
+) -> None:
+    [curve] = read(tmp_path, name, text).curves
+    assert curve.feeds is not None
+    assert curve.feeds[1:] == pytest.approx(feeds)
+
+
+def test_a_wait_that_may_jump_is_taken_to_be_met(tmp_path: Path) -> None:
+    lines = TP_MOVES.format("2:WAIT DI[1]=ON TIMEOUT,LBL[9] ;") + "\n4:LBL[9] ;"
+    toolpath = read(tmp_path, "a.ls", fanuc(lines))
+    assert any("LBL[9]' (line 5) is taken to be met" in each for each in toolpath.assumptions)
