@@ -214,15 +214,7 @@ class TpProgram(Program):
     def read(self, lines: Sequence[str], key: str = "") -> Statements:
         """The statements of a program; its points are kept."""
         strict = self.moves.strict
-        parts: dict[str, list[tuple[int, str]]] = {"": []}
-        section, name = "", ""
-        for number, line in enumerate(lines, start=1):
-            if match := _SECTION.fullmatch(line):
-                section, _, title = match[1].partition(" ")
-                name = title.strip() or name
-                parts[section] = []
-            else:
-                parts[section].append((number, line))
+        name, parts = _parts(lines)
         texts = {part: "\n".join(text for _, text in each) for part, each in parts.items()}
         order = [part for part in parts if part != "APPL"]
         sections = ["", "PROG", "ATTR", "MN", "POS", "END"]
@@ -442,7 +434,7 @@ class TpProgram(Program):
             raise InvalidInput(f"there is no P[{number}] under /POS", line=line)
         if not inside:
             return None, None
-        axes, frame = self._fields(f"P[{number}]", inside)
+        axes, frame = _fields(f"P[{number}]", inside, strict=self.moves.strict)
         if not {*"XYZ"} & axes.keys():
             external = {axis: value for axis, value in axes.items() if axis[0] == "E"}
             self.moves.external(line, external)
@@ -456,33 +448,48 @@ class TpProgram(Program):
         x, y, z, w, p, r = (axes[key] for key in "XYZWPR")
         return None, pose_of((x, y, z), zyx_quaternion(r, p, w))
 
-    def _fields(self, point: str, inside: str) -> tuple[dict[str, float], str]:
-        """The numbers of a point, and its user frame."""
-        axes: dict[str, float] = {}
-        frame, strict = "", self.moves.strict
-        for match in _FIELD.finditer(inside):
-            frame, axis = match["frame"] or frame, match["axis"]
-            if match["group"] not in (None, "1"):
-                if strict:
-                    raise InvalidInput(f"{point} moves more than one motion group.")
-                break
-            if axis is None:
-                continue
-            units = {"E": ("deg", "mm"), "X": ("mm",), "Y": ("mm",), "Z": ("mm",)}
-            expected = units.get(axis[0], ("deg",))
-            if match["unit"] not in expected:
-                raise InvalidInput(
-                    f"{point}, {axis}: the unit is {match['unit'] or 'missing'!r}; expected "
-                    f"{' or '.join(expected)}."
-                )
-            if axis in axes:
-                raise InvalidInput(f"{point}: {axis} stands twice.")
-            if match["value"][0] == "*":
-                raise InvalidInput(f"{point}: {axis} is not taught ({match['value']}).")
-            axes[axis] = float(match["value"])
-        if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
-            raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
-        return axes, frame
+
+def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]:
+    """The program's name, and the numbered lines of its sections."""
+    parts: dict[str, list[tuple[int, str]]] = {"": []}
+    section, name = "", ""
+    for number, line in enumerate(lines, start=1):
+        if match := _SECTION.fullmatch(line):
+            section, _, title = match[1].partition(" ")
+            name = title.strip() or name
+            parts[section] = []
+        else:
+            parts[section].append((number, line))
+    return name, parts
+
+
+def _fields(point: str, inside: str, *, strict: bool) -> tuple[dict[str, float], str]:
+    """The numbers of a point, and its user frame."""
+    axes: dict[str, float] = {}
+    frame = ""
+    for match in _FIELD.finditer(inside):
+        frame, axis = match["frame"] or frame, match["axis"]
+        if match["group"] not in (None, "1"):
+            if strict:
+                raise InvalidInput(f"{point} moves more than one motion group.")
+            break
+        if axis is None:
+            continue
+        units = {"E": ("deg", "mm"), "X": ("mm",), "Y": ("mm",), "Z": ("mm",)}
+        expected = units.get(axis[0], ("deg",))
+        if match["unit"] not in expected:
+            raise InvalidInput(
+                f"{point}, {axis}: the unit is {match['unit'] or 'missing'!r}; expected "
+                f"{' or '.join(expected)}."
+            )
+        if axis in axes:
+            raise InvalidInput(f"{point}: {axis} stands twice.")
+        if match["value"][0] == "*":
+            raise InvalidInput(f"{point}: {axis} is not taught ({match['value']}).")
+        axes[axis] = float(match["value"])
+    if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
+        raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
+    return axes, frame
 
 
 def _statements(lines: Sequence[tuple[int, str]], *, strict: bool) -> Statements:
