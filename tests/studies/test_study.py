@@ -596,9 +596,17 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def cluster() -> Iterator[Any]:
     """A scheduler and two workers, each a process of its own on this machine."""
     distributed = pytest.importorskip("distributed", reason="the extra `cluster`")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
-    ) as found:
+    import dask
+
+    # Copies of data that two workers hold are dropped at once, not after two seconds: a worker may
+    # hold the last one when it dies.
+    often = {"distributed.scheduler.active-memory-manager.interval": "5ms"}
+    with (
+        dask.config.set(often),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        ) as found,
+    ):
         yield found
 
 
