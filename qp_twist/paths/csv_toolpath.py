@@ -20,11 +20,13 @@ from qp_twist.files import (
     Table,
     TextTable,
     columns_named,
+    of_lines,
     split_unit,
 )
 from qp_twist.paths.assumed_units import assumed_angle_unit, assumed_length_unit, named_length_unit
 from qp_twist.paths.column_names import has_position, names_in, usual
 from qp_twist.paths.orientation import tangents
+from qp_twist.paths.pose_records import only_frame
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_columns import (
@@ -50,6 +52,8 @@ _CUT = re.compile(
 )
 _ARC = re.compile(r"g?0*[23](\.0*)?|arc|circ|circular|movec|c", re.IGNORECASE)
 """Entries of a column of motions."""
+_FRAME = re.compile(r"(?<!child)(?:frameid|referenceframe|wobj|workobject)$")
+"""Ends of the names of columns that name the frame of each row, by their letters."""
 _TYPES = "G0, rapid, travel, joint (or MoveJ, PTP) and G1, cut, feed, linear (MoveL, LIN)"
 
 
@@ -103,6 +107,10 @@ def table_toolpath(
     where = column_roles(table, choice, options.orientation, options.feed_unit)
     notes = [*notes, *where.notes]
     rapid = _rapid(table, where, notes)
+    for column, name in enumerate(table.names):
+        if _FRAME.search(re.sub(r"[\W_]", "", name.lower())):
+            frame = only_frame(table.call(column), map(str.strip, table.texts(column)))
+            notes += [f"points are in the frame {frame}."] if frame else []
     unit, in_file = _length_unit(table, where, options, notes, lines)
     angle, problems = _angle_scale(table, where, options, notes, unit), Problems()
     feed_column = where.single.get("feed")
@@ -218,7 +226,13 @@ def _x_axes(
             what += f'point the other way? Then axes_point = "{other}"'
             problems.add(line, what, options={"axes_point": other})
     letter, columns = ("x", where.x_axis) if where.x_axis else ("y", where.y_axis)
-    notes.append(f"{called(table, columns)} are {letter} of the tool: the roll of the waypoints.")
+    stated = table.numbers[:, columns]
+    back = np.flatnonzero((stated[1:] * stated[:-1]).sum(axis=1) < 0.0) + 1
+    note = f"{called(table, columns)} are {letter} of the tool: the roll of the waypoints."
+    if len(back):
+        where_back = of_lines(table.lines[back].tolist())
+        note += f" They turn by more than 90 degrees from a point to the next ({where_back})."
+    notes.append(note)
     return x if where.x_axis else np.cross(y, outward)
 
 
@@ -288,7 +302,7 @@ def _rapid(table: Table, where: ColumnRoles, notes: list[str]) -> Mask | None:
     known = [_type_of(entry) for entry in entries]
     numbers = [float(entry) for entry in entries if re.fullmatch(r"\d+(\.\d*)?", entry)]
     counted = max(numbers, default=0.0) > 3.0  # numbers of the points, or of tools
-    if not any(known) or counted:
+    if counted or (not any(known) and len({*filter(None, entries)}) < 2):
         return None
     begin = 0 if entries[0] else 1  # no motion of the table leads to its first point
     if None in known[begin:] or "arc" in known:

@@ -189,6 +189,9 @@ class _Reader:
         if re.match(r"(?:1[56]|38)\b", text):  # they print or send
             self.out.pass_over(keyword)
             return
+        if re.match(r"14\b", text):
+            raise InvalidInput("FN 14 ends the program here with a message of an error; check the "
+                               "values that lead to it")  # fmt: skip
         match = _SETS.match(text)
         if match is None:
             raise InvalidInput(f"{shortened(text)!r} is no parameter that is set")
@@ -256,8 +259,10 @@ class _Reader:
         """RND, CHF: the corner between the cut before and the one behind."""
         block = words(re.sub("^(?=[0-9])", "R", text), self._values)
         size = block.words.get("R", 0.0)
-        if size <= 0.0:
-            raise InvalidInput(f"{keyword}: expected its size, above 0")
+        if size <= 0.0 or block.names or block.words.keys() - {"R", "F", "FU"}:
+            raise InvalidInput(
+                f"{keyword}: expected its size, above 0, and perhaps F with a number"
+            )
         if not isinstance(self.to.last, Cut):
             raise InvalidInput(f"{keyword} is read between two straight cuts alone")
         kind = "R" if keyword == "RND" else "C"

@@ -27,8 +27,6 @@ _OF_OTHERS = re.compile(
     r"rot|offset|size|dim|scale|grav|inert|com$|limit|min|max|vel|acc|force|gain"
 )
 """Parts of keys whose x, y, z are no position."""
-_FRAME = re.compile(r"(?<![\w-])frame_id[\"']?\s*:[ ]*[\"']?/?([^\s\"',}#]+)")
-"""Frames of poses (not ``child_frame_id``)."""
 _MOST_NODES = 10_000_000
 """A text whose references stand for more entries is refused."""
 _DEEP = re.compile(r"(?:[\[{]\s*){100}")
@@ -76,9 +74,9 @@ def pose_table(suffix: str, lines: Sequence[str]) -> tuple[Table, list[str]] | N
             f"the text is no YAML: {getattr(error, 'problem', None) or 'it cannot be read'}.",
             line=None if mark is None else mark.line + 1,
         ) from error
-    frame = only_frame("the file", _FRAME.findall(text))
     walk = _Walk()
     poses = [pose for document in documents if document for pose in walk.poses(document, 0)]
+    frame = only_frame("the file", walk.frames)
     if not poses:
         raise InvalidInput(
             "there is no pose in it; expected lists or mappings with a position x, y, z and, if "
@@ -116,11 +114,13 @@ class _Walk:
 
     Attributes:
         named: Whether some are values of one mapping, each with a key of its own.
+        frames: Those that ``frame_id`` names.
     """
 
     def __init__(self) -> None:
         self._nodes = self._lists = 0
         self.named = False
+        self.frames: dict[str, None] = {}
 
     def poses(self, node: yaml.Node, group: int) -> Iterator[_Pose]:
         """The poses of a node."""
@@ -194,6 +194,8 @@ class _Walk:
             return dict(zip(names, numbers, strict=False))
         found: dict[str, float] = {}
         for key, child in node.value:
+            if key.value == "frame_id" and isinstance(child, yaml.ScalarNode):
+                self.frames[child.value.lstrip("/")] = None
             found |= self._flat(child, f"{name}.{key.value}".strip("."))
         return found
 

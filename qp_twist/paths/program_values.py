@@ -97,7 +97,9 @@ class Variables:
         """The value of an expression."""
         known = {"V": self.get, "I": lambda number: self.get(f"#{round(number)}")}
         try:
-            found = float(eval(_compiled(text), {"__builtins__": {}, **FUNCTIONS}, known))
+            found = float(
+                eval(_compiled(text), {"__builtins__": {}, **FUNCTIONS, "WHOLE": _whole}, known)
+            )
         except (SyntaxError, NameError, TypeError, RecursionError, MemoryError) as error:
             raise InvalidInput(f"{shortened(text)!r} is not computed") from error
         except (ArithmeticError, ValueError) as error:
@@ -161,7 +163,27 @@ def _compiled(text: str) -> CodeType:
     tree = ast.parse(_TERM.sub(_term, plain).strip(), mode="eval")
     if not all(isinstance(node, _NODES) for node in ast.walk(tree)):
         raise SyntaxError
-    return compile(tree, "", "eval")
+    whole = ast.fix_missing_locations(_WholeQuotients().visit(tree))
+    return compile(whole, "", "eval")
+
+
+class _WholeQuotients(ast.NodeTransformer):
+    """Writes DIV and MOD as a call that refuses what controls compute differently."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        self.generic_visit(node)
+        if not isinstance(node.op, ast.FloorDiv | ast.Mod):
+            return node
+        kind = ast.Constant(type(node.op).__name__)
+        return ast.Call(ast.Name("WHOLE", ast.Load()), [kind, node.left, node.right], [])
+
+
+def _whole(kind: str, one: float, other: float) -> float:
+    """DIV or MOD of numbers that are not below 0, or whose quotient is whole."""
+    quotient, rest = divmod(one, other)
+    if rest and min(one, other) < 0.0:
+        raise ValueError("controls differ in how a quotient below 0 is cut off")
+    return rest if kind == "Mod" else quotient
 
 
 def _term(found: re.Match[str]) -> str:

@@ -192,6 +192,8 @@ class KrlProgram(Program):
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"\$\w+(?:\[[^\]]*\])?(?:\.\w+)?\s*=(?!=)[^{]*", self.skip, "skip"),
             (r"&.*", "", "silent"),
+            (r"(?:(?:GLOBAL\s+)?INTERRUPT|TRIGGER)\b.*\bDO\s+(?P<beside>\w+)\s*\(.*", self.beside,
+             "skip"),
             (r"(?:ELSE|CASE|DEFAULT|CONTINUE|GLOBAL|INTERRUPT|DECL|STRUC|ENUM|BRAKE|EXT|ANOUT"
              r"|ON_ERROR_PROCEED|SIGNAL|PUBLIC|TRIGGER).*|\w+\s*:", self.skip, "skip"),
             (r"(?P<called>\w+)\s*(?:\((?P<arguments>.*)\))?", self.call, "call"),
@@ -245,12 +247,20 @@ class KrlProgram(Program):
 
     # ------------------------------------------------------------ frames and speeds
 
+    def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
+        """A setting runs or not; a base that it would state has no pose."""
+        bases = dict(self.bases)
+        super().unsettle(line, text, match, why)
+        changed = {key for key, value in self.bases.items() if value is not bases.get(key)}
+        self.bases |= {key: (f"base {key} that {why} (line {line})", None) for key in changed}
+
     def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
         self.listing.refuse_calls(line, match["value"])
         self.moves.noted(line, match["word"], kind)
 
     def _speed(self, line: int, match: re.Match[str]) -> None:
         self._stated(line, match, "speed")
+        self.values.names["_vel"] = {"cp": self.moves.feed}
         self.moves.feed = self.values.number(match["value"])
 
     def _speeds(self, line: int, match: re.Match[str]) -> None:

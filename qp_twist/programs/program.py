@@ -48,6 +48,7 @@ class Program:
         self.listing = Listing(self.language, self.grammar(), values, strict=moves.strict)
         self._called: set[str] = set()
         self._running: list[str] = []
+        self._threads: dict[str, Statements] = {}
         self._count = 0
         self._unknown: dict[str, list[int]] = {}
 
@@ -230,6 +231,7 @@ class Program:
             return self.run(body)
         if role == "never":
             self.moves.noted(line, match[0], "passed")
+            self._threads[self.values.key(match.groupdict().get("name") or "")] = body
             self.values.shared |= {*map(self.values.base, self.listing.assigning(body))}
             return ""
         if role == "for ever" and not any(
@@ -266,7 +268,35 @@ class Program:
             )
         for name, number in self.listing.assigning(body).items():
             self.values.forget(name, f"{name} (line {number}) depends on {shown(begin)}")
+        for number, text, match, effect in self.listing.reached(body):
+            if effect in ("setting", "speed"):
+                self.unsettle(number, text, match, f"depends on {shown(begin)} of line {line}")
         self.moves.noted(line, begin.split(maxsplit=1)[0], "passed")
+
+    def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
+        """A setting runs or not: the frame or the speed that it would set is not known."""
+        act, moves = self.listing.act(text)[0], self.moves
+        frame, feed = moves.frame, moves.feed
+        if not isinstance(act, str):
+            act(line, match)
+        if moves.frame is not frame:
+            moves.frame = f"a frame that {why} (line {line})", None
+        elif moves.feed != feed:
+            moves.feed = math.nan
+        moves.note(f"{shown(text)} (line {line}) {why}, which is not decided in the file")
+
+    def beside(self, line: int, match: re.Match[str]) -> None:
+        """What may run beside the program, or interrupt it: group ``beside``."""
+        name = self.values.key(match["beside"])
+        own = self.listing.procedures.get(name)
+        body = own.body if own else self._threads.get(name, [])
+        if moving := self.listing.moving(body, ("joint", "path")):
+            raise refuse(
+                line, match[0],
+                f"runs {shown(moving[1])} of line {moving[0]} beside the program; threads and "
+                "interrupts that move are not read.",
+            )  # fmt: skip
+        self.skip(line, match)
 
     def parameter(self, words: Sequence[str]) -> str:
         """The name of a parameter, before its kind or default value."""

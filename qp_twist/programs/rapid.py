@@ -130,7 +130,7 @@ class RapidModule(Program):
     language = Language(
         opens=(
             (r"MODULE\b.*", "ENDMODULE", "once"), (r"RECORD\b.*", "ENDRECORD", "never"),
-            (r"(?:LOCAL\s+)?TRAP\b.*", "ENDTRAP", "never"),
+            (r"(?:LOCAL\s+)?TRAP\s+(?P<name>\w+)", "ENDTRAP", "never"),
             (_PROCEDURE, "END(?:PROC|FUNC)", "procedure"),
             (r"WHILE\s+\(?\s*TRUE\s*\)?\s*DO", "ENDWHILE", "for ever"),
             (r"FOR\s+(?P<name>\w+)\s+FROM\b(?P<first>.*)\bTO\b(?P<last>.*?)"
@@ -167,6 +167,7 @@ class RapidModule(Program):
             (_DATA, self._data, "assigns"),
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"(?:ELSE|ELSEIF|CASE|DEFAULT)\b.*", self.skip, "skip"),
+            (r"CONNECT\b.*\bWITH\s+(?P<beside>\w+)", self.beside, "skip"),
             (rf"(WaitTime)(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait, "pause"),
             *self.noting(_NOTED),
             (r"(?:SyncMove\w*|WaitSyncTask|Trigg[A-Z]\w*|CirPathMode|WZ\w+)\b.*", self.skip,

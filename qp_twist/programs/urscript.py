@@ -21,7 +21,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import Statements, by_name, refuse, shown, split, without_texts
+from qp_twist.programs.statements import Statements, by_name, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import LARGEST_NUMBER, Pose, Unknown, Values, list_literal
 
@@ -183,7 +183,6 @@ class Script(Program):
         self.values.names |= {"True": True, "False": False, "pi": math.pi}
         moves.frame = "the robot's base", mink.SE3.identity()
         self._blended = False
-        self._threads: dict[str, Statements] = {}
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, words that move nothing, variables, calls."""
@@ -198,7 +197,7 @@ class Script(Program):
             (r"(sleep)\s*\((.*)\)", self.wait, "pause"),
             (r"(stopj)\s*\((.*)\)", self._stop, "passed"),
             *self.noting(_NOTED),
-            (r"(?:.*=\s*)?run\s+(?P<thread>\w+)\s*\(.*", self._run_thread, "skip"),
+            (r"(?:.*=\s*)?run\s+(?P<beside>\w+)\s*\(.*", self.beside, "skip"),
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"(?:(?:global|local|run|join|kill)\b|\$).*|\w+|stopl\s*\(.*", self.skip, "skip"),
             (r"(?P<called>\w+)\s*\((?P<arguments>.*)\)", self.call, "call"),
@@ -210,23 +209,6 @@ class Script(Program):
         if not self.moves.strict:
             return super().first(uncalled)
         return [] if self._count > len(self.listing.procedures) else uncalled
-
-    def _block(
-        self, line: int, role: str, match: re.Match[str], body: Statements, closing: re.Match[str]
-    ) -> str:
-        if role == "never":
-            self._threads[match["name"]] = body
-        return super()._block(line, role, match, body, closing)
-
-    def _run_thread(self, line: int, match: re.Match[str]) -> None:
-        body = self._threads.get(match["thread"], [])
-        if moving := self.listing.moving(body, ("joint", "path")):
-            raise refuse(
-                line, match[0],
-                f"runs {shown(moving[1])} of line {moving[0]} beside the program; threads that "
-                "move are not read.",
-            )  # fmt: skip
-        self.skip(line, match)
 
     def _given(self, line: int, match: re.Match[str]) -> dict[str, str]:
         self.listing.refuse_calls(line, match["arguments"])

@@ -214,6 +214,10 @@ class Values:
                     f"are not read; write {one}/{other}.0 if both may be REAL"
                 )
             return one // other
+        if sign in (ast.FloorDiv, ast.Mod) and one % other and min(one, other) < 0:
+            raise Unknown(
+                f"languages differ in how the quotient of {one:g} and {other:g} is cut off"
+            )
         return _OPERATORS[sign](one, other)
 
     def _typed(self, target: str, value: Any) -> Any:

@@ -382,6 +382,7 @@ def test_without_control_of_the_tip_rapid_motions_lead_to_an_unknown_place(tmp_p
         ("G90.1 G2 X2 I1.5", "G90.1: the centre needs both I and J"),
         ("G28 Z0\nG17 G2 X5 R9", "line 5: G2: where the tool is in Z is not known"),
         ("G28\nG91 X5", "line 5: X is relative to a position that is not known"),
+        ("R1=-7 MOD 4\nX=R1", "controls differ in how a quotient below 0 is cut off"),
         ("G53 Z0\nG2 X2 I.5", "line 5: G2: where the tool is in Z is not known"),
     ],
 )  # fmt: skip

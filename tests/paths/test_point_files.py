@@ -37,6 +37,10 @@ JOINTS = "waypoints:\n- {x: 1, y: 2, z: 3}\n- {config: [0.1, 0.2, 0.3, 0.4, 0.5,
         ("a.yaml", "".join(
             f"- header: {{frame_id: '{frame}'}}\n  pose: {{position: {{x: {k}, y: 2, z: 3}}}}\n"
             for k, frame in enumerate(("base", "tool", "base"))), "are in frames base and tool"),
+        ("a.yaml", "".join(
+            f"- header:\n    frame_id:\n      {frame}\n  pose: {{x: {k}, y: 2, z: 3}}\n"
+            for k, frame in enumerate(("base", "tool", "base"))), "are in frames base and tool"),
+        ("a.csv", "header.frame_id,x_m,y_m,z_m\na,0,0,0\nb,1,0,0\n", "are in frames a and b"),
         ("a.csv", "x_mm,y_mm,z_mm,tx,ty,tz\n0,0,0,1,0,0\n9,0,0,1,0,0\n", "which no column states"),
         ("a.txt", "transforms:\n- child_frame_id: tool\n", "TF. are those of all frames"),
         ("a.db3", "SQLite format 3\0", "its content cannot be read"),
@@ -280,6 +284,14 @@ def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
         read_toolpath(path)
 
 
+def test_a_second_axis_that_turns_back_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "zigzag.csv"
+    rows = "".join(f"{10 * k},0,4,0,0,1,{(1, 1, -1, -1, 1)[k]},0,0\n" for k in range(5))
+    path.write_text(f"x_mm,y_mm,z_mm,nx,ny,nz,tx,ty,tz\n{rows}", encoding="utf-8")
+    notes = " ".join(read_toolpath(path).notes)
+    assert "turn by more than 90 degrees from a point to the next (line 4 and 1 more)" in notes
+
+
 @pytest.mark.parametrize(
     ("types", "expected"),
     [
@@ -292,11 +304,12 @@ def test_a_column_of_motions_parts_rapid_ways_from_cuts(tmp_path: Path) -> None:
             "line 4, column 'type': 'seam' is no type of motion.* leave it out",
         ),
         ("G0,G1,2,G0,G0,G1", "line 4, column 'type': an arc.* leave it out"),
-        ("a,b,b,a,a,b", "not used: column 'type'"),
+        ("a,b,b,a,a,b", "line 2, column 'type': 'a' is no type of motion.* leave it out"),
+        ("a,a,a,a,a,a", "not used: column 'type'"),
         ("1,2,3,4,5,6", "not used: column 'type'"),
     ],
 )
-def test_types_of_motions_are_all_known_or_none_is(
+def test_types_of_motions_are_all_known_or_all_the_same(
     tmp_path: Path, types: str, expected: str
 ) -> None:
     path = tmp_path / "moves.csv"

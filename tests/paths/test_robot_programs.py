@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 from pathlib import Path
 
 import numpy as np
@@ -313,8 +314,21 @@ def between(line: str) -> str:
          "line 5: .*a program runs that is not beside the file"),
         ("a.ls", fanuc(TP_MOVES.format("2:IF (DI[1]=ON) THEN ;\n CALL PART ;\n ENDIF ;")),
          "runs or not by 'IF"),
+        ("a.src", between("IF $IN[1] THEN\n$BASE=BASE_DATA[2]\nENDIF"),
+         "line 7: it moves in a frame that depends on 'IF .IN.1. THEN' of line 4"),
+        ("a.src", "DEF path( )\nBASE_DATA[2]=$NULLFRAME\n$BASE=BASE_DATA[2]\n" + LIN.format(1)
+         + "IF $IN[1] THEN\nBASE_DATA[2]={X 1,Y 0,Z 0,A 0,B 0,C 0}\nENDIF\n$BASE=BASE_DATA[2]\n"
+         + LIN.format(2) + "END\n", "line 9: it moves in base 2 that depends on 'IF"),
+        ("a.src", between("INTERRUPT DECL 5 WHEN $IN[1]==TRUE DO GO_OUT()").replace("DEF", (
+            "DEF MAIN()\nPATH()\nEND\nDEF GO_OUT()\n" + LIN.format(9) + "END\nDEF"), 1),
+         "line 10: .*interrupts that move are not read"),
+        ("a.mod", rapid("CONNECT i WITH t;\n" + move(0) + move(1),
+                        "TRAP t\n" + move(2) + "ENDTRAP\n"),
+         "line 10: .*runs 'MoveL p2.*' of line 7 beside the program"),
+        ("a.mod", rapid("n:=-7 DIV 2;\n" + move(0) + "MoveL Offs(p1,n,0,0),v1,fine,tool0;",
+                        "VAR num n;\n"), "how the quotient of -7 and 2 is cut off"),
         ("a.script", f"def a():\n thread T():\n  movel(p[0.9,0,0,0,0,0])\n end\n{SCRIPT_MOVES}"
-                     " t = run T()\nend\n", "line 7: .*threads that move are not read"),
+                     " t = run T()\nend\n", "line 7: .*beside the program; threads and"),
         ("a.script", f"def a():\n q=[0,0,0,0]+[1]\n{SCRIPT_MOVES} movel(p[q[4],0,0,0,0,0])\nend",
          "sums and products of lists are not read"),
     ],
@@ -357,6 +371,8 @@ def test_counters_vectors_and_integers_are_those_of_the_language(
 @pytest.mark.parametrize(
     ("name", "text", "feeds"),
     [
+        ("a.src", between("$VEL.CP=$VEL.CP*2"), [0.2]),
+        ("a.src", between("IF $IN[1] THEN\n$VEL.CP=0.3\nENDIF"), [math.nan]),
         ("a.src", between("$VEL={CP 0.05,ORI1 200,ORI2 200}"), [0.05]),
         ("a.src", krl(LIN.format(1) + f"SPLINE WITH $VEL.CP=0.3\nS{LIN.format(2)}ENDSPLINE\n"
                       + LIN.format(3)), [0.3, 0.1]),
@@ -370,8 +386,14 @@ def test_speeds_of_records_splines_and_registers_count(
     tmp_path: Path, name: str, text: str, feeds: list[float]
 ) -> None:
     [curve] = read(tmp_path, name, text).curves
-    assert curve.feeds is not None
-    assert curve.feeds[1:] == pytest.approx(feeds)
+    found = np.full(len(curve), np.nan) if curve.feeds is None else curve.feeds
+    assert found[1:] == pytest.approx(feeds, nan_ok=True)
+
+
+def test_a_tool_that_is_set_or_not_is_said(tmp_path: Path) -> None:
+    tool = "IF $IN[1] THEN\n$TOOL=TOOL_DATA[2]\nENDIF"
+    assumed = read(tmp_path, "a.src", between(tool)).assumptions
+    assert any("(line 5) depends on 'IF $IN[1] THEN' of line 4" in each for each in assumed)
 
 
 def test_a_wait_that_may_jump_is_taken_to_be_met(tmp_path: Path) -> None:
