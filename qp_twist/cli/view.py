@@ -47,4 +47,4 @@ def view(
         except KeyboardInterrupt:
             cli.say("ended.")
         finally:
-            page.server.stop()
+            page.stop()

@@ -139,9 +139,10 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
     JJᵀ = H⁻¹ serves the duality gap.
     """
     n, hardest, steepest, furthest, left, held = len(x), 1e-300, 0.0, 0.0, 0.0, 0.0
-    slope = c + box
+    slope, pull, push, most = c + box, np.zeros(n), np.zeros(n), 0.0
     for i in range(n):
         steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
+        most = max(most, abs(c[i]), abs(box[i]))
         for j in range(n):
             hardest = max(hardest, abs(H[i, j]))
             slope[i] += H[i, j] * x[j]
@@ -155,7 +156,7 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
         gap -= y[row] * total
         off, largest_b = max(off, abs(total)), max(largest_b, abs(b[row]))
         for i in range(n):
-            slope[i] += y[row] * A[row, i]
+            pull[i] += y[row] * A[row, i]
     for row in range(len(g)):
         total, terms = _residual(G, g, x, row)
         over = max(over, total)
@@ -164,17 +165,19 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
             held += lam[row] * max(-total, 0.0)
             lost += ROUNDING * lam[row] * terms
             for i in range(n):
-                slope[i] += lam[row] * G[row, i]
+                push[i] += lam[row] * G[row, i]
+    for i in range(n):
+        slope[i] += pull[i] + push[i]
+        left, most = max(left, abs(slope[i])), max(most, abs(pull[i]), abs(push[i]))
     for column in range(n):
         along = 0.0
-        left = max(left, abs(slope[column]))
         for i in range(n):
             along += J[i, column] * slope[i]
         gap += 0.5 * along * along
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
     worst = max(off / (EQUALITY_TOLERANCE * (1.0 + largest_b)), over / (BOUND_TOLERANCE * reach))
-    worst = max(worst, left / (OPTIMALITY_TOLERANCE * hardest * reach))
+    worst = max(worst, left / (OPTIMALITY_TOLERANCE * hardest * reach + ROUNDING * most))
     worst = max(worst, held / (GAIN_TOLERANCE * cost + lost))
     return max(worst, gap / (GAP_TOLERANCE * cost + lost))
 

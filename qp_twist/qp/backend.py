@@ -17,9 +17,10 @@ from qp_twist.qp.verification import Multipliers
 
 # Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
 # its velocity limit, ProxQP stops at an error of 1e-3, and without its duality gap at points with
-# 1e7 times the gradient allowed. DAQP's 1e-6 on bounds is a visible angle.
+# 1e7 times the gradient allowed. DAQP's 1e-6 on bounds is a visible angle, and it says
+# infeasible where rows fix a bound's unknown up to an angle of 3e-6 (``sing_tol`` is its square).
 SETTINGS: dict[str, dict[str, Any]] = {
-    "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11},
+    "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11, "sing_tol": 1e-14},
     "proxqp": {
         "eps_abs": 1e-9,
         "eps_rel": 0.0,

@@ -38,6 +38,7 @@ from qp_twist.kernel.constants import (
     SCALE_BACKOFF,
     SOFT,
     STILL,
+    WHOLE,
     WORTH,
 )
 from qp_twist.qp.directions import Directions
@@ -196,7 +197,9 @@ def _at_largest_scale(
 ) -> Found | Refused | None:
     """The solution at the largest scale less a share of 1e-8, clear of the very edge.
 
-    Steps that are repeated until a waypoint is reached, and single ones, take the largest scale.
+    Steps that are repeated until a waypoint is reached, and single ones, take the largest scale. Of
+    a task that has to be slowed down, a backend that finds nothing so near the edge leaves the
+    solution with the scale; one that fits it has to solve.
     """
     n = problem.n
     program, unit = programs.scaled(LARGEST)
@@ -207,13 +210,11 @@ def _at_largest_scale(
     of_costs = OF_COSTS * per_scale * largest(problem.H @ x + first.free(problem.c))
     box, rows = per_scale * found.multipliers.box[:n], per_scale * found.multipliers.rows
     box, rows = (np.where(np.abs(v) > of_costs, v, 0.0) for v in (box, rows))
-    scale = min(float(found.x[n]) * unit, 1.0) * (1.0 - SCALE_BACKOFF)
-    slower = solve(programs.posed(scale), solver, options)
-    return (
-        slower
-        if isinstance(slower, Refused)
-        else Found(slower.x, scale, 0.0, box, rows, slower.solver)
-    )
+    scale = min(float(found.x[n]) * unit, 1.0)
+    slower = solve(programs.posed(scale * (1.0 - SCALE_BACKOFF)), solver, options)
+    if isinstance(slower, Refused):
+        return Found(x, scale, 0.0, box, rows, found.solver) if scale < WHOLE else slower
+    return Found(slower.x, scale * (1.0 - SCALE_BACKOFF), 0.0, box, rows, slower.solver)
 
 
 def rest_fits(problem: QuadraticProgram) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import warnings
 
 from qp_twist.kinematics import JointRanges
 from qp_twist.pages.local_server import LocalServer
@@ -97,4 +98,9 @@ class Page:
     def close(self) -> None:
         """End the server and the session's worker."""
         self.session.close()
+        self.stop()
+
+    def stop(self) -> None:
+        """End the server; viser warns of every slider that was moved at that moment."""
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection", UserWarning)
         self.server.stop()
