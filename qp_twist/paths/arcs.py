@@ -133,11 +133,14 @@ class Arc(NamedTuple):
                 f"{MOST_POINTS} points are read; allow a larger arc_error"
             )
         shares = np.arange(1, count + 1) / count
-        angles = (self.sweep * shares)[:, None]
-        around = np.cos(angles) * u + np.sin(angles) * cross(self.axis, u)
         radii = r_start + shares * (r_end - r_start)
-        heights = (s + shares[:, None] * (e - s)) @ self.axis
-        points = self.centre + radii[:, None] * around + heights[:, None] * self.axis
+        angles, rise = self.sweep * shares, float((e - s) @ self.axis)
+        around = [
+            radii * np.cos(angles),
+            radii * np.sin(angles),
+            float(s @ self.axis) + shares * rise,
+        ]
+        points = np.array(around).T @ np.array([u, cross(self.axis, u), self.axis]) + self.centre
         points[-1] = self.end
         return points, shares
 

@@ -328,9 +328,8 @@ class MachineTool:
         )
         if motion is None:
             return
-        last = self.out.rows[-1]
         moved = self.frame.whole.apply(first) if self.frame.changed else first
-        self.out.rows[-1] = last._replace(position=tuple(moved.tolist()))
+        self.out.rows[-1].positions[-1] = moved
         with self._own_feed("the feed of a corner", corner.feed):
             if corner.kind == "R":
                 self._add(*self.out.divide_arc(motion), begin, cut=True)
@@ -355,21 +354,25 @@ class MachineTool:
     def _add(self, points: Array, shares: Array, begin: dict[str, float], *, cut: bool) -> None:
         """Add the points of a motion at some shares of it; in a cut those that differ."""
         rows, of_shares = self.out.rows, shares.tolist()
-        directions = [self._direction(begin, share) for share in of_shares]
+        if begin is self.axis.angles:
+            directions = [self._direction(begin, 1.0)] * len(of_shares)
+        else:
+            directions = [self._direction(begin, share) for share in of_shares]
         if not self._of_tip():
             stations = zip(of_shares, points.tolist(), strict=True)
             points = np.array([self.axis.tip(begin, share, point) for share, point in stations])
         if self.frame.changed:
             points = self.frame.whole.apply(points)
         if rows and cut:
-            ways = pairwise([rows[-1].position, *points.tolist()])
+            ways = pairwise([rows[-1].positions[-1].tolist(), *points.tolist()])
             lengths = [math.dist(one, other) for one, other in ways]
-            turns = pairwise([rows[-1].direction, *directions])
+            turns = pairwise([rows[-1].directions[-1], *directions])
             keep = [k for k, (one, other) in enumerate(turns)
                     if lengths[k] >= SAME_POINT or one != other]  # fmt: skip
             self.out.feeds.take_motion(sum(lengths))
-            points, directions = points[keep], [directions[k] for k in keep]
-        self.out.add([*points], directions, rapid=not cut)
+            if len(keep) < len(points):
+                points, directions = points[keep], [directions[k] for k in keep]
+        self.out.add(points, directions, rapid=not cut)  # type: ignore[arg-type]
 
 
 def _point(at: dict[str, float]) -> Array:

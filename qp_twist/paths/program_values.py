@@ -17,6 +17,8 @@ LOCALS = 33
 NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _NAME = r"#\s*(?:<[^<>]*>|[0-9]+)|(?<![A-Z0-9_.])(?:R|Q[LR]?)[0-9]+"
 _TERM = re.compile(rf"({_NAME})|(?<![A-Z0-9_.])(?:[0-9]+\.?[0-9]*|\.[0-9]+)")
+_PLACED = re.compile(rf"({_NAME})|\$([0-9]+)")
+"""A variable, or the place of a number."""
 _OPERATORS = {
     "MOD": "%", "DIV": "//", "EQ": "==", "NE": "!=", "GT": ">", "GE": ">=", "LT": "<", "LE": "<=",
     "AND": " and ", "OR": " or ",
@@ -32,7 +34,7 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "LN": math.log, "FIX": math.floor, "FUP": math.ceil, "INT": math.trunc, "TRUNC": math.trunc,
     "ROUND": lambda v: math.floor(abs(v) + 0.5) * math.copysign(1.0, v),
 }  # fmt: skip
-_BARE = re.compile(rf"\b(?!ATAN2\s*\()({'|'.join(FUNCTIONS)})\s*([+-]?\s*(?:{_NAME}|[0-9.]+))")
+_BARE = re.compile(rf"\b(?!ATAN2\s*\()({'|'.join(FUNCTIONS)})\s*([+-]?\s*(?:{_NAME}|\$[0-9]+))")
 """Klartext: a function of a term without brackets."""
 _QUOTIENT = re.compile(r"ATAN\s*(\((?:[^()]|\([^()]*\))*\))\s*/\s*(\((?:[^()]|\([^()]*\))*\))")
 """FANUC and LinuxCNC: ATAN[y]/[x]."""
@@ -95,10 +97,23 @@ class Variables:
 
     def value(self, text: str) -> float:
         """The value of an expression."""
-        known = {"V": self.get, "I": lambda number: self.get(f"#{round(number)}")}
+        numbers = list[float]()  # which differ where the formula does not: it is compiled once
+
+        def taken(found: re.Match[str]) -> str:
+            if found[1]:
+                return found[0]
+            numbers.append(float(found[0]))
+            return f"${len(numbers) - 1}"
+
+        known = {"V": self.get, "I": lambda number: self.get(f"#{round(number)}"),
+                 "N": numbers.__getitem__}  # fmt: skip
         try:
             found = float(
-                eval(_compiled(text), {"__builtins__": {}, **FUNCTIONS, "WHOLE": _whole}, known)
+                eval(
+                    _compiled(_TERM.sub(taken, text)),
+                    {"__builtins__": {}, **FUNCTIONS, "WHOLE": _whole},
+                    known,
+                )
             )
         except (SyntaxError, NameError, TypeError, RecursionError, MemoryError) as error:
             raise InvalidInput(f"{shortened(text)!r} is not computed") from error
@@ -160,7 +175,7 @@ def _compiled(text: str) -> CodeType:
     plain = text.replace("[", "(").replace("]", ")").replace("^", "**").replace("<>", "!=")
     plain = _BARE.sub(r"\1(\2)", _QUOTIENT.sub(r"ATAN(\1,\2)", plain))
     plain = _OPERATOR.sub(lambda found: _OPERATORS[found[1]], re.sub(r"#\s*\(", "I(", plain))
-    tree = ast.parse(_TERM.sub(_term, plain).strip(), mode="eval")
+    tree = ast.parse(_PLACED.sub(_term, plain).strip(), mode="eval")
     if not all(isinstance(node, _NODES) for node in ast.walk(tree)):
         raise SyntaxError
     whole = ast.fix_missing_locations(_WholeQuotients().visit(tree))
@@ -187,8 +202,8 @@ def _whole(kind: str, one: float, other: float) -> float:
 
 
 def _term(found: re.Match[str]) -> str:
-    """A variable or a number as Python writes it."""
-    return f"V({_name(found[1])!r})" if found[1] else repr(float(found[0]))
+    """A variable or a number as Python gets it."""
+    return f"V({_name(found[1])!r})" if found[1] else f"N({found[2]})"
 
 
 def _name(text: str) -> str:

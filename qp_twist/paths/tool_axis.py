@@ -263,10 +263,11 @@ class ToolAxis:
         found = []
         if self.rotary is not None and self.stated:
             first = "(0, 0, 1) throughout"
-            leaning = (row for row in self._out.rows if row.direction[2] < 1.0 - 1e-12)
-            if (row := next(leaning, None)) is not None:
-                vector = ", ".join(f"{value:.4g}" for value in row.direction)
-                first = f"({vector}) in line {row.line}, the first that leans"
+            axes = ((row.line, axis) for row in self._out.rows for axis in row.directions)
+            leaning = next((each for each in axes if each[1][2] < 1.0 - 1e-12), None)
+            if leaning is not None:
+                vector = ", ".join(f"{value:.4g}" for value in leaning[1])
+                first = f"({vector}) in line {leaning[0]}, the first that leans"
             why = f" ({self._assumed}; {self._out.options.option('rotary')} for another)"
             found.append(
                 f"tool axes are those of the rotary axes by {self.rotary}"

@@ -62,13 +62,13 @@ class ProgramWords(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A point of a file (m) and the motion that leads to it, in its line, from 1.
+    """The points to which a motion leads, m, (N, 3), their directions, and its line, from 1.
 
-    The feed is in m/s, NaN without one. Where it ``begins``, the motion to it is not known.
+    The feed is in m/s, NaN without one. Where it ``begins``, the motion to the first is not known.
     """
 
-    position: tuple[float, ...]
-    direction: tuple[float, ...]
+    positions: Array
+    directions: Sequence[Sequence[float]]
     line: int
     feed: float = math.nan
     rapid: bool = False
@@ -156,6 +156,7 @@ class ProgramBuilder:
         self._likely: tuple[LengthUnit, str] | None = None
         self.name = ""
         self.rows: list[Row] = []
+        self._count = 0
         self._begins = False
         self._frame: object = None
         self._passed: dict[str, list[int]] = {}
@@ -259,20 +260,27 @@ class ProgramBuilder:
         """
         feed = math.nan if rapid else self.feeds.now()
         self._rapids += rapid
-        if len(self.rows) + len(points) > MOST_POINTS:
+        last = self.rows[-1] if self.rows else None
+        if (
+            rapid
+            and not self._begins
+            and last
+            and last.rapid
+            and _same_place(points, directions, last)
+        ):
+            return  # the tool is there
+        self._count += len(points)
+        if self._count > MOST_POINTS:
             raise TooManyPoints(
                 f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
                 "included; divide it into several files"
             )
-        for point, direction in zip(points, directions, strict=True):
-            begins = self._begins
-            row = Row(tuple(point.tolist()), tuple(direction), self.line, feed, rapid, begins,
-                      self.name)  # fmt: skip
-            last = self.rows[-1] if self.rows else None
-            if rapid and not begins and last and last.rapid and _same_place(row, last):
-                continue  # the tool is there
-            self._begins = False
+        if len(points):
+            row = Row(
+                np.asarray(points), directions, self.line, feed, rapid, self._begins, self.name
+            )
             self.rows.append(row)
+            self._begins = False
 
     def divide_arc(self, arc: Arc) -> tuple[Array, Array]:
         """The ends of an arc's chords, and their shares of its angle."""
@@ -319,14 +327,19 @@ class ProgramBuilder:
         rows = self.rows
         if not rows:
             return []
+        counts = [len(row.positions) for row in rows]
         points = Points(
-            np.array([row.position for row in rows], dtype=np.float64),
-            np.array([row.direction for row in rows], dtype=np.float64).reshape(len(rows), -1),
-            np.array([row.line for row in rows], dtype=np.int64),
-            np.array([row.feed for row in rows], dtype=np.float64),
+            np.concatenate([row.positions for row in rows]),
+            np.array([direction for row in rows for direction in row.directions]),
+            np.repeat([row.line for row in rows], counts),
+            np.repeat([row.feed for row in rows], counts),
         )
-        rapid, begins = np.array([(row.rapid, row.begins) for row in rows]).T
-        return curves_between_rapids(points, [row.name for row in rows], rapid, begins)
+        names = [row.name for row in rows for _ in row.directions]
+        begins = np.zeros(len(names), dtype=bool)
+        begins[np.cumsum([0, *counts[:-1]])] = [row.begins for row in rows]
+        return curves_between_rapids(
+            points, names, np.repeat([row.rapid for row in rows], counts), begins
+        )
 
     def _assumptions(self, *, has_axis: bool, sense: str) -> Iterator[str]:
         """What was assumed about units, axes, rapid motions, arcs and words."""
@@ -363,9 +376,12 @@ class ProgramBuilder:
         return [f"{said} ({count}): {', '.join(words)}."] if words else []
 
 
-def _same_place(row: Row, other: Row) -> bool:
-    """Whether the tool is where it is at another row."""
-    return row.direction == other.direction and math.dist(row.position, other.position) < SAME_POINT
+def _same_place(points: Sequence[Array], directions: Sequence[Sequence[float]], last: Row) -> bool:
+    """Whether a motion leads to where the tool is."""
+    place, turned = last.positions[-1], last.directions[-1]
+    return all(direction == turned for direction in directions) and all(
+        math.dist(point, place) < SAME_POINT for point in points
+    )
 
 
 def times(count: int) -> str:

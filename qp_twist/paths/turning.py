@@ -35,7 +35,11 @@ def vectors_at(a: Array, b: Array, shares: Array) -> Array:
         b: At the share 1, not opposite to a.
         shares: Of the angle, (N,).
     """
-    found: Array = Rotation.from_rotvec(shares[:, None] * geodesic(a, b)).apply(a)
+    turn = geodesic(a, b)
+    angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+    ahead = np.cross(turn, a) / np.where(angle > 0.0, angle, 1.0)  # a is perpendicular to the turn
+    angles = shares[:, None] * angle
+    found: Array = np.cos(angles) * a + np.sin(angles) * ahead
     return found
 
 

@@ -29,16 +29,19 @@ def refuse(line: int, text: str, why: str) -> InvalidInput:
     return InvalidInput(f"{shown(text)}: {why}", line=line)
 
 
+_MARKS = re.compile(r"[,\[\](){}]")
+
+
 def split(text: str) -> list[str]:
     """Arguments at commas outside brackets; one empty text for nothing."""
-    parts, depth = [""], 0
-    for piece in text.split(","):
-        if depth:
-            parts[-1] += f",{piece}"
-        else:
-            parts.append(piece)
-        depth += sum(map(piece.count, "[({")) - sum(map(piece.count, "])}"))
-    return [part.strip() for part in parts[1:]]
+    parts, depth, begin = [], 0, 0
+    for mark in _MARKS.finditer(text):
+        if mark[0] != ",":
+            depth += 1 if mark[0] in "[({" else -1
+        elif not depth:
+            parts.append(text[begin : mark.start()].strip())
+            begin = mark.end()
+    return [*parts, text[begin:].strip()]
 
 
 _NAMED = re.compile(r"([A-Za-z_]\w*)\s*=\s*(.+)", re.ASCII | re.DOTALL)

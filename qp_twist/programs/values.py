@@ -66,7 +66,8 @@ class Values:
         comparison: Sequence[tuple[str, str]] = (),
     ) -> None:
         """``literal``: what only numbers are, else ``None``; ``comparison``: in Python's words."""
-        self.key, self._translate, self.functions = key, translate, functions
+        self.key, self.functions = key, functions
+        self._translate = lru_cache(maxsize=4096)(translate)
         self._literal, self._comparison = literal, comparison
         self.names: dict[str, Any] = {}
         self.kept: set[str] = set()
@@ -174,10 +175,11 @@ class Values:
         match node:
             case ast.Constant(value):
                 return self._number(value)
-            case ast.Name(name) if name in self.names:
-                if isinstance(self.names[name], Unknown):
-                    raise self.names[name]
-                return self.names[name]
+            case ast.Name(name):
+                found = self.names.get(name, Unknown(f"the file does not state {name}"))
+                if isinstance(found, Unknown):
+                    raise found
+                return found
             case ast.List(elements) | ast.Tuple(elements):
                 return [self._of(element) for element in elements]
             case ast.UnaryOp(sign, operand):
