@@ -43,9 +43,6 @@ class Servo:
     Attributes:
         controller: The controller; the servo sets the targets of the tasks that it is fed for.
         configuration: Where the robot is.
-        period: dt, s.
-        stale_after: Age, s, from which a target counts as missing.
-        stop_within: T, s.
         refused: How many inputs were refused, by reason.
         times: Durations of the ticks.
 
@@ -99,13 +96,14 @@ class Servo:
         instance("controller", controller, Controller)
         check_configuration(configuration)
         self.controller, self.configuration = controller, configuration
-        self.period = period = number("period", period, above=0.0)
-        self.stale_after = number("stale_after", stale_after, at_least=period)
-        self.stop_within = number("stop_within", stop_within, above=0.0)
-        settings = StreamSettings(
-            period, self.stale_after, self.stop_within,
-            _pair("jump", jump), _pair("approach_speed", approach_speed),
-        )  # fmt: skip
+        period = number("period", period, above=0.0)
+        self._settings = settings = StreamSettings(
+            period,
+            number("stale_after", stale_after, at_least=period),
+            number("stop_within", stop_within, above=0.0),
+            _pair("jump", jump),
+            _pair("approach_speed", approach_speed),
+        )
         if clock is not None and not callable(clock):
             raise InvalidInput(f"clock: expected a function that returns seconds, got {clock!r}.")
         self._inputs = NewestInputs(clock or time.monotonic, period, settings.stale_after)
@@ -123,6 +121,21 @@ class Servo:
         self.times = TickTimes(period)
         self._by_joints = JointSteps(controller, configuration, settings)
         controller.load(configuration, period)
+
+    @property
+    def period(self) -> float:
+        """dt, s."""
+        return self._settings.period
+
+    @property
+    def stale_after(self) -> float:
+        """Age, s, from which a target counts as missing."""
+        return self._settings.stale_after
+
+    @property
+    def stop_within(self) -> float:
+        """T, s."""
+        return self._settings.stop_within
 
     @property
     def clock(self) -> Callable[[], float]:

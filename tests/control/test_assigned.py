@@ -100,3 +100,11 @@ def test_a_task_checks_what_it_is_assigned(
 def test_an_objective_checks_what_it_is_assigned(value: Any) -> None:
     with pytest.raises(qt.InvalidInput, match="weight"):
         qt.JointCentering(MODEL).weight = value
+
+
+@pytest.mark.parametrize("name", ["period", "stale_after", "stop_within"])
+def test_the_times_of_a_servo_are_set_when_it_is_made(name: str) -> None:
+    controller, _, configuration = plain_controller("daqp")
+    servo = qt.Servo(controller, configuration)
+    with pytest.raises(AttributeError, match=name):
+        setattr(servo, name, 1.0)
