@@ -31,7 +31,8 @@ _SIMPLE = re.compile(
 _ARGUMENTS = "ABCIJKDEF H M   QRSTUVWXYZ"
 """FANUC: the variable #n of a macro has the n-th letter as its argument."""
 _COMMENT = re.compile(
-    rf"(?<![-+*/=(])(?<!AC|IC|DC){''.join(f'(?<!{name})' for name in FUNCTIONS)}\([^)]*\)|;.*",
+    rf"(?<![-+*/=(])(?<!AC|IC|DC){''.join(f'(?<!{name})' for name in FUNCTIONS)}"
+    r"\((?:[^()]|\([^()]*\))*\)|;.*",
     re.IGNORECASE,
 )
 """A comment; brackets behind an operator or a function are those of a formula of SINUMERIK."""

@@ -55,6 +55,7 @@ class RobotPath(Moves):
         self._waiting: list[tuple[int, str, mink.SE3]] = []
         self._elsewhere: list[int] = []
         self._arcs = self._moved = False
+        self._external: dict[str, float] = {}
 
     def joint(self, move: JointMove) -> None:
         """A joint move: to a pose, or to where the program does not state the tool."""
@@ -89,6 +90,15 @@ class RobotPath(Moves):
         self._add(line, [
             mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
         ])  # fmt: skip
+
+    def external(self, line: int, axes: Mapping[str, float]) -> None:
+        """External axes of a target: whether they carry the frame, the program does not say."""
+        for axis, value in axes.items():
+            if self._external.setdefault(axis, value) != value:
+                self.note(
+                    f"the external axis {axis} moves; the path is that in the frame of the "
+                    "coordinates, wherever it carries that or the robot"
+                )
 
     def noted(self, line: int, word: str, kind: str) -> None:
         """A word that moves nothing."""

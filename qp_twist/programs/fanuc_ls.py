@@ -435,9 +435,9 @@ class TpProgram(Program):
         if not inside:
             return None, None
         axes, frame = _fields(f"P[{number}]", inside, strict=self.moves.strict)
+        external = {axis: value for axis, value in axes.items() if axis[0] in "EG"}
+        self.moves.external(line, external)
         if not {*"XYZ"} & axes.keys():
-            external = {axis: value for axis, value in axes.items() if axis[0] == "E"}
-            self.moves.external(line, external)
             angles = [value for axis, value in sorted(axes.items()) if axis[0] == "J"]
             return angles, None
         if not {*"XYZWPR"} <= axes.keys():
@@ -466,13 +466,13 @@ def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]
 def _fields(point: str, inside: str, *, strict: bool) -> tuple[dict[str, float], str]:
     """The numbers of a point, and its user frame."""
     axes: dict[str, float] = {}
-    frame = ""
+    frame = group = ""
     for match in _FIELD.finditer(inside):
-        frame, axis = match["frame"] or frame, match["axis"]
+        frame, axis = frame if group else match["frame"] or frame, match["axis"]
         if match["group"] not in (None, "1"):
             if strict:
                 raise InvalidInput(f"{point} moves more than one motion group.")
-            break
+            group = f"GP{match['group']} "
         if axis is None:
             continue
         units = {"E": ("deg", "mm"), "X": ("mm",), "Y": ("mm",), "Z": ("mm",)}
@@ -482,11 +482,11 @@ def _fields(point: str, inside: str, *, strict: bool) -> tuple[dict[str, float],
                 f"{point}, {axis}: the unit is {match['unit'] or 'missing'!r}; expected "
                 f"{' or '.join(expected)}."
             )
-        if axis in axes:
+        if group + axis in axes:
             raise InvalidInput(f"{point}: {axis} stands twice.")
         if match["value"][0] == "*":
             raise InvalidInput(f"{point}: {axis} is not taught ({match['value']}).")
-        axes[axis] = float(match["value"])
+        axes[group + axis] = float(match["value"])
     if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
         raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
     return axes, frame

@@ -124,6 +124,9 @@ _UNREAD_WITH = re.compile(
 """What a move may not have after WITH."""
 
 
+_EXTERNAL = re.compile("e[1-6]$")
+
+
 class KrlProgram(Program):
     """The programs of a file.
 
@@ -386,9 +389,9 @@ class KrlProgram(Program):
         if "PTP" in word:
             self._joint(line, parts[0], relative=relative)
         elif "LIN" in word:
-            moves.line(line, self._target(parts[0], relative=relative))
+            moves.line(line, self._target(line, parts[0], relative=relative))
         else:
-            poses = [self._target(part, relative=relative) for part in parts]
+            poses = [self._target(line, part, relative=relative) for part in parts]
             moves.arc(line, poses[0], poses[1], float(sweep["number"]) if sweep else None)
             self._at = None if sweep else self._at
         moves.frame, moves.feed = before
@@ -399,13 +402,13 @@ class KrlProgram(Program):
             found = None if relative else self.values.value(text)
             if isinstance(found, Frame) and "a1" in found:
                 axes = [name.lower() for name in KRL.axis_names]
-                external = {k.upper(): v for k, v in found.items() if re.fullmatch("e[1-6]", k)}
+                external = {k.upper(): v for k, v in found.items() if _EXTERNAL.match(k)}
                 if not {*axes} <= {*found} or len(found) > len(axes) + len(external):
                     raise Unknown(f"expected the axes {', '.join(KRL.axis_names)}, got {text}")
                 self.moves.external(line, external)
                 angles, self._at = [found[axis] for axis in axes], None
             elif not relative and not self.moves.strict:
-                pose = self._target(text)
+                pose = self._target(line, text)
         except Unknown:
             if self.moves.strict:
                 raise
@@ -415,13 +418,17 @@ class KrlProgram(Program):
         else:
             self.spline.segments.append((line, angles))
 
-    def _target(self, text: str, *, relative: bool = False) -> mink.SE3:
+    def _target(self, line: int, text: str, *, relative: bool = False) -> mink.SE3:
         """A target; what it leaves out stays as it was."""
         found = self.values.value(text)
         if not isinstance(found, Frame) or not set(POSE) & set(found):
             raise Unknown(f"expected a position, {{X …,Y …,Z …,A …,B …,C …}}, got {text}")
         if not set(POSE) <= set(found) and self._at is None:
             raise Unknown(f"{text} leaves out some of X, Y, Z, A, B, C; nothing before has them")
+        if not relative:
+            self.moves.external(
+                line, {k.upper(): v for k, v in found.items() if _EXTERNAL.match(k)}
+            )
         at = self._at or Frame()
         if relative and any(found.get(key) for key in "abc"):
             raise InvalidInput(f"{text}: a relative turn is not read; write a position")

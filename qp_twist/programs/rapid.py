@@ -278,8 +278,8 @@ class RapidModule(Program):
         target = self.values.value(text)
         if not isinstance(target, list) or len(target) != 4:
             raise Unknown(f"expected a robtarget, [[x,y,z],[q1,q2,q3,q4],[…],[…]], got {text}")
-        if any(value < 8e9 for value in target[3]):
-            self.moves.noted(line, "external axes", "passed")
+        given = zip("abcdef", target[3], strict=False)
+        self.moves.external(line, {f"eax_{k}": value for k, value in given if value < 8e9})
         return pose_of(target[0], target[1])
 
     def _feed(self, speed: str, options: Mapping[str, str]) -> float:

@@ -401,6 +401,7 @@ def test_what_changes_the_path_or_is_open_is_refused_with_its_line(
         ("#3=6\n#3=9 G1 X#3 Y[#3+1] #4=[#3*2]\nY#4", [[6, 7], [6, 12]]),
         ("R[1]=7\nX=R[1]", [[7, 0]]),
         ("X=SIN(30)*10 (half)", [[5, 0]]),
+        ('($Message("in [Files] #1") )\nX5', [[5, 0]]),
         ("X=ATAN2(1,1)/9 Y=TAN(45)", [[5, 1]]),
         ("X=TRUNC(2.7) Y=10*ABS(-3)-7 MOD 4", [[2, 27]]),
         ("R1=3\nX=R1**2 Y=R1 DIV 2", [[9, 1]]),

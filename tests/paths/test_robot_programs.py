@@ -390,6 +390,26 @@ def test_speeds_of_records_splines_and_registers_count(
     assert found[1:] == pytest.approx(feeds, nan_ok=True)
 
 
+@pytest.mark.parametrize(("second", "moves"), [(0, False), (30, True)])
+def test_external_axes_that_move_are_said(tmp_path: Path, second: int, moves: bool) -> None:
+    """Those that stand still are not, whatever the name of the axis."""
+    target = "[[{},0,300],[0,1,0,0],[0,0,0,0],[{},9E9,9E9,9E9,9E9,9E9]]"
+    lines = [f"MoveL {target.format(k, axis)},v1,fine,tool0;" for k, axis in ((1, 0), (2, second))]
+    group = "GP2:\n UF : 2, UT : 1,\n J1 = {} deg\n}};\nP[{}"
+    text = fanuc("1:L P[1] 1mm/sec FINE COORD ;\n2:L P[2] 1mm/sec FINE COORD ;")
+    text = text.replace("};\nP[2", group.format(0, 2)).replace("};\n/END", (
+        group.format(second, 3).partition("P[3")[0] + "/END"))  # fmt: skip
+    for name, program, axis in (
+        ("a.mod", rapid("\n".join(lines)), "eax_a"),
+        ("a.src", krl("".join(
+            f"LIN {{X {k},Y 0,Z 300,A 0,B 0,C 180,E1 {axis}}}\n" for k, axis in ((1, 0), (2, second))
+        )), "E1"),
+        ("a.ls", text, "GP2 J1"),
+    ):  # fmt: skip
+        assumed = read(tmp_path, name, program).assumptions
+        assert any(f"the external axis {axis} moves" in each for each in assumed) == moves, name
+
+
 def test_a_tool_that_is_set_or_not_is_said(tmp_path: Path) -> None:
     tool = "IF $IN[1] THEN\n$TOOL=TOOL_DATA[2]\nENDIF"
     assumed = read(tmp_path, "a.src", between(tool)).assumptions
