@@ -402,8 +402,8 @@ def test_external_axes_that_move_are_said(tmp_path: Path, second: int, moves: bo
     for name, program, axis in (
         ("a.mod", rapid("\n".join(lines)), "eax_a"),
         ("a.src", krl("".join(
-            f"LIN {{X {k},Y 0,Z 300,A 0,B 0,C 180,E1 {axis}}}\n" for k, axis in ((1, 0), (2, second))
-        )), "E1"),
+            f"LIN {{X {e},Y 0,Z 300,A 0,B 0,C 180,E1 {e}}}\n" for e in (0, second or "0.0")
+        ) + LIN.format(9)), "E1"),
         ("a.ls", text, "GP2 J1"),
     ):  # fmt: skip
         assumed = read(tmp_path, name, program).assumptions
