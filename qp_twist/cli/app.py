@@ -51,6 +51,7 @@ Weight = Annotated[str | None, tyro.conf.arg(metavar="gradient|paper|natural|equ
 Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
+External = Annotated[str | None, tyro.conf.arg(metavar="AXIS=JOINT,…")]
 RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
@@ -78,6 +79,9 @@ SHARED = {
     "of its own (.toml); if omitted, as the task file states it, or recognised by name and "
     "geometry.",
     "as_modelled": "For a program: the controller counts the joints as the model does.",
+    "external": "For a program: the external axis of each joint besides those of the arm, e.g. "
+    "'E1 = rail, E2 = -tilt + 90 deg'; if omitted, as the task file states it, or in the scene's "
+    "order, as the model counts.",
     "force": "Write a program that does not pass, too; its first line stops a controller.",
     "json_": "Print one JSON document on standard output, and nothing else there.",
 }

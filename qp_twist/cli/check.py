@@ -17,6 +17,7 @@ def check(
     axis_tolerance_deg: cli.Degrees = None,
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
+    external: cli.External = None,
     json_: cli.Json = False,
 ) -> None:
     """Verify a joint trajectory, of this package or another tool, against a task.
@@ -24,7 +25,7 @@ def check(
     Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
     """
     path_task = load(task, path)
-    rows = read_motion(trajectory, path_task, robot, as_modelled)
+    rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking"):
         found = check_trajectory(
             rows,

@@ -9,7 +9,7 @@ import tyro
 
 from qp_twist.checks import one_of
 from qp_twist.cli import app as cli
-from qp_twist.cli.path_tasks import failure, load
+from qp_twist.cli.path_tasks import equations, failure, load
 from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file
@@ -22,7 +22,7 @@ from qp_twist.trajectories import (
     write_checked,
     write_trajectory,
 )
-from qp_twist.trajectories.program_trajectory import check_language
+from qp_twist.trajectories.program_trajectory import axis_names, check_language
 
 OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
@@ -37,6 +37,7 @@ def export(
     out: cli.OptionalFile = None,
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
+    external: cli.External = None,
     path: cli.OptionalFile = None,
     force: cli.Flag = False,
     json_: cli.Json = False,
@@ -58,9 +59,10 @@ def export(
     out = _destination(trajectory, to, out)
     cli.check_file(out)
     dialect = dialect_of(out)
-    if dialect is None and (robot is not None or as_modelled or force):
+    if dialect is None and (robot is not None or as_modelled or external or force):
         raise InvalidInput(
-            "--robot, --as-modelled and --force are for programs; a bag has the model's joints."
+            "--robot, --as-modelled, --external and --force are for programs; a bag has the "
+            "model's joints."
         )
     if task is None and (path is not None or force):
         raise InvalidInput("--path and --force are for the check: it needs a task; give it, too.")
@@ -73,7 +75,13 @@ def export(
     rows = read_trajectory(trajectory, names)
     joints = None
     if dialect is not None:
-        joints = joints_of(path_task, rows.joint_names, robot=robot, as_modelled=as_modelled)
+        joints = joints_of(
+            path_task,
+            rows.joint_names,
+            robot=robot,
+            as_modelled=as_modelled,
+            external=equations(external),
+        )
         with of_file(out if named else f"--to {to}"):
             use = f"use --to {joints.program or 'mcap (a bag)'}"
             check_language(dialect, joints, None if named else use)
@@ -94,7 +102,7 @@ def export(
     if joints is not None and dialect is not None:
         if rows.accelerations is not None:
             cli.say("its accelerations are left out: between points the program has own curves")
-        axes = list(joints.equations(dialect.axis_names))
+        axes = list(joints.equations(axis_names(dialect, joints)))
         cli.say(joints.origin + (f" ({joints.source})" if joints.source else ""))
         cli.say(*(f"  {axis}" for axis in axes))
         if written:

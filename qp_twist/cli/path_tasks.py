@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -62,25 +63,41 @@ def method_names(path_task: PathTask, methods: str | None) -> list[str]:
 
 
 def program_joints(
-    path: Path, path_task: PathTask, robot: str | None, as_modelled: bool
+    path: Path, path_task: PathTask, robot: str | None, as_modelled: bool, external: str | None
 ) -> ControllerJoints | None:
     """How the controller counts the joints, for a file that is a program; ``None`` for others."""
     if dialect_of(path) is None:
-        if robot is not None or as_modelled:
+        if robot is not None or as_modelled or external:
             raise InvalidInput(
-                f"{path}: --robot and --as-modelled are for programs ({', '.join(SUFFIXES)}); "
+                f"{path}: --robot, --as-modelled and --external are for programs "
+                f"({', '.join(SUFFIXES)}); "
                 "other files have the model's joints."
             )
         return None
     names = JointRanges.of(path_task.shown.model).names
-    return joints_of(path_task, names, robot=robot, as_modelled=as_modelled)
+    return joints_of(
+        path_task, names, robot=robot, as_modelled=as_modelled, external=equations(external)
+    )
+
+
+def equations(external: str | None) -> list[str]:
+    """The equations of --external."""
+    return [
+        re.sub(r"\s*=\s*", " = ", text.strip())
+        for text in (external or "").split(",")
+        if text.strip()
+    ]
 
 
 def read_motion(
-    trajectory: Path, path_task: PathTask, robot: str | None, as_modelled: bool
+    trajectory: Path,
+    path_task: PathTask,
+    robot: str | None,
+    as_modelled: bool,
+    external: str | None,
 ) -> TimedPath:
     """A trajectory file or robot program of a task."""
-    joints = program_joints(trajectory, path_task, robot, as_modelled)
+    joints = program_joints(trajectory, path_task, robot, as_modelled, external)
     return read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
 
 

@@ -19,6 +19,7 @@ def report(
     axis_tolerance_deg: cli.Degrees = None,
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
+    external: cli.External = None,
 ) -> None:
     """Write a page about one motion: it moves, whether it passes, its time, what it keeps.
 
@@ -34,7 +35,7 @@ def report(
     folder = out or Path("out") / f"{trajectory.stem}_report"
     cli.check_folder(folder)
     path_task = load(task, path)
-    rows = read_motion(trajectory, path_task, robot, as_modelled)
+    rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking and drawing"):
         made = report_motion(
             rows,

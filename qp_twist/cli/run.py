@@ -27,6 +27,7 @@ def run(
     report: cli.Folder = None,
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
+    external: cli.External = None,
     force: cli.Flag = False,
     json_: cli.Json = False,
 ) -> None:
@@ -49,7 +50,7 @@ def run(
         cli.check_folder(report, "--report")
     if out.suffix.lower() not in ENDINGS:
         raise InvalidInput(f"--out {out}: expected a file that ends in {', '.join(ENDINGS)}.")
-    joints = program_joints(out, path_task, robot, as_modelled)
+    joints = program_joints(out, path_task, robot, as_modelled, external)
     if joints is not None:
         check_program(out, joints, path_task)
     elif force:

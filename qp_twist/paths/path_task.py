@@ -93,6 +93,8 @@ class PathTask:
         scene_model: With ``relative_to``: the scene as it stands, which pictures show.
         controller: How programs count the joints: name of a known robot, path of a table of one's
             own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and geometry.
+        external: What external axes show in programs, such as ``"E1 = rail"``; empty: in the
+            scene's order, as the model counts.
 
     Raises:
         InvalidInput: If segments or joint moves do not fit, a constraint cannot be evaluated on a
@@ -131,6 +133,7 @@ class PathTask:
     relative_to: str | None = None
     scene_model: mujoco.MjModel | None = None
     controller: str | None = None
+    external: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, str):

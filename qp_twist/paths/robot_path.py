@@ -61,6 +61,7 @@ class RobotPath(Moves):
         """A joint move: to a pose, or to where the program does not state the tool."""
         self._moved = True
         line, pose = move.line, move.pose
+        self.external(line, move.external)
         if pose is None:
             self._waiting, self._at = [], None
             self._elsewhere.append(line)
@@ -91,9 +92,9 @@ class RobotPath(Moves):
             mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
         ])  # fmt: skip
 
-    def external(self, line: int, axes: Mapping[str, float]) -> None:
+    def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
         """External axes of a target: whether they carry the frame, the program does not say."""
-        for axis, value in axes.items():
+        for axis, (value, _) in axes.items():
             if self._external.setdefault(axis, value) != value:
                 self.note(
                     f"the external axis {axis} moves; the path is that in the frame of the "

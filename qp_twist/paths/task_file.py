@@ -237,6 +237,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         relative_to=carrier,
         scene_model=None if carrier is None else scene,
         controller=stated,
+        external=file.robot.external,
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))

@@ -43,6 +43,11 @@ class RobotSection(Section):
         description="how the controller counts the joints in programs: a known robot's name, a "
         'file with a table of its own (.toml, relative to the task file), or "as modelled"',
     )
+    external: tuple[Name, ...] = Field(
+        default=(),
+        description="what external axes show in programs, for each joint besides those of the arm "
+        'that the path needs: AXIS = JOINT, such as "E1 = rail" or "E2 = -tilt + 90 deg"',
+    )
 
 
 class SegmentSection(ProjectorSection):

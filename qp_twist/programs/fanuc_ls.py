@@ -22,7 +22,7 @@ import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
+from qp_twist.programs.joint_moves import AXES, Beside, Dialect, ExternalColumn, JointMoves
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -32,6 +32,8 @@ from qp_twist.programs.values import Undecided, Unknown, Values, pose_of, zyx_qu
 
 LONGEST = 9999
 """Lines of a program."""
+_GROUP = "GP2_"
+"""What the names of axes of the second motion group begin with: those of a positioner."""
 _REMARK = 32
 """Characters of a remark."""
 _MORE = ".."
@@ -55,7 +57,7 @@ TCD:  STACK_SIZE	= 0,
       BUSY_LAMP_OFF	= 0,
       ABORT_REQUEST	= 0,
       PAUSE_REQUEST	= 0;
-DEFAULT_GROUP	= 1,*,*,*,*;
+DEFAULT_GROUP	= {groups};
 CONTROL_CODE	= 00000000 00000000;
 /MN
 """
@@ -63,7 +65,7 @@ CONTROL_CODE	= 00000000 00000000;
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
-    title = name.upper()
+    title, external = name.upper(), moves.external
     remarks = [f"  !{text} ;" for line in header for text in _remarks(line)]
     last = len(moves.angles)
     statements = []
@@ -73,28 +75,40 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         statements.append((f"J P[{{}}] {speed} {end} ;", moves.angles[point - 1].tolist()))
     room = LONGEST - len(remarks)
     if len(statements) <= room:
-        return {f"{name}.ls": _program(title, remarks, statements)}
+        return {f"{name}.ls": _program(title, remarks, statements, external)}
     count = -(-len(statements) // LONGEST)
     share = -(-len(statements) // count)
     parts = [statements[k : k + share] for k in range(0, len(statements), share)]
     LS.check_name(f"{name}_{len(parts)}")
     calls = [f"  CALL {title}_{number} ;" for number in range(1, len(parts) + 1)]
-    files = {f"{name}.ls": _program(title, [*remarks, *calls], [])}
+    files = {f"{name}.ls": _program(title, [*remarks, *calls], [], external)}
     for number, part in enumerate(parts, start=1):
-        files[f"{name}_{number}.ls"] = _program(f"{title}_{number}", [], part)
+        files[f"{name}_{number}.ls"] = _program(f"{title}_{number}", [], part, external)
     return files
 
 
-def _program(title: str, first: Sequence[str], moves: Sequence[tuple[str, list[float]]]) -> str:
+def _program(
+    title: str, first: Sequence[str], moves: Sequence[tuple[str, list[float]]],
+    external: Sequence[ExternalColumn],
+) -> str:  # fmt: skip
     """The text of a program: statements, then moves and their points."""
+    groups = "1,1,*,*,*" if any(each.name.startswith(_GROUP) for each in external) else "1,*,*,*,*"
     lines = [*first, *(text.format(k) for k, (text, _) in enumerate(moves, start=1))]
-    text = _HEAD.format(name=title, count=len(lines))
+    text = _HEAD.format(name=title, count=len(lines), groups=groups)
     text += "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, start=1))
     text += "/POS\n"
+    names = [*LS.axis_names, *(each.name for each in external)]
+    units = [LS.unit] * AXES + [each.unit for each in external]
     for number, (_, angles) in enumerate(moves, start=1):
-        axes = [f"J{k}= {value:.{LS.decimals}f} deg" for k, value in enumerate(angles, start=1)]
-        text += f"P[{number}]{{\n   GP1:\n\tUF : 0, UT : 1,\n"
-        text += f"\t{', '.join(axes[:3])},\n\t{', '.join(axes[3:])}\n}};\n"
+        values = zip(names, angles, units, strict=True)
+        axes = [f"{name}= {value:.{LS.decimals}f} {unit}" for name, value, unit in values]
+        own = [axis for axis in axes if not axis.startswith(_GROUP)]
+        part = [axis.removeprefix(_GROUP) for axis in axes if axis.startswith(_GROUP)]
+        text += f"P[{number}]{{\n"
+        for group, found in enumerate(filter(None, (own, part)), start=1):
+            rows = [", ".join(found[k : k + 3]) for k in range(0, len(found), 3)]
+            text += f"   GP{group}:\n\tUF : 0, UT : 1,\n\t" + ",\n\t".join(rows) + "\n"
+        text += "};\n"
     return text + "/END\n"
 
 
@@ -399,11 +413,12 @@ class TpProgram(Program):
             moves.rounds(line, zone)
         if "ACC" in match["options"].upper():
             moves.noted(line, "ACC", "speed")
-        angles, pose = self._point(line, match["p"], match["p_number"])
+        angles, pose, external = self._point(line, match["p"], match["p_number"])
         if word == "J":
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
-            moves.joint(JointMove(line, angles, pose, None if math.isnan(seconds) else seconds))
+            timing = None if math.isnan(seconds) else seconds
+            moves.joint(JointMove(line, angles, pose, timing, None, external))
             return
         speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
         moves.feed = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
@@ -415,7 +430,7 @@ class TpProgram(Program):
         elif not match["q"]:
             raise refuse(line, match[0], "expected two points, C P[1] P[2].")
         else:
-            _, end = self._point(line, match["q"], match["q_number"])
+            _, end, _ = self._point(line, match["q"], match["q_number"])
             if end is None:
                 self.refuse(line, match)
             else:
@@ -423,30 +438,28 @@ class TpProgram(Program):
 
     def _point(
         self, line: int, kind: str, number: str
-    ) -> tuple[list[float] | None, mink.SE3 | None]:
-        """The angles or the pose of a point, and its frame; none of a register."""
+    ) -> tuple[list[float] | None, mink.SE3 | None, dict[str, tuple[float, str]]]:
+        """The angles or the pose of a point, and its frame; none of a register; external axes."""
         if kind.upper() == "PR":
-            return None, None
+            return None, None, {}
         if not number.isdecimal():
             number = f"{self.values.value(number):g}"
         inside = self._points[self._file].get(int(number)) if number.isdecimal() else None
         if inside is None:
             raise InvalidInput(f"there is no P[{number}] under /POS", line=line)
         if not inside:
-            return None, None
-        axes, frame = _fields(f"P[{number}]", inside, strict=self.moves.strict)
-        external = {axis: value for axis, value in axes.items() if axis[0] in "EG"}
-        self.moves.external(line, external)
+            return None, None, {}
+        axes, frame, external = _fields(f"P[{number}]", inside, strict=self.moves.strict)
         if not {*"XYZ"} & axes.keys():
-            angles = [value for axis, value in sorted(axes.items()) if axis[0] == "J"]
-            return angles, None
+            return [value for _, value in sorted(axes.items())], None, external
+        self.moves.external(line, external)
         if not {*"XYZWPR"} <= axes.keys():
             raise InvalidInput(f"P[{number}]: expected X, Y, Z in mm and W, P, R in deg", line=line)
         if not frame.isdecimal():
             raise InvalidInput(f"P[{number}] does not state its frame, UF", line=line)
         self.moves.frame = f"UFRAME {frame}", None
         x, y, z, w, p, r = (axes[key] for key in "XYZWPR")
-        return None, pose_of((x, y, z), zyx_quaternion(r, p, w))
+        return None, pose_of((x, y, z), zyx_quaternion(r, p, w)), external
 
 
 def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]:
@@ -463,33 +476,42 @@ def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]
     return name, parts
 
 
-def _fields(point: str, inside: str, *, strict: bool) -> tuple[dict[str, float], str]:
-    """The numbers of a point, and its user frame."""
+def _fields(
+    point: str, inside: str, *, strict: bool
+) -> tuple[dict[str, float], str, dict[str, tuple[float, str]]]:
+    """The numbers of a point, its user frame, and its external axes with their units."""
     axes: dict[str, float] = {}
+    external: dict[str, tuple[float, str]] = {}
     frame = group = ""
     for match in _FIELD.finditer(inside):
         frame, axis = frame if group else match["frame"] or frame, match["axis"]
         if match["group"] not in (None, "1"):
-            if strict:
-                raise InvalidInput(f"{point} moves more than one motion group.")
-            group = f"GP{match['group']} "
+            if strict and (match["group"] != "2" or group):
+                raise InvalidInput(f"{point} moves more motion groups than 1 and 2.")
+            group = f"GP{match['group']}_"
         if axis is None:
             continue
         units = {"E": ("deg", "mm"), "X": ("mm",), "Y": ("mm",), "Z": ("mm",)}
-        expected = units.get(axis[0], ("deg",))
+        expected = ("deg", "mm") if group else units.get(axis[0], ("deg",))
+        if group and axis[0] != "J":
+            raise InvalidInput(f"{point}: {axis} of group 2 is not read; expected its joints, J1=.")
         if match["unit"] not in expected:
             raise InvalidInput(
                 f"{point}, {axis}: the unit is {match['unit'] or 'missing'!r}; expected "
                 f"{' or '.join(expected)}."
             )
-        if group + axis in axes:
-            raise InvalidInput(f"{point}: {axis} stands twice.")
+        name = group + axis
+        if name in axes or name in external:
+            raise InvalidInput(f"{point}: {name} stands twice.")
         if match["value"][0] == "*":
             raise InvalidInput(f"{point}: {axis} is not taught ({match['value']}).")
-        axes[group + axis] = float(match["value"])
+        if group or axis[0] == "E":
+            external[name] = float(match["value"]), match["unit"]
+        else:
+            axes[axis] = float(match["value"])
     if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
         raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
-    return axes, frame
+    return axes, frame, external
 
 
 def _statements(lines: Sequence[tuple[int, str]], *, strict: bool) -> Statements:
@@ -544,5 +566,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
+    external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
+    of_parts=_GROUP,
 )  # fmt: skip
 """TP programs."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +13,24 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 
 AXES = 6
-"""Number of axes of the programs: all arms of their controllers have six."""
+"""Number of axes of the robots: all arms of their controllers have six."""
 
 _CLOCK = 1e-12
 """Rounding of times that are added and subtracted, s."""
+
+
+class ExternalColumn(NamedTuple):
+    """The values of an external axis.
+
+    Attributes:
+        name: The axis.
+        unit: Of its values, mm or deg; empty if the program does not say it.
+        moved: The line of the first move that moves it, and a sentence; ``None``: it stands still.
+    """
+
+    name: str
+    unit: str = ""
+    moved: tuple[int, str] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,15 +38,17 @@ class JointMoves:
     """Moves from point to point, straight in the axes.
 
     Attributes:
-        angles: What the controller shows at each point, in the dialect's unit, (N, 6).
+        angles: What the controller shows at each point, in the dialect's unit, (N, 6 + k); nan for
+            an external axis that the program did not state by then.
         durations: Time of each move, s, (N − 1,); ``None`` if the program has none, or not for
             every move.
-        velocities: Rates of ``angles`` at the points, if axes move on cubics, unit/s, (N, 6).
+        velocities: Rates of ``angles`` at the points, if axes move on cubics, unit/s, (N, 6 + k).
         header: What the program says about itself; empty without a header of this package.
         notes: What else the program has, and what is not looked at.
         waits: Waits of known length, each with its line.
         untimed: The line because of which nothing says how long the program takes, and why;
             ``None`` if it has times.
+        external: The last k columns.
     """
 
     angles: Array
@@ -42,6 +58,7 @@ class JointMoves:
     notes: tuple[str, ...] = ()
     waits: tuple[tuple[int, str], ...] = ()
     untimed: tuple[int, str] | None = None
+    external: tuple[ExternalColumn, ...] = ()
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"
@@ -69,6 +86,8 @@ class Dialect(NamedTuple):
         encode: (program name, moves, header lines) to the texts of files by name.
         execute: (what takes the moves, lines, name of the file, files beside it) to the comments.
         stopped: (text, line that is no statement) to a text at which a controller stops.
+        external: Names of external axes.
+        of_parts: What the names of those begin with that carry the part; empty: no matter.
     """
 
     name: str
@@ -84,6 +103,31 @@ class Dialect(NamedTuple):
     encode: Callable[[str, JointMoves, tuple[str, ...]], dict[str, str]]
     execute: Callable[[Any, Sequence[str], str, Beside], list[str]]
     stopped: Callable[[str, str], str] = lambda text, line: f"{line}\n{text}"
+    external: tuple[str, ...] = ()
+    of_parts: str = ""
+
+    def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
+        """The names of external axes: of each its name, or empty, and whether it carries the part.
+
+        Raises:
+            InvalidInput: If the language does not have them.
+        """
+        left, found = [*self.external], []
+        for name, on_part in axes:
+            fits = [
+                each for each in left
+                if (each.lower() == name.lower() if name else
+                    not self.of_parts or each.startswith(self.of_parts) == on_part)
+            ]  # fmt: skip
+            if not fits:
+                have = ", ".join(self.external) or "none"
+                raise InvalidInput(
+                    f"{self.title} has no external axis {name or f'for {len(axes)} joints'}, or it "
+                    f"is stated twice; its external axes are {have}."
+                )
+            left.remove(fits[0])
+            found.append(fits[0])
+        return tuple(found)
 
     def check_name(self, name: str) -> None:
         """Refuse a program name that the controller does not take.
@@ -122,11 +166,12 @@ def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:
         durations = np.round(moves.durations, dialect.time_decimals)
         velocities = np.round(moves.velocities, dialect.decimals) + 0.0
         least = 10.0**-dialect.time_decimals
-        return JointMoves(angles, np.maximum(durations, least), velocities, moves.header)
+        durations = np.maximum(durations, least)
+        return replace(moves, angles=angles, durations=durations, velocities=velocities)
     fastest = (np.abs(np.diff(moves.angles, axis=0)) / moves.durations[:, None]).max(axis=0)
     travel = np.abs(np.diff(angles, axis=0))
     needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
     durations = np.maximum(moves.durations, needed.max(axis=1, initial=0.0))
     second = 10.0**dialect.time_decimals
     ticks = np.ceil((durations - _CLOCK) * second)
-    return JointMoves(angles, ticks / second, None, moves.header)
+    return replace(moves, angles=angles, durations=ticks / second, velocities=None)

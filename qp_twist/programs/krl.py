@@ -54,7 +54,8 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     decimals = KRL.decimals
 
     def target(point: list[float]) -> str:
-        pairs = zip(KRL.axis_names, point, strict=True)
+        names = (*KRL.axis_names, *(column.name for column in moves.external))
+        pairs = zip(names, point, strict=True)
         return "{" + ",".join(f"{axis} {value:.{decimals}f}" for axis, value in pairs) + "}"
 
     first, *others = moves.angles.tolist()
@@ -124,7 +125,9 @@ _UNREAD_WITH = re.compile(
 """What a move may not have after WITH."""
 
 
-_EXTERNAL = re.compile("e[1-6]$")
+def _external(target: Frame) -> dict[str, tuple[float, str]]:
+    """The external axes of a target."""
+    return {key: (target[key.lower()], "") for key in KRL.external if key.lower() in target}
 
 
 class KrlProgram(Program):
@@ -398,14 +401,14 @@ class KrlProgram(Program):
 
     def _joint(self, line: int, text: str, *, relative: bool) -> None:
         angles = pose = None
+        external: dict[str, tuple[float, str]] = {}
         try:
             found = None if relative else self.values.value(text)
             if isinstance(found, Frame) and "a1" in found:
                 axes = [name.lower() for name in KRL.axis_names]
-                external = {k.upper(): v for k, v in found.items() if _EXTERNAL.match(k)}
+                external = _external(found)
                 if not {*axes} <= {*found} or len(found) > len(axes) + len(external):
                     raise Unknown(f"expected the axes {', '.join(KRL.axis_names)}, got {text}")
-                self.moves.external(line, external)
                 angles, self._at = [found[axis] for axis in axes], None
             elif not relative and not self.moves.strict:
                 pose = self._target(line, text)
@@ -414,9 +417,9 @@ class KrlProgram(Program):
                 raise
             self._at = None
         if self.spline.segments is None or angles is None:
-            self.moves.joint(JointMove(line, angles, pose))
+            self.moves.joint(JointMove(line, angles, pose, external=external))
         else:
-            self.spline.segments.append((line, angles))
+            self.spline.segments.append(JointMove(line, angles, external=external))
 
     def _target(self, line: int, text: str, *, relative: bool = False) -> mink.SE3:
         """A target; what it leaves out stays as it was."""
@@ -426,9 +429,7 @@ class KrlProgram(Program):
         if not set(POSE) <= set(found) and self._at is None:
             raise Unknown(f"{text} leaves out some of X, Y, Z, A, B, C; nothing before has them")
         if not relative:
-            self.moves.external(
-                line, {k.upper(): v for k, v in found.items() if _EXTERNAL.match(k)}
-            )
+            self.moves.external(line, _external(found))
         at = self._at or Frame()
         if relative and any(found.get(key) for key in "abc"):
             raise InvalidInput(f"{text}: a relative turn is not read; write a position")
@@ -465,5 +466,6 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 KRL = Dialect(
     "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
+    external=tuple(f"E{k}" for k in range(1, 7)),
 )  # fmt: skip
 """KRL; the length of a name as usually stated, not looked up in KUKA's manual."""

@@ -14,14 +14,14 @@ class Spline:
 
     Attributes:
         open: Whether it has begun, and not ended.
-        segments: Lines and angles of an open time block.
+        segments: The moves of an open time block, without times.
         shares: Whether the parts of the time block are shares, not seconds.
     """
 
     def __init__(self, moves: Moves) -> None:
         self._moves = moves
         self.open = self.shares = self._timed = False
-        self.segments: list[tuple[int, list[float]]] | None = None
+        self.segments: list[JointMove] | None = None
         self._parts: list[float] = []
 
     def end(self, line: int, match: re.Match[str]) -> None:
@@ -62,5 +62,5 @@ class Spline:
         self.shares = abs(total - whole) > 0.6e-5
         if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
             raise InvalidInput("a time of the time block is not positive.")
-        for (place, point), part in zip(segments, parts, strict=True):
-            self._moves.joint(JointMove(place, point, None, part * whole / total))
+        for segment, part in zip(segments, parts, strict=True):
+            self._moves.joint(segment._replace(seconds=part * whole / total))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import mink
@@ -11,7 +12,7 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_lines
-from qp_twist.programs.joint_moves import AXES, JointMoves
+from qp_twist.programs.joint_moves import AXES, ExternalColumn, JointMoves
 
 _LISTED = 12
 """Kinds of statements that a note lists."""
@@ -22,7 +23,8 @@ Kind = Literal["passed", "setting", "speed", "pause"]
 class JointMove(NamedTuple):
     """A joint move, in ``seconds``, to angles or a pose, or to what the program does not state.
 
-    With rates, in unit/s, there and where it begins, each joint moves on a cubic.
+    With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
+    given by name, each with its unit, if the program says it; others stay.
     """
 
     line: int
@@ -30,6 +32,7 @@ class JointMove(NamedTuple):
     pose: mink.SE3 | None = None
     seconds: float | None = None
     rates: list[float] | None = None
+    external: Mapping[str, tuple[float, str]] = MappingProxyType({})
 
 
 class Moves:
@@ -56,8 +59,8 @@ class Moves:
     def arc(self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None) -> None:
         """A move along the circle through a point, to its end or, with an angle, as far as that."""
 
-    def external(self, line: int, axes: Mapping[str, float]) -> None:
-        """The external axes of a move's target."""
+    def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
+        """The external axes of a Cartesian target, each with its unit, if the program says it."""
 
     def wait(self, line: int, word: str, seconds: float) -> None:
         """A wait of known length."""
@@ -92,12 +95,14 @@ class Course(Moves):
         self._waits: list[tuple[int, str]] = []
         self._notes: dict[str, None] = {}
         self._noted: dict[bool, dict[str, dict[int, None]]] = {False: {}, True: {}}
-        self._external: dict[str, float] | None = None
+        self._external: dict[str, float] = {}
+        self._externals: list[dict[str, float]] = []
+        self._columns: dict[str, ExternalColumn] = {}
         self._rounded = False
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates = move
+        line, angles, _, seconds, rates, external = move
         if angles is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         for values in (angles, rates or angles):
@@ -111,26 +116,29 @@ class Course(Moves):
             if seconds is None:
                 self._without_time(line, "the move", "has no time")
             self._durations.append(math.nan if seconds is None else seconds)
+        self.external(line, external)
         self._points.append(angles)
+        self._externals.append(dict(self._external))
         if rates is not None:
             self._velocities.append(rates)
 
-    def external(self, line: int, axes: Mapping[str, float]) -> None:
+    def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
         """One that is not given stays where it is.
 
-        Raises:
-            InvalidInput: If one is not where the first move has it, or 0, which is what
-                controllers without the axis write.
+        It moves if it is not where the first move has it, or 0, which is what controllers without
+        the axis write.
         """
-        if self._external is None:
-            self._external = dict(axes)
-        for axis, value in axes.items():
-            before = self._external.setdefault(axis, 0.0)
-            if value != before:
-                raise InvalidInput(
-                    f"it moves the external axis {axis} to {value:g}, from "
-                    f"{before:g}; only robots whose external axes stand still can be checked."
-                )
+        for axis, (value, unit) in axes.items():
+            if not math.isfinite(value):
+                raise InvalidInput(f"{axis}: expected a number, got {value}.", line=line)
+            before = self._external.get(axis, 0.0 if self._points else value)
+            column = self._columns.setdefault(axis, ExternalColumn(axis, unit))
+            if column.unit != unit:
+                raise InvalidInput(f"{axis} is in {column.unit} before, here in {unit}.", line=line)
+            if value != before and column.moved is None:
+                what = f"it moves the external axis {axis} to {value:g}, from {before:g}"
+                self._columns[axis] = column._replace(moved=(line, what))
+            self._external[axis] = value
 
     def wait(self, line: int, word: str, seconds: float) -> None:
         """Stay at the last point."""
@@ -186,12 +194,6 @@ class Course(Moves):
                 f"{what} of line {line} {why}, so that how long the program takes depends on the "
                 "controller"
             )
-        if self._external:
-            standing = ", ".join(f"{axis} at {value:g}" for axis, value in self._external.items())
-            notes.append(
-                f"external axes stand still, {standing}: whether the task has them there is not "
-                "checked"
-            )
         for settings, why in (
             (True, "the path of axis moves does not depend on tool, base, load or speed (checked "
                    "is the task's tool)"),
@@ -199,11 +201,12 @@ class Course(Moves):
         ):  # fmt: skip
             if self._noted[settings]:
                 notes.append(f"passed over, since {why}: {_listed(self._noted[settings])}")
+        external = [[at.get(axis, math.nan) for axis in self._columns] for at in self._externals]
         return JointMoves(
-            np.array(self._points),
+            np.column_stack([self._points, np.array(external).reshape(len(external), -1)]),
             np.array(self._durations) if untimed is None else None,
             np.array(self._velocities) if self._velocities else None,
-            header, tuple(notes), tuple(self._waits), untimed,
+            header, tuple(notes), tuple(self._waits), untimed, tuple(self._columns.values()),
         )  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 r"""RAPID, of ABB.
 
-Written are absolute joint moves, each with its time (``\T``). External axes are not moved
-(``9E9``).
+Written are absolute joint moves, each with its time (``\T``). External axes that the path does not
+need are not moved (``9E9``); those that it needs are in mm or degrees.
 
 Source: ABB, *Technical reference manual, RAPID Instructions, Functions and Data types*
 (3HAC050917): MoveAbsJ, MoveL, MoveC, MoveJ, jointtarget, robtarget, wobjdata, speeddata, zonedata,
@@ -39,10 +39,12 @@ _PREFIX = "run_"
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
-    external = ",".join([_NONE] * 6)
+    names = [column.name for column in moves.external]
 
     def target(point: list[float]) -> str:
-        values = ",".join(f"{value:.{RAPID.decimals}f}" for value in point)
+        texts = [f"{value:.{RAPID.decimals}f}" for value in point]
+        values, given = ",".join(texts[:AXES]), dict(zip(names, texts[AXES:], strict=True))
+        external = ",".join(given.get(name, _NONE) for name in RAPID.external)
         return f"    MoveAbsJ [[{values}],[{external}]]\\NoEOffs,"
 
     first, *others = (target(point) for point in moves.angles.tolist())
@@ -251,10 +253,10 @@ class RapidModule(Program):
             raise refuse(line, target, "expected a jointtarget, [[6 angles],[6 axes]].") from None
         if len(external) != 6:
             raise refuse(line, target, f"expected 6 external axes, got {len(external)}.")
-        given = zip("abcdef", external, strict=True)
-        self.moves.external(line, {f"eax_{k}": v for k, v in given if v != float(_NONE)})
+        given = zip(RAPID.external, external, strict=True)
+        moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
-        self.moves.joint(JointMove(line, angles, None, seconds))
+        self.moves.joint(JointMove(line, angles, None, seconds, None, moved))
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind = match["kind"].upper()
@@ -278,8 +280,8 @@ class RapidModule(Program):
         target = self.values.value(text)
         if not isinstance(target, list) or len(target) != 4:
             raise Unknown(f"expected a robtarget, [[x,y,z],[q1,q2,q3,q4],[…],[…]], got {text}")
-        given = zip("abcdef", target[3], strict=False)
-        self.moves.external(line, {f"eax_{k}": value for k, value in given if value < 8e9})
+        given = zip(RAPID.external, target[3], strict=False)
+        self.moves.external(line, {axis: (value, "") for axis, value in given if value < 8e9})
         return pose_of(target[0], target[1])
 
     def _feed(self, speed: str, options: Mapping[str, str]) -> float:
@@ -347,5 +349,6 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
+    external=tuple(f"eax_{k}" for k in "abcdef"),
 )  # fmt: skip
 """RAPID."""

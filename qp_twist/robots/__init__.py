@@ -2,8 +2,11 @@
 
 from .controller_joints import ControllerJoints as ControllerJoints
 from .controller_joints import controller_joints as controller_joints
+from .external_axes import ExternalAxis as ExternalAxis
+from .external_axes import as_stated as as_stated
 from .known_robots import KNOWN_ROBOTS as KNOWN_ROBOTS
 from .known_robots import KnownRobot as KnownRobot
+from .known_robots import hinges_of as hinges_of
 from .known_robots import known_limits as known_limits
 from .known_robots import known_robot as known_robot
 from .known_robots import named_robot as named_robot

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -13,6 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.robots.axis_geometry import Line, axis_geometry
+from qp_twist.robots.external_axes import PER_UNIT, ExternalAxis
 from qp_twist.robots.known_robots import KnownRobot, hinges_of
 
 _STEP = np.pi / 2.0
@@ -38,9 +39,9 @@ class ControllerJoints:
     Fanucs is the angle of the forearm to the floor (c = −1).
 
     Attributes:
-        joint_names: The model's joints in the order of the controller's axes.
+        joint_names: The model's joints in the order of the controller's axes; external axes last.
         signs: s, ±1, (n,).
-        offsets: o, rad, (n,).
+        offsets: o, rad; m of external slides, (n,).
         coupling: (i, j, c), axes counted from 1; ``None`` without.
         range_deg: Range of each θ, degrees; ``None`` where unknown.
         robot: Name of the robot; empty where joints are taken as the model has them.
@@ -48,6 +49,7 @@ class ControllerJoints:
             any where joints are taken as the model has them.
         source: Source of the figures.
         notes: Remarks about the model.
+        external: The external axes.
     """
 
     joint_names: tuple[str, ...]
@@ -59,6 +61,7 @@ class ControllerJoints:
     program: str | None = None
     source: str = ""
     notes: tuple[str, ...] = ()
+    external: tuple[ExternalAxis, ...] = ()
 
     @classmethod
     def as_modelled(cls, joint_names: Sequence[str]) -> ControllerJoints:
@@ -83,6 +86,27 @@ class ControllerJoints:
             tuple(joint_names), np.ones(count), np.zeros(count), robot.coupling, robot.range_deg,
             robot.name, robot.program, robot.source,
         )  # fmt: skip
+
+    def with_external(self, axes: Sequence[ExternalAxis]) -> ControllerJoints:
+        """The same with these external axes."""
+        count = self.robot_axes
+        return replace(
+            self,
+            joint_names=(*self.joint_names[:count], *(each.joint for each in axes)),
+            signs=np.append(self.signs[:count], [each.sign for each in axes]),
+            offsets=np.append(self.offsets[:count], [each.offset for each in axes]),
+            external=tuple(axes),
+        )
+
+    @property
+    def robot_axes(self) -> int:
+        """Number of axes of the robot itself."""
+        return len(self.joint_names) - len(self.external)
+
+    def scale(self, unit: str) -> Array:
+        """What the controller shows for one rad or m of each joint, in ``unit`` and mm, (n,)."""
+        units = [unit] * self.robot_axes + [each.unit for each in self.external]
+        return np.array([PER_UNIT[each] for each in units])
 
     @property
     def origin(self) -> str:
@@ -120,23 +144,25 @@ class ControllerJoints:
     def equations(self, axis_names: Sequence[str]) -> tuple[str, ...]:
         """What each axis shows, e.g. ``"A2 = -joint_2 - 90 deg"``."""
         texts = []
+        units = ["deg"] * self.robot_axes + [each.unit for each in self.external]
         for k, (name, joint) in enumerate(zip(axis_names, self.joint_names, strict=True)):
             text = f"{name} = {'-' if self.signs[k] < 0.0 else ''}{joint}"
-            terms = [(float(np.degrees(self.offsets[k])), "")]
+            terms = [(PER_UNIT[units[k]] * float(self.offsets[k]), "")]
             if self.coupling is not None and self.coupling[0] == k + 1:
                 terms.append((self.coupling[2], axis_names[self.coupling[1] - 1]))
             for value, of in terms:
                 if round(value, 3):
-                    size = of if of and abs(value) == 1.0 else f"{abs(value):.7g} {of or 'deg'}"
+                    size = of if of and abs(value) == 1.0 else f"{abs(value):.7g} {of or units[k]}"
                     text += f" {'-' if value < 0.0 else '+'} {size}"
-            texts.append(text)
+            texts.append(text if k < self.robot_axes else f"{text} in {units[k]}")
         return tuple(texts)
 
     def outside(self, q: Array) -> str:
         """Where joint positions (N, n) leave the robot's range first, as a sentence; else empty."""
         if self.range_deg is None:
             return ""
-        theta = np.degrees(self.signs * q + self.offsets)
+        count = self.robot_axes
+        theta = np.degrees(self.signs[:count] * q[:, :count] + self.offsets[:count])
         low, high = np.array(self.range_deg).T
         out = (theta < low - _OUTSIDE_DEG) | (theta > high + _OUTSIDE_DEG)
         if not out.any():
@@ -171,9 +197,9 @@ def controller_joints(
     Raises:
         InvalidInput: If the arm's axes are not those of the robot, or leave signs open.
     """
-    screws = hinges_of(model, frame_name, frame_type)
-    choices = [] if screws is None else _choices(screws, robot)
-    if screws is None or not choices:
+    screws = hinges_of(model, frame_name, frame_type)[-len(robot.lines) :]
+    choices = _choices(screws, robot)
+    if not choices:
         raise InvalidInput(
             f"the axes of the arm that carries {frame_name!r} are not those of the {robot.name} "
             "(distances, angles and offsets between its axes); check the robot's name, or the "

@@ -195,7 +195,7 @@ def known_robot(
         mink.InvalidFrame: If the model has no such frame.
     """
     screws = hinges_of(model, frame_name, frame_type)
-    if screws is None:
+    if not screws:
         return None
     bodies = (model.body(i).name for i in range(1, model.nbody))
     title = model.names.split(b"\0", 1)[0].decode(errors="replace")
@@ -221,22 +221,29 @@ def known_limits(
     robot = known_robot(model, frame_name, frame_type, names)
     if robot is None:
         return None
-    return robot, [s.dof for s in SerialChain.of(model, frame_name, frame_type).screws]
+    screws = hinges_of(model, frame_name, frame_type)[-len(robot.lines) :]
+    return robot, [screw.dof for screw in screws]
 
 
-def hinges_of(
-    model: mujoco.MjModel, frame_name: str | int, frame_type: str
-) -> tuple[Screw, ...] | None:
-    """The joints that move a frame, from the world on; ``None`` if not all are hinges."""
+def hinges_of(model: mujoco.MjModel, frame_name: str | int, frame_type: str) -> tuple[Screw, ...]:
+    """The last hinges of a frame's chain, from the base on: an arm, behind its rail or column."""
     try:
         screws = SerialChain.of(model, frame_name, frame_type).screws
     except InvalidInput:  # ball and free joints
-        return None
-    return None if any(screw.slides for screw in screws) else screws
+        return ()
+    first = max((k + 1 for k, screw in enumerate(screws) if screw.slides), default=0)
+    return screws[first:]
 
 
 def _shaped_like(screws: Sequence[Screw]) -> list[KnownRobot]:
-    """The robots with these axes, up to their pose and the directions counted positive."""
-    geometry = axis_geometry([Line(screw.axis, screw.anchor) for screw in screws])
-    shapes = [shape for _, shape in geometry.orientations()]
-    return [r for r in KNOWN_ROBOTS if any(r.geometry.is_like(shape) for shape in shapes)]
+    """The robots whose axes are the last of these, up to pose and directions counted positive."""
+    lines = [Line(screw.axis, screw.anchor) for screw in screws]
+    shapes = {
+        count: [shape for _, shape in axis_geometry(lines[-count:]).orientations()]
+        for count in {len(robot.lines) for robot in KNOWN_ROBOTS}
+        if count <= len(lines)
+    }
+    return [
+        robot for robot in KNOWN_ROBOTS
+        if any(robot.geometry.is_like(shape) for shape in shapes.get(len(robot.lines), ()))
+    ]  # fmt: skip

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -18,6 +20,7 @@ from qp_twist.programs import (
     DOES_NOT_PASS,
     WRITTEN_AS_MODELLED,
     Dialect,
+    ExternalColumn,
     JointMoves,
     check_header,
     dialect_of,
@@ -27,7 +30,10 @@ from qp_twist.programs import (
 )
 from qp_twist.robots import (
     ControllerJoints,
+    ExternalAxis,
+    as_stated,
     controller_joints,
+    hinges_of,
     known_robot,
     stated_robot,
 )
@@ -51,6 +57,7 @@ def joints_of(
     *,
     robot: str | Path | None = None,
     as_modelled: bool = False,
+    external: Sequence[str] = (),
 ) -> ControllerJoints:
     """How the controller counts the joints of a task's robot.
 
@@ -61,22 +68,59 @@ def joints_of(
         robot: Name of a known robot, or a file with one in the form of the package's table;
             ``None``: as the task states it, or recognised by name and geometry.
         as_modelled: Take the joints as the model counts them.
+        external: What external axes show, as ``"E1 = rail"`` or ``"E2 = -tilt + 90 deg"``; empty:
+            as the task states it, else in the scene's order, as the model counts.
 
     Raises:
         InvalidInput: If the robot is not known, or the arm is not that robot.
     """
+    joints = _robot_joints(path_task, joint_names, robot, as_modelled=as_modelled)
+    if path_task is None:
+        if external:
+            raise InvalidInput(
+                "external: which joints slide, is known from a task's model; give the task, too."
+            )
+        return joints
+    axes = _external_axes(path_task, joints)
+    if stated := tuple(external) or path_task.external:
+        axes = as_stated(axes, stated)
+    return joints.with_external(axes)
+
+
+def _external_axes(path_task: PathTask, joints: ControllerJoints) -> tuple[ExternalAxis, ...]:
+    """The joints besides those of the arm that move the tool on its path, in the scene's order."""
+    model, ranges = path_task.model, JointRanges.of(path_task.model)
+    chain = SerialChain.of(model, path_task.frame_name, path_task.frame_type)
+    moving = {ranges.names[screw.dof]: screw.slides for screw in chain.screws}
+    arm = SerialChain.of(*path_task.arm)
+    of_scene = JointRanges.of(path_task.shown.model).names
+    carry_arm = {of_scene[screw.dof] for screw in arm.screws}
+    return tuple(
+        ExternalAxis(name, moving[name], name not in carry_arm)
+        for name in of_scene
+        if name in moving and name not in joints.joint_names
+    )
+
+
+def _robot_joints(
+    path_task: PathTask | None,
+    joint_names: tuple[str, ...],
+    robot: str | Path | None,
+    *,
+    as_modelled: bool,
+) -> ControllerJoints:
+    """How the controller counts the joints of the arm itself."""
     stated = None if path_task is None or as_modelled else path_task.controller
     if robot is None and stated is not None:
         as_modelled, robot = stated == AS_MODELLED, None if stated == AS_MODELLED else stated
     if as_modelled:
         if robot is not None:
             raise InvalidInput("give a robot, or take the joints as modelled, but not both.")
-        if path_task is not None and not JointRanges.of(path_task.model).hinge.all():
-            raise InvalidInput(
-                f"{path_task.name}: the robot has joints that are no hinges; programs are written "
-                f"for arms of {AXES} hinges."
-            )
-        return ControllerJoints.as_modelled(joint_names)
+        if path_task is None:
+            return ControllerJoints.as_modelled(joint_names)
+        of_scene = JointRanges.of(path_task.shown.model).names
+        arm = hinges_of(*path_task.arm)[-AXES:]
+        return ControllerJoints.as_modelled([of_scene[screw.dof] for screw in arm])
     given = None if robot is None else stated_robot(robot)
     if path_task is None:
         if given is None:
@@ -93,18 +137,7 @@ def joints_of(
                 f"{path_task.name}: the robot is not one of the known robots, so that nothing says "
                 f"where its controller counts from. {_ADVICE}"
             )
-    joints = controller_joints(*path_task.arm, given)
-    of_dofs = JointRanges.of(path_task.model).names
-    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    moving = [of_dofs[screw.dof] for screw in chain.screws]
-    others = [name for name in moving if name not in joints.joint_names]
-    if others:
-        raise InvalidInput(
-            f"{path_task.name}: the path also needs {listed('joint', others)}, and a program for "
-            f"the {joints.robot} has only the axes of the robot: external axes are not written. "
-            "Export a bag, which has all joints (--to mcap)."
-        )
-    return joints
+    return controller_joints(*path_task.arm, given)
 
 
 def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> None:
@@ -140,15 +173,19 @@ def encode(
     rows = rows.of_joints(joints.joint_names)
     if outside := joints.outside(rows.q):
         raise InvalidInput(f"{outside}; the robot cannot go there.")
-    scale = _scale(dialect)
+    scale = joints.scale(dialect.unit)
+    names = axis_names(dialect, joints)
     velocities = None if rows.velocities is None else scale * joints.shown_rates(rows.velocities)
     durations = None if rows.times is None else np.diff(rows.times)
     if len(rows.q) < 2:
         raise InvalidInput("the trajectory has one row; a program needs two or more.")
-    moves = printed(JointMoves(scale * joints.shown(rows.q), durations, velocities), dialect)
+    columns = zip(names[AXES:], joints.external, strict=True)
+    external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
+    shown = scale * joints.shown(rows.q)
+    moves = printed(JointMoves(shown, durations, velocities, external=external), dialect)
     # In characters that every controller reads, and on one line.
     task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
-    equations = joints.equations(dialect.axis_names)
+    equations = joints.equations(names)
     task = " ".join(task.split())[:60]
     lines = header_lines(dialect, moves, joints.robot, equations, task)
     return dialect.encode(name, moves, lines)
@@ -175,13 +212,18 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         if lines[0].startswith(DOES_NOT_PASS):
             raise InvalidInput(f"{lines[0]} (written all the same, by --force).", line=1)
         moves = joint_moves(path, dialect, lines)
-        check_header(moves, dialect, joints.robot, joints.equations(dialect.axis_names))
-    scale = _scale(dialect)
+        claimed = moves.header.get("axes", "").split("\n")[AXES:]
+        if joints.external and claimed and not any(each.axis for each in joints.external):
+            joints = joints.with_external(as_stated(joints.external, claimed))
+        names = axis_names(dialect, joints)
+        check_header(moves, dialect, joints.robot, joints.equations(names))
+        angles, external = _columns(moves, joints, names)
+    scale = joints.scale(dialect.unit)
     times = None
     if moves.durations is not None:
         times = np.concatenate([[0.0], np.cumsum(moves.durations)])
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
-    notes = [*joints.notes, *moves.notes]
+    notes = [*joints.notes, *moves.notes, *external]
     if rates is None and times is not None:
         notes.append(
             f"{path.name}: checked as straight joint moves at constant speed from point to point; "
@@ -194,7 +236,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
     return TimedPath(
         joints.joint_names,
-        joints.positions(moves.angles / scale),
+        joints.positions(angles / scale),
         times,
         rates,
         metadata,
@@ -202,6 +244,63 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
         own_ramps=rates is None,
     )
+
+
+def axis_names(dialect: Dialect, joints: ControllerJoints) -> tuple[str, ...]:
+    """The names of all axes in a language."""
+    given = [(each.axis, each.on_part) for each in joints.external]
+    return (*dialect.axis_names, *dialect.external_names(given))
+
+
+def _columns(
+    moves: JointMoves, joints: ControllerJoints, names: Sequence[str]
+) -> tuple[Array, list[str]]:
+    """A program's axes in the order of the joints, and notes about external ones.
+
+    Raises:
+        InvalidInput: If an external axis is not stated from the first move on, or in another unit,
+            or one moves that is no joint of the path.
+    """
+    axes, found = list(range(AXES)), {each.name: each for each in moves.external}
+    for name, joint in zip(names[AXES:], joints.external, strict=True):
+        column = found.pop(name, None)
+        place = len(axes) if column is None else AXES + moves.external.index(column)
+        if column is None or np.isnan(moves.angles[0, place]):
+            raise InvalidInput(
+                f"the program does not state the external axis {name} ({joint.joint}) from its "
+                "first move on; if it is another one, say which (--external, or external in "
+                "[robot] of the task file)."
+            )
+        if column.unit not in ("", joint.unit):
+            raise InvalidInput(
+                f"{name} is in {column.unit}, but {joint.joint} of the model "
+                f"{'slides' if joint.slides else 'turns'}: expected {joint.unit}."
+            )
+        axes.append(place)
+    for column in found.values():
+        if column.moved is not None:
+            line, what = column.moved
+            raise InvalidInput(
+                f"{what}, and the path needs no joint that is this one: external axes of other "
+                "joints have to stand still.",
+                line=line,
+            )
+    still = [
+        f"{k} at {moves.angles[-1, AXES + moves.external.index(c)]:g}" for k, c in found.items()
+    ]
+    notes = []
+    if still:
+        notes.append(
+            f"external axes stand still, {', '.join(still)}: whether the task has them there is "
+            "not checked"
+        )
+    if joints.external:
+        listed = ", ".join(joints.equations(names)[AXES:])
+        notes.append(
+            f"external axes, {listed}: no table has their zero and direction; compare the first "
+            "point with the pendant"
+        )
+    return moves.angles[:, axes], notes
 
 
 def check_language(dialect: Dialect, joints: ControllerJoints, instead: str | None = None) -> None:
@@ -228,13 +327,16 @@ def check_language(dialect: Dialect, joints: ControllerJoints, instead: str | No
             "between the links less J2, which no model counts (--as-modelled); give the robot's "
             "name, or a table of your own with its coupling (--robot FILE.toml)."
         )
-    if len(joints.joint_names) != AXES:
+    if joints.robot_axes != AXES:
         raise InvalidInput(
-            f"{dialect.title} moves {AXES} axes, and there are {len(joints.joint_names)} joints: "
-            f"{', '.join(joints.joint_names)}."
+            f"{dialect.title} moves {AXES} axes, and there are {joints.robot_axes} joints at the "
+            f"arm's end that are hinges: {', '.join(joints.joint_names[: joints.robot_axes])}."
         )
-
-
-def _scale(dialect: Dialect) -> float:
-    """Factor from rad to the dialect's unit."""
-    return float(np.degrees(1.0)) if dialect.unit == "deg" else 1.0
+    if joints.external and not dialect.external:
+        others = listed("joint", [each.joint for each in joints.external])
+        raise InvalidInput(
+            f"the path also needs {others}, and {dialect.title} moves the robot's {AXES} joints "
+            "alone: other axes are driven by further software (MotionPlus, a PLC), whose programs "
+            "are not written. Export a bag, which has all joints (--to mcap)."
+        )
+    axis_names(dialect, joints)  # refuses what the language does not have

@@ -340,15 +340,28 @@ def test_run_check_report_and_export_of_a_part_in_the_hand(
     assert "Path lies on" in page and "Fanuc M-16iB/20, recognised" in page
 
 
-def test_a_program_does_not_leave_out_the_axes_of_a_positioner(
+def test_a_program_has_the_axes_of_a_positioner(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "table.csv"
     main(["run", TURN_TILT, "--out", str(file)])
+    main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.ls")])
+    said = capsys.readouterr().out
+    assert "GP2_J1 = tilt in deg" in said and "passes" in said
+    text = (tmp_path / "table.ls").read_text()
+    assert "DEFAULT_GROUP\t= 1,1,*,*,*;" in text
+    # The first point of the second group is where tilt and turn begin.
+    shown = re.search(r"GP2:\s+UF : 0, UT : 1,\s+J1= (\S+) deg, J2= (\S+) deg", text)
+    assert shown is not None
+    begin = np.degrees(qt.read_trajectory(file).q[0, 6:])
+    assert [float(shown[1]), float(shown[2])] == pytest.approx(begin, abs=0.51e-4)
+    other = ["--external", "GP2_J2=tilt,GP2_J1=turn"]
     with pytest.raises(SystemExit):
-        main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.ls")])
-    assert "the path also needs 2 joints ('turn', 'tilt')" in capsys.readouterr().err
-    assert not (tmp_path / "table.ls").exists()
+        main(["check", str(tmp_path / "table.ls"), TURN_TILT, *other])
+    assert "the header says GP2_J1 = tilt" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        main(["export", str(file), TURN_TILT, "--to", "urscript", "--as-modelled"])
+    assert "also needs 2 joints ('tilt', 'turn')" in capsys.readouterr().err
     main(["export", str(file), TURN_TILT, "--out", str(tmp_path / "table.mcap")])
     assert "passes" in capsys.readouterr().out
     # Columns are in the order of the scene; they have names, so that any order is the same motion.

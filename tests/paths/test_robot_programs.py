@@ -404,7 +404,7 @@ def test_external_axes_that_move_are_said(tmp_path: Path, second: int, moves: bo
         ("a.src", krl("".join(
             f"LIN {{X {e},Y 0,Z 300,A 0,B 0,C 180,E1 {e}}}\n" for e in (0, second or "0.0")
         ) + LIN.format(9)), "E1"),
-        ("a.ls", text, "GP2 J1"),
+        ("a.ls", text, "GP2_J1"),
     ):  # fmt: skip
         assumed = read(tmp_path, name, program).assumptions
         assert any(f"the external axis {axis} moves" in each for each in assumed) == moves, name
