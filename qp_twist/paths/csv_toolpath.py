@@ -46,9 +46,9 @@ from qp_twist.paths.toolpath_points import (
 
 _LISTED = 12
 """Number of unused columns that are named; the others are counted."""
-_RAPID = re.compile(r"g?0+(\.0*)?|rapid|travel|movej|ptp|joint|j", re.IGNORECASE)
+_RAPID = re.compile(r"g?0+(\.0*)?|rapid|r|retract|travel|t|movej|ptp|joint|j", re.IGNORECASE)
 _CUT = re.compile(
-    r"g?0*1(\.0*)?|cut|cutting|feed|linear|work|contact|process|movel|lin|l", re.IGNORECASE
+    r"g?0*1(\.0*)?|cut|cutting|feed|linear|work|contact|process|print|p|movel|lin|l", re.IGNORECASE
 )
 _ARC = re.compile(r"g?0*[23](\.0*)?|arc|circ|circular|movec|c", re.IGNORECASE)
 """Entries of a column of motions."""

@@ -299,6 +299,7 @@ def test_a_second_axis_that_turns_back_is_said(tmp_path: Path) -> None:
         ("0,1,1,0,0,1", "0 is read as G0, a rapid motion, and 1 as G1, a cut"),
         ("0.0,1.0,,0.0,,1.0", "0 is read as G0"),
         ("J,L,L,J,J,L", ""),
+        ("T,P,P,T,T,P", ""),
         (
             "G0,G1,seam,G0,G0,G1",
             "line 4, column 'type': 'seam' is no type of motion.* leave it out",
