@@ -53,6 +53,8 @@ CODES: dict[float, tuple[str, Any]] = {
 }  # fmt: skip
 """What each G code does, and a value: a mode that holds, a unit, … ``bare`` codes do not change the
 path if their block has no coordinates; after ``tip`` X, Y, Z are those of the tool's tip."""
+MODES = {"motion", "plane", "feed", "relative", "absolute_centres", "to_initial", "unit"}
+"""Groups of codes of which a block has one: which of two counts depends on the control."""
 KINEMATICS = {428.0: True, 429.0: False}
 """LinuxCNC's switches of a five-axis machine: with control of the tool's tip, and without."""
 AWAY = frozenset(code for code, (kind, _) in CODES.items() if kind == "away")

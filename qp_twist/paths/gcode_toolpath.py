@@ -343,8 +343,12 @@ def _check(block: Block) -> None:
     """Refuse what is not known."""
     if unknown := block.words.keys() - tables.KNOWN:
         raise InvalidInput(f"{sorted(unknown)[0]} is no word that is known")
-    if len(block.codes) > 1 and sum(code in (0, 1, 2, 3) for code in block.codes) > 1:
-        raise InvalidInput("a block has one of G0, G1, G2 and G3; got several")
+    if len(block.codes) > 1:
+        stated = {code: tables.CODES.get(code, ("", None)) for code in block.codes}
+        kinds = [kind for kind, _ in {*stated.values()} if kind in tables.MODES]
+        if len(kinds) > len({*kinds}):
+            several = ", ".join(f"G{k:g}" for k, of in stated.items() if kinds.count(of[0]) > 1)
+            raise InvalidInput(f"a block has one code of a group; got several: {several}")
     if 198 in block.switches:
         raise InvalidInput(
             "M198 calls a subprogram, which is not read; have the CAM system write one program"
