@@ -34,6 +34,7 @@ def header_lines(
     robot: str,
     equations: Sequence[str],
     task: str = "",
+    spacing: str = "",
 ) -> tuple[str, ...]:
     """The lines of the header, without comment marks.
 
@@ -43,6 +44,7 @@ def header_lines(
         robot: Name of the robot; empty where joints are taken as the model counts them.
         equations: What each axis shows.
         task: Name of the task, if known.
+        spacing: What became of rows too close to each other in time.
     """
     from qp_twist import __version__  # whose package has all modules, those of paths too
 
@@ -51,6 +53,7 @@ def header_lines(
     return (
         f"qp_twist {__version__}",
         *([f"task: {task}"] if task else []),
+        *([f"spacing: {spacing}"] if spacing else []),
         f"robot: {robot or AS_MODELLED}",
         f"unit: {dialect.unit}",
         f"points: {len(moves.angles)}",
@@ -74,7 +77,7 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
     equations = []
     for line in lines[starts[0] + 1 :]:
         key, colon, value = line.partition(":")
-        if colon and key in (*_KEYS, "task") and key not in found:
+        if colon and key in (*_KEYS, "task", "spacing") and key not in found:
             found[key] = value.strip()
         elif re.match(r"\w+ = \S", line):
             equations.append(line)

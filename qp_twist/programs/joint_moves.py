@@ -88,6 +88,8 @@ class Dialect(NamedTuple):
         stopped: (text, line that is no statement) to a text at which a controller stops.
         external: Names of external axes.
         of_parts: What the names of those begin with that carry the part; empty: no matter.
+        period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
+            the program itself divides time.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Dialect(NamedTuple):
     stopped: Callable[[str, str], str] = lambda text, line: f"{line}\n{text}"
     external: tuple[str, ...] = ()
     of_parts: str = ""
+    period: float = 0.0
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

@@ -466,6 +466,8 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 KRL = Dialect(
     "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
-    external=tuple(f"E{k}" for k in range(1, 7)),
+    external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
 )  # fmt: skip
-"""KRL; the length of a name as usually stated, not looked up in KUKA's manual."""
+"""KRL; the length of a name as usually stated, not looked up in KUKA's manual. Its period is that
+of the controller's interpolation: 12 ms (the heartbeat of KUKA's RRS server, Dassault Systèmes,
+*3DEXPERIENCE User Assistance*, RRS)."""

@@ -349,6 +349,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
-    external=tuple(f"eax_{k}" for k in "abcdef"),
+    external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
 )  # fmt: skip
-"""RAPID."""
+"""RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
+3HAC031973); that of the path planner before it is not public."""

@@ -38,6 +38,7 @@ from qp_twist.robots import (
     stated_robot,
 )
 from qp_twist.robots.wording import listed
+from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
 
 _ADVICE = (
@@ -160,9 +161,16 @@ def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> 
 
 
 def encode(
-    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, name: str
+    rows: TimedPath,
+    dialect: Dialect,
+    joints: ControllerJoints,
+    name: str,
+    path_task: PathTask | None = None,
 ) -> dict[str, str]:
     """The texts of a program's files, by name.
+
+    Rows closer in time than the controller interpolates are :func:`spaced
+    <qp_twist.trajectories.spaced_rows.spaced>`, with the tolerances of the task, if there is one.
 
     Raises:
         InvalidInput: If the robot is not programmed in this language, the trajectory has no times
@@ -170,6 +178,14 @@ def encode(
     """
     dialect.check_name(name)
     check_language(dialect, joints)
+    spacing = ""
+    if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
+        rows, left_out, longer = spaced(rows, dialect.period, path_task)
+        if left_out or longer:
+            spacing = (
+                f"{left_out} rows left out, {longer} moves longer: none is below the controller's "
+                f"{1e3 * dialect.period:g} ms"
+            )
     rows = rows.of_joints(joints.joint_names)
     if outside := joints.outside(rows.q):
         raise InvalidInput(f"{outside}; the robot cannot go there.")
@@ -187,7 +203,7 @@ def encode(
     task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
     equations = joints.equations(names)
     task = " ".join(task.split())[:60]
-    lines = header_lines(dialect, moves, joints.robot, equations, task)
+    lines = header_lines(dialect, moves, joints.robot, equations, task, spacing)
     return dialect.encode(name, moves, lines)
 
 
@@ -229,6 +245,8 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
             f"{path.name}: checked as straight joint moves at constant speed from point to point; "
             "the controller's ramps and roundings are its own"
         )
+    if "spacing" in moves.header:
+        notes.append(f"{path.name}: {moves.header['spacing']}")
     if moves.header.get("seconds") is None:
         notes.append(
             f"{path.name} has no header of qp_twist: a line that was lost is not noticed as such"

@@ -111,11 +111,16 @@ def write_trajectory(
         InvalidInput: If the suffix is unknown, or the trajectory or robot do not fit a program.
     """
     path = Path(path)
-    return _write(path, _encoded(trajectory, path, joints))
+    run = getattr(trajectory, "trajectory", trajectory)
+    task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
+    return _write(path, _encoded(trajectory, path, joints, task))
 
 
 def _encoded(
-    trajectory: Trajectory | TimedPath, path: Path, joints: ControllerJoints | None
+    trajectory: Trajectory | TimedPath,
+    path: Path,
+    joints: ControllerJoints | None,
+    task: PathTask | None,
 ) -> Mapping[str, str | bytes]:
     """The files to write, by name; a program may have several. Messages name ``path``."""
     rows, dialect = TimedPath.of(trajectory), dialect_of(path)
@@ -123,11 +128,9 @@ def _encoded(
         encode, _ = _format(path)
         return {path.name: encode(rows)}
     if joints is None:
-        run = getattr(trajectory, "trajectory", trajectory)
-        task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        return program_trajectory.encode(rows, dialect, joints, path.stem)
+        return program_trajectory.encode(rows, dialect, joints, path.stem, task)
 
 
 def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -162,7 +165,7 @@ def write_checked(
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
-    dialect, files = dialect_of(path), _encoded(trajectory, path, joints)
+    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task)
     with tempfile.TemporaryDirectory() as folder:
         file = _write(Path(folder) / path.name, files)
         check = check_trajectory(read_trajectory(file, joint_names, joints), path_task)

@@ -52,7 +52,8 @@ def test_a_program_gives_back_the_rows_to_the_printed_digit(
     assert np.abs(10.0**decimals * shown - np.round(10.0**decimals * shown)).max() < 1e-3
     assert back.times is not None
     assert rows.times is not None
-    took, meant = np.diff(back.times), np.diff(rows.times)
+    took = np.diff(back.times)
+    meant = np.maximum(np.diff(rows.times), DIALECTS[program].period)
     tick = 10.0**-of_time
     if program == "urscript" and cubic:
         assert np.abs(took - meant).max() <= tick
@@ -71,7 +72,8 @@ def test_a_program_gives_back_the_rows_to_the_printed_digit(
     again = path.with_name(f"again{suffix(program)}")
     write_trajectory(dataclasses.replace(back, metadata=rows.metadata), again, joints)
     name = re.compile(r"\b(prog|again|PROG|AGAIN)\b|run_(prog|again)")
-    assert name.sub("", again.read_text()) == name.sub("", path.read_text())
+    if DIALECTS[program].period <= np.diff(rows.times).min():  # else the header says what is longer
+        assert name.sub("", again.read_text()) == name.sub("", path.read_text())
 
 
 @pytest.fixture(scope="module")
