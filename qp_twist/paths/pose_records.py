@@ -27,6 +27,11 @@ _OF_OTHERS = re.compile(
     r"rot|offset|size|dim|scale|grav|inert|com$|limit|min|max|vel|acc|force|gain"
 )
 """Parts of keys whose x, y, z are no position."""
+_RAPID = re.compile(
+    r"\w*(?:type|motion|move|command|cmd|gcode): *(?:rapid|travel|move_?j|ptp|g0+)|rapid: *true",
+    re.IGNORECASE,
+)
+"""Entries of a pose that say how the tool gets there."""
 _MOST_NODES = 10_000_000
 """A text whose references stand for more entries is refused."""
 _DEEP = re.compile(r"(?:[\[{]\s*){100}")
@@ -194,9 +199,19 @@ class _Walk:
             return dict(zip(names, numbers, strict=False))
         found: dict[str, float] = {}
         for key, child in node.value:
-            if key.value == "frame_id" and isinstance(child, yaml.ScalarNode):
-                self.frames[child.value.lstrip("/")] = None
-            found |= self._flat(child, f"{name}.{key.value}".strip("."))
+            if isinstance(child, yaml.ScalarNode):
+                if key.value == "frame_id":
+                    self.frames[child.value.lstrip("/")] = None
+                elif _RAPID.fullmatch(f"{key.value}: {child.value}"):
+                    raise InvalidInput(
+                        f"{key.value}: {child.value} may be a rapid motion, which tables alone "
+                        "state; write the poses as CSV with a column of types.",
+                        line=key.start_mark.line + 1,
+                    )
+            inside = self._flat(child, f"{name}.{key.value}".strip("."))
+            if not inside.keys().isdisjoint(found):
+                raise InvalidInput(f"{key.value} stands twice.", line=key.start_mark.line + 1)
+            found |= inside
         return found
 
 

@@ -40,6 +40,11 @@ JOINTS = "waypoints:\n- {x: 1, y: 2, z: 3}\n- {config: [0.1, 0.2, 0.3, 0.4, 0.5,
         ("a.yaml", "".join(
             f"- header:\n    frame_id:\n      {frame}\n  pose: {{x: {k}, y: 2, z: 3}}\n"
             for k, frame in enumerate(("base", "tool", "base"))), "are in frames base and tool"),
+        ("a.yaml", "- {x: 0, y: 0, z: 0}\n- {x: 1, y: 0, x: 5, z: 0}\n", "line 2: x stands twice"),
+        ("a.yaml", "- {x: 0, y: 0, z: 0}\n- {x: 1, y: 0, z: 0, motion_type: MoveJ}\n",
+         "line 2: motion_type: MoveJ may be a rapid motion"),
+        ("a.json", '[{"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 0, "z": 0, "rapid": true}]',
+         "line 1: rapid: true may be a rapid motion"),
         ("a.csv", "header.frame_id,x_m,y_m,z_m\na,0,0,0\nb,1,0,0\n", "are in frames a and b"),
         ("a.csv", "x_mm,y_mm,z_mm,tx,ty,tz\n0,0,0,1,0,0\n9,0,0,1,0,0\n", "which no column states"),
         ("a.txt", "transforms:\n- child_frame_id: tool\n", "TF. are those of all frames"),
