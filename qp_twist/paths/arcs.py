@@ -234,8 +234,8 @@ def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float
     Raises:
         InvalidInput: If the points are so close together that a full circle and none look alike.
     """
-    s, e = _radial(start - centre, axis), _radial(end - centre, axis)
-    apart = _length(e - s)
+    s, e = _from_axis(start, centre, axis), _from_axis(end, centre, axis)
+    apart = math.dist(e, s)
     if apart < _CLOSED:
         return 2.0 * math.pi
     if apart < _UNCLEAR:
@@ -243,7 +243,9 @@ def angle_between(start: Array, end: Array, centre: Array, axis: Array) -> float
             f"the arc ends {1e3 * apart:.2g} mm from its start, which may be a full circle or "
             "nearly none; end it at its start, or leave it out"
         )
-    angle = math.atan2(float(axis @ cross(s, e)), float(s @ e))
+    (s0, s1, s2), (e0, e1, e2), (a0, a1, a2) = s, e, axis.tolist()
+    across = a0 * (s1 * e2 - s2 * e1) + a1 * (s2 * e0 - s0 * e2) + a2 * (s0 * e1 - s1 * e0)
+    angle = math.atan2(across, s0 * e0 + s1 * e1 + s2 * e2)
     return angle if angle > 0.0 else angle + 2.0 * math.pi
 
 
@@ -254,7 +256,7 @@ def check_radii(start: Array, end: Array, centre: Array, axis: Array, radius: fl
         InvalidInput: If a distance from the axis differs from the others by more than 0.02 mm and
             by more than 0.1 %, or the radius is zero or more than 1000 km.
     """
-    r_start, r_end = (_length(_radial(p - centre, axis)) for p in (start, end))
+    r_start, r_end = (math.hypot(*_from_axis(p, centre, axis)) for p in (start, end))
     check_radius(max(r_start, r_end, abs(radius or 0.0)))
     radii = [r_start, r_end] if radius is None else [r_start, r_end, radius]
     if min(radii) < 1e-9:
@@ -284,6 +286,13 @@ def cross(a: Array, b: Array) -> Array:
     """The cross product of two vectors, (3,), without the time that numpy's takes for any shape."""
     (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
+
+
+def _from_axis(point: Array, centre: Array, axis: Array) -> tuple[float, float, float]:
+    """The way to a point from an axis through a centre, as numbers: thrice as fast as arrays."""
+    (x, y, z), (a, b, c) = (point - centre).tolist(), axis.tolist()
+    along = x * a + y * b + z * c
+    return x - along * a, y - along * b, z - along * c
 
 
 def _length(vector: Array) -> float:

@@ -23,6 +23,7 @@ _PLANES: dict[int, tuple[str, str, str]] = {
     17: ("X", "Y", "Z"), 18: ("Z", "X", "Y"), 19: ("Y", "Z", "X"),
 }  # fmt: skip
 """The two axes of each plane, and the one about which G3 is right-handed."""
+_NORMALS = {k: np.array([float(c == axes[2]) for c in "XYZ"]) for k, axes in _PLANES.items()}
 _CENTRE = {"X": "I", "Y": "J", "Z": "K"}
 
 
@@ -134,7 +135,7 @@ class Motions(MachineTool):
 
     def _arc(self, block: Block, start: Array, end: Array, heading: Array | None) -> Arc | None:
         """The arc of a block: G2 is left-handed and G3 right-handed about the plane's normal."""
-        normal = np.array([float(name == _PLANES[self.modes.plane][2]) for name in "XYZ"])
+        normal = _NORMALS[self.modes.plane]
         if self.modes.motion == "CT":
             if heading is None:
                 raise InvalidInput("CT: expected a cut before it, which it continues")

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -328,9 +329,10 @@ class ProgramBuilder:
         if not rows:
             return []
         counts = [len(row.positions) for row in rows]
+        directions = chain.from_iterable(chain.from_iterable(row.directions for row in rows))
         points = Points(
             np.concatenate([row.positions for row in rows]),
-            np.array([direction for row in rows for direction in row.directions]),
+            np.fromiter(directions, np.float64).reshape(sum(counts), -1),
             np.repeat([row.line for row in rows], counts),
             np.repeat([row.feed for row in rows], counts),
         )
