@@ -1,42 +1,6 @@
 """Paths: task files, waypoints, and toolpaths of CAM systems."""
 
-from qp_twist.shipped import shipped_folder as shipped_folder
-from qp_twist.shipped import shipped_tasks as shipped_tasks
+import lazy_loader
 
-from .column_names import Orientation as Orientation
-from .joint_moves import in_joint_moves as in_joint_moves
-from .joint_moves import joint_move_ends as joint_move_ends
-from .joint_moves import refuse_joint_moves as refuse_joint_moves
-from .joint_moves import stretches as stretches
-from .joint_moves import without_via_points as without_via_points
-from .methods import DEFAULT_METHOD as DEFAULT_METHOD
-from .methods import METHODS as METHODS
-from .methods import Method as Method
-from .methods import MethodSettings as MethodSettings
-from .path_task import PathTask as PathTask
-from .path_task import check_method as check_method
-from .path_task import twist_task as twist_task
-from .placement import leaned as leaned
-from .placement import placed as placed
-from .read_toolpath import read_toolpath as read_toolpath
-from .rerooted import Rerooted as Rerooted
-from .rerooted import rerooted as rerooted
-from .resample import MOST as MOST
-from .resample import Sampling as Sampling
-from .resample import resampled as resampled
-from .rotary_axes import Rotary as Rotary
-from .segment import Segment as Segment
-from .shown import Shown as Shown
-from .task_file import load_scene as load_scene
-from .task_file import load_task as load_task
-from .tolerances import Tolerances as Tolerances
-from .toolpath import Curve as Curve
-from .toolpath import Lines as Lines
-from .toolpath import Toolpath as Toolpath
-from .toolpath_columns import ColumnChoice as ColumnChoice
-from .toolpath_columns import UnclearColumns as UnclearColumns
-from .toolpath_options import ReadingOptions as ReadingOptions
-from .toolpath_options import ToolpathOptions as ToolpathOptions
-from .toolpath_points import UnitQuestion as UnitQuestion
-from .turning import transported as transported
-from .waypoints import Waypoints as Waypoints
+# The names are those of __init__.pyi: a task without a toolpath file loads no reader.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -14,7 +14,6 @@ from qp_twist.geometry import TwistProjector
 from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
 from qp_twist.paths.orientation import lean_turns
 from qp_twist.paths.path_task import FromStart
-from qp_twist.paths.read_toolpath import read_toolpath
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
@@ -69,6 +68,8 @@ def file_waypoints(
         InvalidInput: If the toolpath is refused, is larger than the robot's ``reach`` (m), yields
             too many waypoints, or contradicts the keys.
     """
+    from qp_twist.paths.read_toolpath import read_toolpath  # its readers take 0.3 s
+
     toolpath = read_toolpath(task_file.parent / section.file, section)
     if section.curves is not None:
         toolpath = toolpath.chosen(section.curves)
