@@ -25,6 +25,7 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.program_trajectory import axis_names, check_language
 
 OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
+MotionName = Annotated[str, tyro.conf.arg(metavar="joint|linear")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": ".mcap"}
 
@@ -40,6 +41,8 @@ def export(
     external: cli.External = None,
     path: cli.OptionalFile = None,
     force: cli.Flag = False,
+    motion: MotionName = "joint",
+    tool_number: cli.Count = 1,
     json_: cli.Json = False,
 ) -> None:
     """Write a trajectory file as a robot program or a ROS 2 bag, and check what was written.
@@ -54,15 +57,19 @@ def export(
         to: urscript, rapid, krl, ls or mcap; if omitted, by the suffix of --out.
         out: File to write; if omitted, the trajectory's name with the suffix of the language.
         path: Toolpath to check against instead of the task's own.
+        motion: joint, or linear: the tool moves straight through as few points as keep the path,
+            written as joint angles (rapid and ls).
+        tool_number: With --motion linear: the controller's tool whose TCP is the task's frame.
     """
+    tool = _tool(motion, tool_number, checked=task is not None)
     named = out is not None
     out = _destination(trajectory, to, out)
     cli.check_file(out)
     dialect = dialect_of(out)
-    if dialect is None and (robot is not None or as_modelled or external or force):
+    if dialect is None and (robot or as_modelled or external or force or tool):
         raise InvalidInput(
-            "--robot, --as-modelled, --external and --force are for programs; a bag has the "
-            "model's joints."
+            "--robot, --as-modelled, --external, --motion linear and --force are for programs; a "
+            "bag has the model's joints."
         )
     if task is None and (path is not None or force):
         raise InvalidInput("--path and --force are for the check: it needs a task; give it, too.")
@@ -94,10 +101,17 @@ def export(
     else:
         with working("checking"):
             found, written = write_checked(
-                rows, out, path_task, joints, joint_names=names, force=force
+                rows,
+                out,
+                path_task,
+                joints,
+                joint_names=names,
+                force=force,
+                tool=tool,
             )
     cli.only_json(json_)
-    cli.say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} points")
+    of = "points" if tool is None else "rows, of which it has some"
+    cli.say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} {of}")
     axes: list[str] = []
     if joints is not None and dialect is not None:
         if rows.accelerations is not None:
@@ -121,6 +135,17 @@ def export(
         if not found.passes:
             cli.fail(failure(out, found, written))
         cli.say(found.verdict)
+
+
+def _tool(motion: str, number: int, *, checked: bool) -> int | None:
+    """The number of the tool that moves straight; ``None`` for joint moves."""
+    if one_of("--motion", motion, ("joint", "linear")) == "joint":
+        return None
+    if not checked or number < 1:
+        raise InvalidInput(
+            "--motion linear needs the task, whose tool moves straight, and a --tool-number from 1."
+        )
+    return number
 
 
 def _destination(trajectory: Path, to: str | None, out: Path | None) -> Path:

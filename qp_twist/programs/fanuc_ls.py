@@ -16,13 +16,14 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, ExternalColumn, JointMoves
+from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -65,33 +66,38 @@ CONTROL_CODE	= 00000000 00000000;
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
-    title, external = name.upper(), moves.external
+    title = name.upper()
     remarks = [f"  !{text} ;" for line in header for text in _remarks(line)]
+    if moves.straight:
+        remarks += ["  UFRAME_NUM=0 ;", f"  UTOOL_NUM={moves.tool} ;"]
     last = len(moves.angles)
     statements = []
     for point, seconds in enumerate([None, *moves.durations.tolist()], start=1):
         speed = "10%" if seconds is None else _time(seconds)
-        end = "FINE" if point in (1, last) else "CNT100"
-        statements.append((f"J P[{{}}] {speed} {end} ;", moves.angles[point - 1].tolist()))
+        stops = point in (1, last) if moves.stops is None else moves.stops[point - 1]
+        word = "L" if point > 1 and moves.straight and moves.straight[point - 2] else "J"
+        text = f"{word} P[{{}}] {speed} {'FINE' if stops else 'CNT100'} ;"
+        statements.append((text, moves.angles[point - 1].tolist()))
     room = LONGEST - len(remarks)
     if len(statements) <= room:
-        return {f"{name}.ls": _program(title, remarks, statements, external)}
+        return {f"{name}.ls": _program(title, remarks, statements, moves)}
     count = -(-len(statements) // LONGEST)
     share = -(-len(statements) // count)
     parts = [statements[k : k + share] for k in range(0, len(statements), share)]
     LS.check_name(f"{name}_{len(parts)}")
     calls = [f"  CALL {title}_{number} ;" for number in range(1, len(parts) + 1)]
-    files = {f"{name}.ls": _program(title, [*remarks, *calls], [], external)}
+    files = {f"{name}.ls": _program(title, [*remarks, *calls], [], moves)}
     for number, part in enumerate(parts, start=1):
-        files[f"{name}_{number}.ls"] = _program(f"{title}_{number}", [], part, external)
+        files[f"{name}_{number}.ls"] = _program(f"{title}_{number}", [], part, moves)
     return files
 
 
 def _program(
     title: str, first: Sequence[str], moves: Sequence[tuple[str, list[float]]],
-    external: Sequence[ExternalColumn],
+    of: JointMoves,
 ) -> str:  # fmt: skip
     """The text of a program: statements, then moves and their points."""
+    external = of.external
     groups = "1,1,*,*,*" if any(each.name.startswith(_GROUP) for each in external) else "1,*,*,*,*"
     lines = [*first, *(text.format(k) for k, (text, _) in enumerate(moves, start=1))]
     text = _HEAD.format(name=title, count=len(lines), groups=groups)
@@ -107,7 +113,7 @@ def _program(
         text += f"P[{number}]{{\n"
         for group, found in enumerate(filter(None, (own, part)), start=1):
             rows = [", ".join(found[k : k + 3]) for k in range(0, len(found), 3)]
-            text += f"   GP{group}:\n\tUF : 0, UT : 1,\n\t" + ",\n\t".join(rows) + "\n"
+            text += f"   GP{group}:\n\tUF : 0, UT : {of.tool},\n\t" + ",\n\t".join(rows) + "\n"
         text += "};\n"
     return text + "/END\n"
 
@@ -163,6 +169,15 @@ def _translate(text: str) -> str:
     return re.sub(r"\bdiv\b", "//", re.sub(r"\bmod\b", "%", text))
 
 
+class _Point(NamedTuple):
+    """A point: its angles or its pose, its external axes, and the tool of angles."""
+
+    angles: list[float] | None = None
+    pose: mink.SE3 | None = None
+    external: Mapping[str, tuple[float, str]] = MappingProxyType({})
+    tool: str = ""
+
+
 class TpProgram(Program):
     """A program, and those that it calls.
 
@@ -179,7 +194,8 @@ class TpProgram(Program):
         ),
         otherwise=r"ELSE(?P<condition>(?!))?",
         coordinates=r"\bPR?\s*\[",
-        reads="joint moves (J P[…] with a speed or time, FINE or CNT) one after the other",
+        reads="joint moves (J P[…] with a speed or time, FINE or CNT), and straight ones to joint "
+        "angles with a time (L P[…] …msec), one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves, beside: Beside) -> None:
@@ -197,9 +213,10 @@ class TpProgram(Program):
         end, via = _NUMBERED.format("p", "p"), _NUMBERED.format("q", "q")
         rest = (r"\s*(?P<speed>.*?)\s*(?P<zone>FINE|CNT\s*\w+(?:\[.*?\])?|CR\s*\w+)?"
                 r"(?P<options>(?<=\d)\s.*|(?<=E)\s.*|)")  # fmt: skip
+        joint = "[JL]" if self.moves.strict else "J"  # then L to joint angles, too
         return (
             (r"(?:!|//|--).*|", "", "silent"),
-            (rf"(?P<word>J)\s+{end}{rest}", self._move, "joint"),
+            (rf"(?P<word>{joint})\s+{end}{rest}", self._move, "joint"),
             (rf"(?P<word>[JLCA])\s+{end}(?:\s+{via})?{rest}", self._move, "path"),
             (r"P\s*\[\s*(\d+)[^=]*=.*", self._change, "path"),
             (r"(?:\w\s+PR?\[|OFFSET|TOOL_OFFSET|VOFFSET|UFRAME\s*\[|UTOOL\s*\[|SKIP|COL\s+GUARD|RSR"
@@ -403,22 +420,24 @@ class TpProgram(Program):
         timed = re.fullmatch(rf"({NUMBER})\s*(%|sec|msec)", match["speed"], re.I)
         if moves.strict and not (
             timed
+            and (word == "J" or timed[2] != "%")
             and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
             and re.fullmatch(r"(\s*ACC\s*\d+)?", match["options"], re.I)
             and match["p"].upper() == "P"
         ):
-            what = f"J is not read; only {self.language.reads} can be checked."
+            what = f"{word} is not read; only {self.language.reads} can be checked."
             raise refuse(line, match[0], what)
         if zone and zone.upper() not in ("FINE", "CNT0"):
             moves.rounds(line, zone)
         if "ACC" in match["options"].upper():
             moves.noted(line, "ACC", "speed")
-        angles, pose, external = self._point(line, match["p"], match["p_number"])
-        if word == "J":
+        angles, pose, external, tool = self._point(line, match["p"], match["p_number"])
+        if word == "J" or moves.strict:
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
             timing = None if math.isnan(seconds) else seconds
-            moves.joint(JointMove(line, angles, pose, timing, None, external))
+            straight = tool if word == "L" else ""
+            moves.joint(JointMove(line, angles, pose, timing, None, external, straight))
             return
         speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
         moves.feed = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
@@ -430,28 +449,28 @@ class TpProgram(Program):
         elif not match["q"]:
             raise refuse(line, match[0], "expected two points, C P[1] P[2].")
         else:
-            _, end, _ = self._point(line, match["q"], match["q_number"])
+            end = self._point(line, match["q"], match["q_number"]).pose
             if end is None:
                 self.refuse(line, match)
             else:
                 moves.arc(line, pose, end)
 
-    def _point(
-        self, line: int, kind: str, number: str
-    ) -> tuple[list[float] | None, mink.SE3 | None, dict[str, tuple[float, str]]]:
-        """The angles or the pose of a point, and its frame; none of a register; external axes."""
+    def _point(self, line: int, kind: str, number: str) -> _Point:
+        """The angles or the pose of a point, and its frame; none of a register."""
         if kind.upper() == "PR":
-            return None, None, {}
+            return _Point()
         if not number.isdecimal():
             number = f"{self.values.value(number):g}"
         inside = self._points[self._file].get(int(number)) if number.isdecimal() else None
         if inside is None:
             raise InvalidInput(f"there is no P[{number}] under /POS", line=line)
         if not inside:
-            return None, None, {}
+            return _Point()
         axes, frame, external = _fields(f"P[{number}]", inside, strict=self.moves.strict)
         if not {*"XYZ"} & axes.keys():
-            return [value for _, value in sorted(axes.items())], None, external
+            tool = re.search(r"\bUT\s*:\s*(\w+)", inside)
+            angles = [value for _, value in sorted(axes.items())]
+            return _Point(angles, None, external, f"tool {tool[1]}" if tool else "")
         self.moves.external(line, external)
         if not {*"XYZWPR"} <= axes.keys():
             raise InvalidInput(f"P[{number}]: expected X, Y, Z in mm and W, P, R in deg", line=line)
@@ -459,7 +478,7 @@ class TpProgram(Program):
             raise InvalidInput(f"P[{number}] does not state its frame, UF", line=line)
         self.moves.frame = f"UFRAME {frame}", None
         x, y, z, w, p, r = (axes[key] for key in "XYZWPR")
-        return None, pose_of((x, y, z), zyx_quaternion(r, p, w)), external
+        return _Point(None, pose_of((x, y, z), zyx_quaternion(r, p, w)), external)
 
 
 def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]:
@@ -567,7 +586,7 @@ LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
     external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
-    of_parts=_GROUP, period=0.008,
+    of_parts=_GROUP, period=0.008, straight=True,
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

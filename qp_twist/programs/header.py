@@ -59,6 +59,12 @@ def header_lines(
         f"points: {len(moves.angles)}",
         f"seconds: {total:.{dialect.time_decimals}f}",
         *equations,
+        *(
+            [f"Tool {moves.tool} has to have its TCP at the task's frame."]
+            if moves.straight
+            else []
+        ),
+        "Tool, base and load: none is set here.",
         "No controller has run this.",
     )
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 
 AXES = 6
@@ -49,6 +49,10 @@ class JointMoves:
         untimed: The line because of which nothing says how long the program takes, and why;
             ``None`` if it has times.
         external: The last k columns.
+        straight: Of each move the line of a program in which the tool moves straight, and 0 of
+            joint moves, (N − 1,); ``None`` without straight moves.
+        stops: Points at which the robot stops, (N,); ``None``: at both ends.
+        tool: Number of the tool of straight moves.
     """
 
     angles: Array
@@ -59,6 +63,9 @@ class JointMoves:
     waits: tuple[tuple[int, str], ...] = ()
     untimed: tuple[int, str] | None = None
     external: tuple[ExternalColumn, ...] = ()
+    straight: tuple[int, ...] | None = None
+    stops: Mask | None = None
+    tool: int = 1
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"
@@ -90,6 +97,8 @@ class Dialect(NamedTuple):
         of_parts: What the names of those begin with that carry the part; empty: no matter.
         period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
             the program itself divides time.
+        zone: How far from a point the robot begins to round it, m; ``None``: half a move.
+        straight: Whether straight moves of the tool are written.
     """
 
     name: str
@@ -108,6 +117,8 @@ class Dialect(NamedTuple):
     external: tuple[str, ...] = ()
     of_parts: str = ""
     period: float = 0.0
+    zone: float | None = None
+    straight: bool = False
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

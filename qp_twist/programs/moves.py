@@ -24,7 +24,8 @@ class JointMove(NamedTuple):
     """A joint move, in ``seconds``, to angles or a pose, or to what the program does not state.
 
     With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
-    given by name, each with its unit, if the program says it; others stay.
+    given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
+    of one, that moves straight.
     """
 
     line: int
@@ -33,6 +34,7 @@ class JointMove(NamedTuple):
     seconds: float | None = None
     rates: list[float] | None = None
     external: Mapping[str, tuple[float, str]] = MappingProxyType({})
+    tool: str = ""
 
 
 class Moves:
@@ -98,11 +100,13 @@ class Course(Moves):
         self._external: dict[str, float] = {}
         self._externals: list[dict[str, float]] = []
         self._columns: dict[str, ExternalColumn] = {}
+        self._straight: list[int] = []
+        self._tool = ""
         self._rounded = False
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external = move
+        line, angles, _, seconds, rates, external, tool = move
         if angles is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         for values in (angles, rates or angles):
@@ -116,6 +120,13 @@ class Course(Moves):
             if seconds is None:
                 self._without_time(line, "the move", "has no time")
             self._durations.append(math.nan if seconds is None else seconds)
+        if tool and not self._points:
+            raise InvalidInput("expected a joint move first, to where it begins.", line=line)
+        if tool and self._tool not in ("", tool):
+            raise InvalidInput(f"moves the tool {tool} straight, before {self._tool}.", line=line)
+        self._tool = tool or self._tool
+        if self._points:
+            self._straight.append(line if tool else 0)
         self.external(line, external)
         self._points.append(angles)
         self._externals.append(dict(self._external))
@@ -186,6 +197,11 @@ class Course(Moves):
                 "program; expected two or more."
             )
         notes = list(self._notes)
+        if self._tool:
+            notes.append(
+                f"{np.count_nonzero(self._straight)} straight moves of {self._tool}: its TCP has "
+                "to be the task's frame; its orientation turns in proportion about a fixed axis"
+            )
         untimed = None
         if self._untimed is not None:
             line, what, why = self._untimed
@@ -207,6 +223,7 @@ class Course(Moves):
             np.array(self._durations) if untimed is None else None,
             np.array(self._velocities) if self._velocities else None,
             header, tuple(notes), tuple(self._waits), untimed, tuple(self._columns.values()),
+            tuple(self._straight) if self._tool else None,
         )  # fmt: skip
 
 

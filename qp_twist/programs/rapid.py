@@ -48,12 +48,18 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         return f"    MoveAbsJ [[{values}],[{external}]]\\NoEOffs,"
 
     first, *others = (target(point) for point in moves.angles.tolist())
+    tool = f"tool{moves.tool}"
     lines = [f"MODULE {name}", *(f"  ! {line}" for line in header), f"  PROC {_PREFIX}{name}()"]
     lines.append(f"{first}v50,fine,tool0;")
     times = [f"{seconds:.{RAPID.time_decimals}f}" for seconds in moves.durations.tolist()]
     for number, (to, seconds) in enumerate(zip(others, times, strict=True), start=1):
-        zone = "fine" if number == len(others) else "z0"
-        lines.append(f"{to}v1000\\T:={seconds},{zone},tool0;")
+        stops = number == len(others) if moves.stops is None else moves.stops[number]
+        end = f"v1000\\T:={seconds},{'fine' if stops else 'z0'}"
+        if moves.straight is not None and moves.straight[number - 1]:
+            at = to.strip().removeprefix("MoveAbsJ ").removesuffix("\\NoEOffs,")
+            lines.append(f"    MoveL CalcRobT({at},{tool}),{end},{tool};")
+        else:
+            lines.append(f"{to}{end},tool0;")
     lines += ["  ENDPROC", "ENDMODULE", ""]
     return {f"{name}{RAPID.suffix}": "\n".join(lines)}
 
@@ -158,6 +164,7 @@ class RapidModule(Program):
         """Moves, data, words that move nothing, calls."""
         return (
             (r"MoveAbsJ\b(?P<arguments>.*)", self._move_joints, "joint"),
+            *self._straight_rule(),
             (_MOVES, self._move, "path"),
             (r"(?:Search[LC]|FC\w+|Contact\w*|EGM\w*|Corr\w*|TrackMove\w*|PDisp(?:On|Set)|EOffs(?:On"
              r"|Set)|GOTO|CallByVar|PathRecMove\w*|StepBwdPath|MoveExtJ|%|Load\s)\b.*",
@@ -234,8 +241,22 @@ class RapidModule(Program):
             return None
         return held if isinstance(held, bool) else None
 
-    def _move_joints(self, line: int, match: re.Match[str]) -> None:
-        """MoveAbsJ; ``check`` knows all its arguments."""
+    def _straight_rule(self) -> Sequence[Rule]:
+        """A straight move to joint angles, which ``check`` reads."""
+        of = (rf"MoveL\s+CalcRobT\s*\((?P<target>\[\[[^()]*\]\])\s*,\s*(?P<of>{_NAME})\)"
+              r"(?P<arguments>\s*,.*)")  # fmt: skip
+        return ((of, self._move_straight, "joint"),) if self.moves.strict else ()
+
+    def _move_straight(self, line: int, match: re.Match[str]) -> None:
+        """MoveL to the position of joint angles: a move to these angles, but straight."""
+        as_joints = re.match(
+            r"MoveAbsJ(?P<arguments>.*)", f"MoveAbsJ {match['target']}{match['arguments']}", re.S
+        )
+        assert as_joints is not None
+        self._move_joints(line, as_joints, match["of"])
+
+    def _move_joints(self, line: int, match: re.Match[str], straight: str = "") -> None:
+        """MoveAbsJ; ``check`` knows all its arguments. ``straight``: the tool that moves so."""
         (target, *others), options = self._arguments(line, match, 1)
         if not self.moves.strict:
             self.moves.joint(JointMove(line, None))
@@ -244,7 +265,9 @@ class RapidModule(Program):
             raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
         if unknown := options.keys() - _OPTIONS:
             raise refuse(line, match[0], f"\\{unknown.pop()} is not read here.")
-        if others[2].lower() != _TOOL:
+        if straight and (others[2].lower() != straight.lower() or "wobj" in options):
+            raise refuse(line, match[0], f"expected the tool {straight} and no work object.")
+        if others[2].lower() != _TOOL and not straight:
             self.moves.noted(line, others[2], "setting")
         found = self.values.value(target)
         try:
@@ -256,7 +279,7 @@ class RapidModule(Program):
         given = zip(RAPID.external, external, strict=True)
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
-        self.moves.joint(JointMove(line, angles, None, seconds, None, moved))
+        self.moves.joint(JointMove(line, angles, None, seconds, None, moved, straight))
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind = match["kind"].upper()
@@ -350,6 +373,7 @@ RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
+    zone=0.3e-3, straight=True,
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
-3HAC031973); that of the path planner before it is not public."""
+3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""

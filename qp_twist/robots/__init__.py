@@ -15,3 +15,4 @@ from .known_robots import stated_robot as stated_robot
 from .mesh_files import read_parts as read_parts
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot
+from .tool_chain import ToolChain as ToolChain

@@ -15,6 +15,7 @@ from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.robots.axis_geometry import Line, axis_geometry
 from qp_twist.robots.external_axes import PER_UNIT, ExternalAxis
 from qp_twist.robots.known_robots import KnownRobot, hinges_of
+from qp_twist.robots.tool_chain import ToolChain
 
 _STEP = np.pi / 2.0
 """Zero positions of models and controllers differ by multiples of this."""
@@ -50,6 +51,7 @@ class ControllerJoints:
         source: Source of the figures.
         notes: Remarks about the model.
         external: The external axes.
+        tool: What moves the task's frame, if that is the arm alone; ``None`` where it is not known.
     """
 
     joint_names: tuple[str, ...]
@@ -62,6 +64,7 @@ class ControllerJoints:
     source: str = ""
     notes: tuple[str, ...] = ()
     external: tuple[ExternalAxis, ...] = ()
+    tool: ToolChain | None = None
 
     @classmethod
     def as_modelled(cls, joint_names: Sequence[str]) -> ControllerJoints:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,7 @@ from qp_twist.programs import (
 from qp_twist.robots import (
     ControllerJoints,
     ExternalAxis,
+    ToolChain,
     as_stated,
     controller_joints,
     hinges_of,
@@ -38,6 +40,7 @@ from qp_twist.robots import (
     stated_robot,
 )
 from qp_twist.robots.wording import listed
+from qp_twist.trajectories.linear_moves import StraightMoves, followed, straight_moves
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -83,6 +86,14 @@ def joints_of(
             )
         return joints
     axes = _external_axes(path_task, joints)
+    if not axes and path_task.relative_to is None:
+        frame = path_task.frame_name, path_task.frame_type
+        chain, names = (
+            SerialChain.of(path_task.model, *frame),
+            JointRanges.of(path_task.model).names,
+        )
+        own = tuple(names[screw.dof] for screw in chain.screws)
+        joints = replace(joints, tool=ToolChain(chain, own, path_task.frame_name))
     if stated := tuple(external) or path_task.external:
         axes = as_stated(axes, stated)
     return joints.with_external(axes)
@@ -166,11 +177,13 @@ def encode(
     joints: ControllerJoints,
     name: str,
     path_task: PathTask | None = None,
+    tool: int | None = None,
 ) -> dict[str, str]:
     """The texts of a program's files, by name.
 
     Rows closer in time than the controller interpolates are :func:`spaced
     <qp_twist.trajectories.spaced_rows.spaced>`, with the tolerances of the task, if there is one.
+    With ``tool``, the number of one in the controller, that moves straight along the path.
 
     Raises:
         InvalidInput: If the robot is not programmed in this language, the trajectory has no times
@@ -178,9 +191,13 @@ def encode(
     """
     dialect.check_name(name)
     check_language(dialect, joints)
-    spacing = ""
+    spacing, line = "", None
+    if tool is not None:
+        line = _straight(rows, dialect, joints, path_task)
+        rows = line.rows
     if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
-        rows, left_out, longer = spaced(rows, dialect.period, path_task)
+        of = None if line is not None else path_task  # straight moves keep their points
+        rows, left_out, longer = spaced(rows, dialect.period, of)
         if left_out or longer:
             spacing = (
                 f"{left_out} rows left out, {longer} moves longer: none is below the controller's "
@@ -199,12 +216,37 @@ def encode(
     external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
     shown = scale * joints.shown(rows.q)
     moves = printed(JointMoves(shown, durations, velocities, external=external), dialect)
+    if line is not None and path_task is not None and tool is not None:
+        straight = tuple(int(each) for each in line.straight)
+        stops = line.stops(dialect.zone, path_task.tolerances.position)
+        moves = replace(moves, straight=straight, stops=stops, tool=tool)
     # In characters that every controller reads, and on one line.
     task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
     equations = joints.equations(names)
     task = " ".join(task.split())[:60]
     lines = header_lines(dialect, moves, joints.robot, equations, task, spacing)
     return dialect.encode(name, moves, lines)
+
+
+def _straight(
+    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None
+) -> StraightMoves:
+    """The rows between which the tool moves straight.
+
+    Raises:
+        InvalidInput: If the language has no such moves here, or the tool is not known.
+    """
+    if not dialect.straight:
+        raise InvalidInput(
+            f"straight moves are not written in {dialect.title}; write joint moves (--motion "
+            "joint)."
+        )
+    if path_task is None or joints.tool is None or rows.times is None:
+        raise InvalidInput(
+            "straight moves need a trajectory with times and its task, in which the robot alone "
+            "moves the tool: without external axes, and with the part at rest."
+        )
+    return straight_moves(rows, path_task, joints.tool)
 
 
 def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
@@ -234,16 +276,18 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         names = axis_names(dialect, joints)
         check_header(moves, dialect, joints.robot, joints.equations(names))
         angles, external = _columns(moves, joints, names)
-    scale = joints.scale(dialect.unit)
-    times = None
-    if moves.durations is not None:
-        times = np.concatenate([[0.0], np.cumsum(moves.durations)])
+        scale = joints.scale(dialect.unit)
+        times = None
+        if moves.durations is not None:
+            times = np.concatenate([[0.0], np.cumsum(moves.durations)])
+        q, times = followed(moves, joints.positions(angles / scale), times, joints)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and times is not None:
         notes.append(
-            f"{path.name}: checked as straight joint moves at constant speed from point to point; "
-            "the controller's ramps and roundings are its own"
+            f"{path.name}: checked as {'' if moves.straight is None else 'its straight moves and '}"
+            "straight joint moves at constant speed from point to point; the controller's ramps "
+            "and roundings are its own"
         )
     if "spacing" in moves.header:
         notes.append(f"{path.name}: {moves.header['spacing']}")
@@ -254,7 +298,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
     return TimedPath(
         joints.joint_names,
-        joints.positions(angles / scale),
+        q,
         times,
         rates,
         metadata,

@@ -121,6 +121,7 @@ def _encoded(
     path: Path,
     joints: ControllerJoints | None,
     task: PathTask | None,
+    tool: int | None = None,
 ) -> Mapping[str, str | bytes]:
     """The files to write, by name; a program may have several. Messages name ``path``."""
     rows, dialect = TimedPath.of(trajectory), dialect_of(path)
@@ -130,7 +131,7 @@ def _encoded(
     if joints is None:
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        return program_trajectory.encode(rows, dialect, joints, path.stem, task)
+        return program_trajectory.encode(rows, dialect, joints, path.stem, task, tool)
 
 
 def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -156,16 +157,18 @@ def write_checked(
     *,
     joint_names: Sequence[str] | None = None,
     force: bool = False,
+    tool: int | None = None,
 ) -> CheckedFile:
     """Write a trajectory, read it back and check it; a program that does not pass is not written.
 
     With ``force`` it is, with a first line at which a controller stops. ``joint_names`` are the
-    joints to read back, in this order; ``None``: those of the file.
+    joints to read back, in this order; ``None``: those of the file. With ``tool``, a number of the
+    controller's, a program moves that tool straight along the path instead of the joints.
 
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
-    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task)
+    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task, tool)
     with tempfile.TemporaryDirectory() as folder:
         file = _write(Path(folder) / path.name, files)
         check = check_trajectory(read_trajectory(file, joint_names, joints), path_task)
