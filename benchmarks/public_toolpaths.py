@@ -167,6 +167,14 @@ def targets(pattern: str) -> Callable[[str], Cuts]:
     return read
 
 
+def tp(text: str) -> Cuts:
+    """L P[n] of a TP program, in the order of the lines, each to its point under /POS."""
+    lines, points = text.split("/POS")
+    axes = rf"P\[(\d+)\]\s*\{{.*?X = ({_NUMBER}) mm, Y = ({_NUMBER}) mm, Z = ({_NUMBER}) mm"
+    at = {n: np.array(xyz, dtype=float) for n, *xyz in re.findall(axes, points, re.DOTALL)}
+    return [[at[n] for n in re.findall(r"L P\[(\d+)\]", lines)]]
+
+
 _CLSF, _APT = "HumMan/CLSFProcessor", "aamorim1913/AptPostProcessor"
 _CAMOTICS, _LCNC = "CauldronDevelopmentLLC/CAMotics", "LinuxCNC/linuxcnc"
 _5AXIS = "configs/sim/axis/vismach/5axis/table-rotary-tilting/demos/"
@@ -175,9 +183,11 @@ FILES: list[tuple[str, str, str, Callable[[str], Cuts]]] = [
     ("Siemens NX", _CLSF, "samples/_3_PAZ_125_N2.cls", apt),
     ("Siemens NX", _CLSF, "samples/_11_KONTUR_125_N2_232.cls", apt),
     ("Siemens NX", _CLSF, "samples/cutcom.clsf", apt),
+    ("Siemens NX", _CLSF, "samples/_6_KONTUR_125_N2_46.cls", apt),
     ("CAMWorks", _APT, "parts-2023/Teflon-gasket.apt", apt),
     ("CAMWorks", _APT, "parts-2022/Dem-target1.apt", apt),
     ("CAMWorks", _APT, "parts-2021/basemach.apt", apt),
+    ("CAMWorks", _APT, "parts-2022/SupPetriLED.apt", apt),
     ("Heidenhain", _APT, "tests/parts-2021/Teste-Metrologia/11.h", klartext),
     ("Heidenhain", _APT, "tests/parts-2022/shimemcunha/11.h", klartext),
     ("Heidenhain", _APT, "tests/parts-tools/boss/11.h", klartext),
@@ -196,6 +206,10 @@ FILES: list[tuple[str, str, str, Callable[[str], Cuts]]] = [
     ("CNCLib", "aiten/CNCLib", "Src/WpfClient/Examples/Examples_BlumeDesLebens.nc", gcode),
     ("Freecad", "MichaHofft/CreoPost",
      "src/CreoPostCmd/Examples/FreeCadToGrbl/platteyz-pass-3-helix.nc", gcode),
+    ("Inkscape", "rsharifr/dexarmcontroller", "patterns/HaveBeautifulDay.gcode", gcode),
+    ("slicer", "Jayson-Bai/kuka-slicer",
+     "packages/offline_path_planner/data/input_gcode/30_20_10_cube/30_20_10_cube.gcode", gcode),
+    ("G-code", "winder/Universal-G-Code-Sender", "test_files/shapeoko.txt", gcode),
     ("RoboDK", "RoboDK/RoboDK-API",
      "Python/Examples/Scripts/Example-Import-CSV-XYZWPR.csv", table((0, 1, 2))),
     ("Descartes", "ros-industrial/industrial_training",
@@ -209,6 +223,9 @@ FILES: list[tuple[str, str, str, Callable[[str], Cuts]]] = [
      targets(r"^(?:LIN|(PTP)) \{X (@), Y (@), Z (@)".replace("@", _NUMBER))),
     ("ABB", "arangogang/rapid-toolpath-viewer", "tests/fixtures/multiline.mod",
      targets(r"robtarget \w+ :=()?\s*\[\[(@), (@), (@)\]".replace("@", _NUMBER))),
+    ("ABB", "TPHugo/TimovyProjekt", "Stavbar/Stavbar24.9/test_4.prg",
+     targets(r"^Move(?:L|(J)) \[\[(@),(@),(@)\]".replace("@", _NUMBER))),
+    ("FANUC", "Creearc/welding_project", "layers_splitter/data_result/layer_18.ls", tp),
 ]  # fmt: skip
 """Dialect, repository, path, and the reader beside."""
 
