@@ -8,6 +8,8 @@ import inspect
 import math
 import operator
 from collections.abc import Callable, Iterable
+from os import PathLike
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -102,6 +104,13 @@ def instance(name: str, value: object, kind: type) -> None:
     """Refuse a ``value`` that is not of the type expected."""
     if not isinstance(value, kind):
         raise InvalidInput(f"expected a {kind.__name__}, got {type(value).__name__}.", key=name)
+
+
+def path_of(name: str, value: object) -> Path:
+    """A path; refused is what is none."""
+    if not isinstance(value, (str, PathLike)):
+        raise InvalidInput(f"expected the path of a file, got {value!r}.", key=name)
+    return Path(value)
 
 
 _Class = TypeVar("_Class", bound=type)

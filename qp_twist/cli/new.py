@@ -196,7 +196,8 @@ def _pose(option: str, text: str | None) -> tuple[float, ...] | None:
     except ValueError:
         numbers = []
     if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
-        got = f"; got {len(numbers)}" if numbers else ""
+        known = len(numbers) in (3, 6)
+        got = f"; got {'one that is not finite' if known else len(numbers)}" if numbers else ""
         raise InvalidInput(
             f"{option} {text!r}: expected three numbers in metres, e.g. {option} 0.5,0,0.2, or "
             f"six, the last three roll, pitch and yaw in degrees, e.g. {option} 0.5,0,0.2,0,0,90 "

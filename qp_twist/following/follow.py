@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from qp_twist.checks import Array, instance
+from qp_twist.checks import Array, did_you_mean, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.following.planned import plan as plan_path
 from qp_twist.following.planned import with_start
@@ -167,8 +167,9 @@ def _validated(settings: dict[str, Any], call: str) -> MethodSettings:
         return MethodSettings.model_validate(settings)
     except ValidationError as error:
         item = error.errors()[0]
-        known = ", ".join(MethodSettings.model_fields)
-        raise InvalidInput(
-            f"{call}: option {'.'.join(map(str, item['loc']))}: {item['msg']}, got "
-            f"{item['input']!r}. Options: {known}."
-        ) from None
+        name, fields = ".".join(map(str, item["loc"])), MethodSettings.model_fields
+        if item["type"] == "extra_forbidden":
+            said = f"there is no option {name!r}{did_you_mean(name, fields)}"
+        else:
+            said = f"option {name}: {item['msg']}, got {item['input']!r}."
+        raise InvalidInput(f"{call}: {said} Options: {', '.join(fields)}.") from None

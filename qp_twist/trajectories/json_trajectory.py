@@ -59,7 +59,8 @@ def decode(content: bytes, joint_names: tuple[str, ...] | None) -> TimedPath:
     try:
         document = read_json(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:  # also invalid UTF-8 and endless numbers
-        raise InvalidInput(f"this is no JSON: {clause(error)}.") from None
+        said = f"this is no JSON: {clause(error)}." if content.strip() else "the file is empty."
+        raise InvalidInput(said) from None
     found = document
     for key in ("goal", "trajectory", "joint_trajectory"):
         if isinstance(found, dict) and isinstance(found.get(key), dict):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import clause, float_array
+from qp_twist.checks import clause, float_array, path_of
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.paths import PathTask
@@ -110,7 +110,7 @@ def write_trajectory(
     Raises:
         InvalidInput: If the suffix is unknown, or the trajectory or robot do not fit a program.
     """
-    path = Path(path)
+    path = path_of("write_trajectory(…, path)", path)
     run = getattr(trajectory, "trajectory", trajectory)
     task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
     return _write(path, _encoded(trajectory, path, joints, task))
@@ -204,7 +204,7 @@ def read_trajectory(
     Raises:
         InvalidInput: If the file cannot be opened or parsed; with the place.
     """
-    path = Path(path)
+    path = path_of("read_trajectory(path)", path)
     dialect = dialect_of(path)
     if dialect is not None:
         if joints is None:
