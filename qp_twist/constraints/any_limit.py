@@ -33,9 +33,10 @@ _KNOWN: dict[type, str] = {
 }
 """Attributes of mink's limits."""
 _of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, mink.Limit]] = WeakKeyDictionary()
-_of_limits: WeakKeyDictionary[mink.Limit, tuple[Array, Array, Indices]] = WeakKeyDictionary()
-"""Of mink's limits on single joints, while they have the same matrix: this, G, and the indices in q
-of their joints; none of a velocity limit."""
+_of_limits: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Array, Indices]]
+_of_limits = WeakKeyDictionary()
+"""Of mink's limits on single joints: the bytes of their matrix and indices, G, and where the ends
+of their rows are among (upper − q, q − lower), which no velocity limit needs."""
 
 
 class Named(Protocol):
@@ -128,17 +129,20 @@ def box_of_mink(limit: Any, configuration: mink.Configuration, dt: float) -> Box
 def mink_rows(limit: Any, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
     """G and h of one of mink's limits on single joints, in a third of the time that mink takes."""
     refuse_unknown_attributes(limit)
-    given, kept = limit.projection_matrix, _of_limits.get(limit)
-    if kept is None or kept[0] is not given:
+    kept, given = _of_limits.get(limit), limit.projection_matrix
+    about = given.tobytes(), limit.indices.tobytes()  # the arrays may be changed in place
+    if kept is None or kept[0] != about:
         qpos = qpos_of(limit) if type(limit) is mink.ConfigurationLimit else np.zeros(0, np.intp)
-        kept = _of_limits[limit] = given, np.vstack([given, -given]), qpos
-    _, G, qpos = kept
+        places = np.concatenate((qpos, qpos + len(configuration.data.qpos)))
+        kept = _of_limits[limit] = about, np.vstack([given, -given]), places
+    _, G, places = kept
     if type(limit) is mink.VelocityLimit:
         most = dt * limit.limit
         return G, np.concatenate((most, most))
-    here = configuration.data.qpos[qpos]
-    sides = limit.upper[qpos] - here, here - limit.lower[qpos]
-    return G, limit.gain * np.concatenate(sides)
+    q = configuration.data.qpos
+    sides = np.concatenate((limit.upper - q, q - limit.lower)).take(places)
+    sides *= limit.gain
+    return G, sides
 
 
 def default_rows(configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
