@@ -117,30 +117,6 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
     finite_array(f"{name}: its damping", stated.damping, np.shape(stated.damping))
 
 
-def sum_of_costs(
-    stated: Sequence[WeightedRows | mink.Objective], nv: int
-) -> tuple[Array, Array, float | Array]:
-    r"""H and c on Δq of what tasks state, and the sum of their dampings μ.
-
-    .. math::
-
-        \mathbf H = \textstyle\sum\mathbf W^T\mathbf W, \qquad
-              \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
-    """
-    H, c = np.zeros((nv, nv)), np.zeros(nv)
-    damping: float | Array = 0.0
-    for cost in stated:
-        if isinstance(cost, WeightedRows):
-            W, error, own = cost
-            H += W.T @ W
-            c -= error @ W
-            damping = damping + own
-        else:
-            H += cost.H
-            c += cost.c
-    return H, c, damping
-
-
 def mink_costs(
     tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
 ) -> tuple[Array, Array]:
@@ -160,9 +136,22 @@ def costs_of(
     nv: int,
     dt: float,
 ) -> tuple[Array, Array]:
-    """:func:`mink_costs` of what tasks have stated."""
-    H, c, damping = sum_of_costs(stated, nv)
-    H.reshape(-1)[:: nv + 1] += damping
+    r""":func:`mink_costs` of what tasks have stated.
+
+    .. math::
+
+        \mathbf H = \textstyle\sum(\mathbf W^T\mathbf W + \mu\mathbf 1), \qquad
+              \mathbf c = -\textstyle\sum\mathbf W^T\mathbf e
+    """
+    H, c = np.zeros((nv, nv)), np.zeros(nv)
+    for cost in stated:
+        if isinstance(cost, WeightedRows):
+            H += cost.rows.T @ cost.rows
+            H.reshape(-1)[:: nv + 1] += cost.damping
+            c -= cost.error @ cost.rows
+        else:
+            H += cost.H
+            c += cost.c
     # Squares of the largest rows that are taken; written so that NaN is too large.
     if not largest(H) + largest(c) <= LARGEST_ROW**2:
         for task, cost in zip(tasks, stated, strict=True):

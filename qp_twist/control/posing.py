@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mink
 import numpy as np
@@ -292,13 +292,13 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
     return TaskRows(matrix[seen], error[seen] / dt)
 
 
-def stacked(blocks: Sequence[tuple[Array, Array]], n: int) -> tuple[Array, Array]:
-    """Rows (m, n) and right-hand sides (m,), one block below the other."""
-    if len(blocks) == 1:
-        return blocks[0]
+def stacked(blocks: Sequence[tuple[Any, ...]], n: int) -> tuple[Array, Array]:
+    """Rows (m, n) and right-hand sides (m,), the first two of each block, below each other."""
     if not blocks:
         return np.zeros((0, n)), np.zeros(0)
-    return np.concatenate([A for A, _ in blocks]), np.concatenate([b for _, b in blocks])
+    if len(blocks) == 1:
+        return blocks[0][0], blocks[0][1]
+    return np.concatenate([v[0] for v in blocks]), np.concatenate([v[1] for v in blocks])
 
 
 # ----------------------------------------------------------------------------------- the program

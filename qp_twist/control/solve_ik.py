@@ -17,7 +17,6 @@ from qp_twist.checks import (
     Array,
     did_you_mean,
     finite_array,
-    largest,
     number,
     one_of,
 )
@@ -38,7 +37,6 @@ from qp_twist.control.mink_costs import (
     mink_cost,
     name_of,
     refuse_elastic,
-    sum_of_costs,
 )
 from qp_twist.control.posing import (
     Posed,
@@ -52,7 +50,6 @@ from qp_twist.control.solving import solved_step, step_of
 from qp_twist.control.step import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
-from qp_twist.kernel.constants import FASTEST
 from qp_twist.kinematics import TwistTask, check_configuration
 from qp_twist.qp import Directions, Found, QuadraticProgram, check_solver
 
@@ -213,7 +210,7 @@ class _Asked(NamedTuple):
         model, q = configuration.model, configuration.data.qpos
         if model.nv == 0:
             raise InvalidInput("solve_ik: the model has no joints to move.")
-        if not math.isfinite(np.add.reduce(q)):
+        if not math.isfinite(sum(q.tolist())):
             finite_array("configuration.q", configuration.q, (model.nq,))
         if safety_break or _check_has_effect(configuration):
             configuration.check_limits(safety_break=safety_break)
@@ -259,18 +256,21 @@ class _Asked(NamedTuple):
         if self.options:
             return None
         nv, floats = self.nv, np.ascontiguousarray
-        H, c, own = sum_of_costs(self.costs, nv)
-        damping = np.zeros(nv) + (own + self.damping)
-        (A, b), (G, h) = (
-            stacked([(row.A, row.b) for row in self.rows], nv),
-            stacked(self.bounds, nv),
-        )
-        if not largest(b) <= FASTEST:
-            return None
+        H, c, total, weighted = np.zeros((nv, nv)), np.zeros(nv), self.damping, []
+        for cost in self.costs:
+            if isinstance(cost, WeightedRows):
+                weighted.append(cost)
+                total = total + cost.damping
+            else:
+                H += cost.H
+                c += cost.c
+        damping = np.zeros(nv)
+        damping += total
+        (W, e), (A, b), (G, h) = (stacked(v, nv) for v in (weighted, self.rows, self.bounds))
         slowed = self.singularity if self.singularity > DEFAULT_SINGULARITY else 0.0
         solved, velocity, scale, box, multipliers = _machine_code()(
-            floats(H), c, damping, floats(A), floats(b), floats(G), floats(h), self.dt, slowed,
-            self.on_infeasible == "scale",
+            floats(W), floats(e), H, c, damping, floats(A), floats(b), floats(G), floats(h),
+            self.dt, slowed, self.on_infeasible == "scale",
         )  # fmt: skip
         return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
 
@@ -329,7 +329,7 @@ def _machine_code() -> Callable[..., Any]:
     from qp_twist.kernel.row_program import solve_rows
 
     one, row = np.zeros(1), np.zeros((1, 1))
-    return bound(solve_rows, row, one, one, row, one, row, one, 1.0, 0.0, True)
+    return bound(solve_rows, row, one, row, one, one, row, one, row, one, 1.0, 0.0, True)
 
 
 def _check_has_effect(configuration: mink.Configuration) -> bool:

@@ -211,7 +211,7 @@ def _centring(q, weight, middle):
 
 @kernel
 def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
-    """As ``planning.bound.centred_nearby``, from one configuration on its waypoint.
+    """As ``PathRows.descend``, from one configuration on its waypoint.
 
     Each step, along the rows of N (d, nv), minimises ‖W(θ̄ − θ − step)‖; 1e-12 is added to the
     normal equations for directions in which W is zero.
@@ -246,7 +246,7 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
 
 @kernel
 def centred_nearby(arm, rows, couplings, q, at, weight, middle, settings, descent):
-    """As ``planning.bound.centred_nearby``: q (K, nv) in place, NaN where it does not converge.
+    """As ``PathRows.descend``: q (K, nv) in place, NaN where it does not converge.
 
     ``settings`` as for :func:`correct`; ``descent``: largest number of rounds, largest step of a
     joint, rad or m, and the decrease of z below which it stops.

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from qp_twist.kernel.compiling import kernel, plain
-from qp_twist.kernel.constants import EQUALITY_TOLERANCE, STEEPEST, UNLIMITED
+from qp_twist.kernel.constants import EQUALITY_TOLERANCE, FASTEST, STEEPEST, UNLIMITED
 from qp_twist.kernel.directions import directions, free_of, well_conditioned
 from qp_twist.kernel.one_program import EMPTY, FAILED, OPTIMAL, Result, first_level, solve
 
@@ -47,9 +47,16 @@ def _sort_rows(G, h, dt, rows, ends, lower, upper):
 
 
 @plain
-def _take_costs(H, c, damping, dt):
-    """Add the damping, (nv,), to H, and make of c that of a velocity; false if none can be used."""
+def _take_costs(W, e, H, c, damping, dt):
+    """Add WᵀW and the damping, (nv,), to H, and Wᵀe to c, of a velocity; false if not usable."""
     hardest, largest, finite = 0.0, 0.0, True
+    for row in range(len(e)):
+        finite = finite and abs(e[row]) < math.inf
+        for i in range(len(c)):
+            if W[row, i] != 0.0:  # rows of a task have few: the joints that move its frame
+                c[i] -= W[row, i] * e[row]
+                for j in range(len(c)):
+                    H[i, j] += W[row, i] * W[row, j]
     for i in range(len(c)):
         H[i, i] += damping[i]
         c[i] /= dt
@@ -62,12 +69,13 @@ def _take_costs(H, c, damping, dt):
 
 
 @kernel
-def solve_rows(H, c, damping, A, b, G, h, dt, threshold, scales):
+def solve_rows(W, e, H, c, damping, A, b, G, h, dt, threshold, scales):
     """Solve and verify a program; if A q̇ = b does not fit and ``scales``, A q̇ = s b.
 
-    H, c and ``damping``, for the diagonal of H, are the cost of a displacement, and changed; rows
-    G Δq ≤ h (k, nv) are those of the limits. Dependent rows of A that are consistent count once;
-    where one of its singular values is below ``threshold`` the program is left to the reference.
+    The cost of a displacement is ½‖W Δq − e‖², with W (p, nv), and that of H, c and ``damping``,
+    for the diagonal of H; these are changed. Rows G Δq ≤ h (k, nv) are those of the limits.
+    Dependent rows of A that are consistent count once; where one of its singular values is below
+    ``threshold`` the program is left to the reference.
 
     Returned are whether it is solved, q̇ (nv,), s, the multipliers of the bounds, and of the rows
     with more than one entry; those of a scaled program are of s. What is not solved the reference
@@ -77,7 +85,9 @@ def solve_rows(H, c, damping, A, b, G, h, dt, threshold, scales):
     lower, upper = np.full(n, -math.inf), np.full(n, math.inf)
     rows, ends = np.empty(G.shape), np.empty(len(h))
     count = _sort_rows(G, h, dt, rows, ends, lower, upper)
-    fine = count >= 0 and _take_costs(H, c, damping, dt)
+    fine = count >= 0 and _take_costs(W, e, H, c, damping, dt)
+    for i in range(m):
+        fine = fine and abs(b[i]) <= FASTEST
     if fine and threshold > 0.0:
         work, scratch = np.empty((m, m)), np.empty((m, m))
         fine = well_conditioned(A, np.array([m]), threshold, work, scratch)
