@@ -4,10 +4,12 @@ from .any_limit import LimitRows as LimitRows
 from .any_limit import Named as Named
 from .any_limit import RowName as RowName
 from .any_limit import check_model as check_model
-from .any_limit import default_rows as default_rows
+from .any_limit import default_limit as default_limit
+from .any_limit import has_plain_rows as has_plain_rows
 from .any_limit import is_mink_box as is_mink_box
 from .any_limit import kind_of as kind_of
 from .any_limit import qpos_of as qpos_of
+from .any_limit import refuse_unknown_attributes as refuse_unknown_attributes
 from .any_limit import stated_rows as stated_rows
 from .band_limit import BandLimit as BandLimit
 from .binding import BindingLimit as BindingLimit

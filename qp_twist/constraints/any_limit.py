@@ -32,11 +32,9 @@ _KNOWN: dict[type, str] = {
     "minimum_distance_from_collisions collision_detection_distance broadphase broadphase_min_pairs",
 }
 """Attributes of mink's limits."""
-_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, mink.Limit]] = WeakKeyDictionary()
-_of_limits: WeakKeyDictionary[mink.Limit, tuple[tuple[bytes, bytes], Array, Indices]]
-_of_limits = WeakKeyDictionary()
-"""Of mink's limits on single joints: the bytes of their matrix and indices, G, and where the ends
-of their rows are among (upper − q, q − lower), which no velocity limit needs."""
+_of_models: WeakKeyDictionary[mujoco.MjModel, tuple[bytes, mink.ConfigurationLimit]] = (
+    WeakKeyDictionary()
+)
 
 
 class Named(Protocol):
@@ -120,48 +118,28 @@ def box_of_mink(limit: Any, configuration: mink.Configuration, dt: float) -> Box
     """The bounds of one of mink's limits on single joints; ``None`` of any other."""
     if not has_plain_rows(limit, configuration):
         return None
-    G, h = mink_rows(limit, configuration, dt)
+    refuse_unknown_attributes(limit)
+    G, h = limit.compute_qp_inequalities(configuration, dt)
     lower, upper = np.full((2, G.shape[1]), [[-np.inf], [np.inf]])
     upper[limit.indices], lower[limit.indices] = np.split(h / dt, 2) * np.array([[1.0], [-1.0]])
     return Box(kind_of(limit), lower, upper)
 
 
-def mink_rows(limit: Any, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-    """G and h of one of mink's limits on single joints, in a third of the time that mink takes."""
-    refuse_unknown_attributes(limit)
-    kept, given = _of_limits.get(limit), limit.projection_matrix
-    about = given.tobytes(), limit.indices.tobytes()  # the arrays may be changed in place
-    if kept is None or kept[0] != about:
-        qpos = qpos_of(limit) if type(limit) is mink.ConfigurationLimit else np.zeros(0, np.intp)
-        places = np.concatenate((qpos, qpos + len(configuration.data.qpos)))
-        kept = _of_limits[limit] = about, np.vstack([given, -given]), places
-    _, G, places = kept
-    if type(limit) is mink.VelocityLimit:
-        most = dt * limit.limit
-        return G, np.concatenate((most, most))
-    q = configuration.data.qpos
-    sides = np.concatenate((limit.upper - q, q - limit.lower)).take(places)
-    sides *= limit.gain
-    return G, sides
-
-
-def default_rows(configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
-    """G and h of ``mink.ConfigurationLimit(model)``, which is kept while the model's ranges stay.
+def default_limit(model: mujoco.MjModel) -> mink.ConfigurationLimit:
+    """``mink.ConfigurationLimit(model)``, kept while the model's ranges stay; without balls.
 
     mink makes it in each call, which takes longer than the rest of a step.
     """
-    model = configuration.model
     ranges = model.jnt_range.tobytes() + model.jnt_limited.tobytes()
     kept = _of_models.get(model)
     if kept is None or kept[0] != ranges:
         limit = mink.ConfigurationLimit(model)
-        if not has_plain_rows(limit, configuration):
-            return stated_rows(limit, configuration, dt)
-        mink_rows(limit, configuration, dt)
+        if not is_mink_box(limit):
+            return limit
         # A reference from the value to the model, its key, would keep it alive for ever.
         limit.model = weakref.proxy(model)
         kept = _of_models[model] = ranges, limit
-    return mink_rows(kept[1], configuration, dt)
+    return kept[1]
 
 
 def stated_rows(
@@ -172,8 +150,6 @@ def stated_rows(
     As in mink the result may be any object with ``inactive``, ``G`` and ``h``; these may be
     lists or a single row. Anything else is refused.
     """
-    if has_plain_rows(limit, configuration):
-        return mink_rows(limit, configuration, dt)
     refuse_unknown_attributes(limit)
     nv, name = configuration.model.nv, type(limit).__name__
     returned: Any = limit.compute_qp_inequalities(configuration, dt)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mink
@@ -292,10 +293,15 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
     return TaskRows(matrix[seen], error[seen] / dt)
 
 
+@cache
+def _no_rows(n: int) -> tuple[Array, Array]:
+    return np.zeros((0, n)), np.zeros(0)
+
+
 def stacked(blocks: Sequence[tuple[Any, ...]], n: int) -> tuple[Array, Array]:
     """Rows (m, n) and right-hand sides (m,), the first two of each block, below each other."""
     if not blocks:
-        return np.zeros((0, n)), np.zeros(0)
+        return _no_rows(n)
     if len(blocks) == 1:
         return blocks[0][0], blocks[0][1]
     return np.concatenate([v[0] for v in blocks]), np.concatenate([v[1] for v in blocks])

@@ -25,10 +25,11 @@ from qp_twist.constraints import (
     Constraint,
     check_constraint,
     check_model,
-    default_rows,
+    default_limit,
     gather_limits,
     stated_rows,
 )
+from qp_twist.control.mink_bounds import add_bounds
 from qp_twist.control.mink_costs import (
     WeightedRows,
     as_rows,
@@ -56,6 +57,7 @@ from qp_twist.qp import Directions, Found, QuadraticProgram, check_solver
 DEFAULT_SINGULARITY = 1e-9
 """Default of ``singularity``: rows whose smallest singular value is below it are dependent."""
 
+_NONE = np.zeros(0)
 _MINK_LOG = logging.getLogger(mink.__name__)
 _CHECK_LIMITS = mink.Configuration.check_limits
 
@@ -173,8 +175,10 @@ class _Asked(NamedTuple):
     costs: list[WeightedRows | mink.Objective]
     limits: Sequence[mink.Limit] | None
     """``None`` for mink's default."""
-    bounds: list[tuple[Array, Array]]
-    """Rows G Δq ≤ h of each limit."""
+    bounds: list[tuple[Array, Array] | None]
+    """Rows G Δq ≤ h of each limit; ``None`` of those in ``box``."""
+    box: Array
+    """Bounds of the velocity, (2, nv), of mink's limits on single joints."""
     constraints: Sequence[mink.Task]
     rows: list[TaskRows]
     """Rows of each constraint."""
@@ -208,16 +212,17 @@ class _Asked(NamedTuple):
         check_configuration(configuration)
         dt = number("dt", dt.item() if isinstance(dt, np.ndarray) and dt.size == 1 else dt, above=0)
         model, q = configuration.model, configuration.data.qpos
-        if model.nv == 0:
+        nv = model.nv
+        if nv == 0:
             raise InvalidInput("solve_ik: the model has no joints to move.")
-        if not math.isfinite(sum(q.tolist())):
+        if not math.isfinite(q @ q):  # or too large: then all are looked at
             finite_array("configuration.q", configuration.q, (model.nq,))
         if safety_break or _check_has_effect(configuration):
             configuration.check_limits(safety_break=safety_break)
-        damping = _damping(damping, model.nv)
+        damping = _damping(damping, nv)
         costed = _listed("tasks", tasks)
         limiting = None if limits is None else _listed("limits", limits)
-        if not isinstance(constraints, Iterable):
+        if constraints is None or not isinstance(constraints, Iterable):
             constraints = constraints or ()  # as in mink
         equalities = _listed("constraints", constraints)
         try:
@@ -225,10 +230,13 @@ class _Asked(NamedTuple):
                 if TwistTask in type(task).__mro__:  # a third of the time of isinstance
                     task.set_dt(dt)  # for its feed-forward
             costs = [mink_cost(task, configuration) for task in costed]
-            if limiting is None:
-                bounds = [default_rows(configuration, dt)]
-            else:
-                bounds = [stated_rows(limit, configuration, dt) for limit in limiting]
+            box = _unbounded(nv).copy()
+            bounds = [
+                None
+                if add_bounds(limit, configuration, dt, box)
+                else stated_rows(limit, configuration, dt)
+                for limit in ((default_limit(model),) if limiting is None else limiting)
+            ]
             rows = [_constraint_rows(task, configuration, dt) for task in equalities]
         except Exception:
             _check_items("tasks", costed, model)
@@ -236,7 +244,7 @@ class _Asked(NamedTuple):
             _check_items("constraints", equalities, model)
             raise
         return cls(
-            costed, costs, limiting, bounds, equalities, rows, damping, dt, model.nv, solver,
+            costed, costs, limiting, bounds, box, equalities, rows, damping, dt, nv, solver,
             on_infeasible, singularity, options,
         )  # fmt: skip
 
@@ -255,22 +263,27 @@ class _Asked(NamedTuple):
         """
         if self.options:
             return None
-        nv, floats = self.nv, np.ascontiguousarray
-        H, c, total, weighted = np.zeros((nv, nv)), np.zeros(nv), self.damping, []
+        nv, floats, damping = self.nv, np.ascontiguousarray, self.damping
+        residuals: list[tuple[Array, Array]] = []
+        H, c = np.zeros((nv, nv)), np.zeros(nv)
         for cost in self.costs:
             if isinstance(cost, WeightedRows):
-                weighted.append(cost)
-                total = total + cost.damping
+                residuals.append(cost[:2])
+                damping = damping + cost.damping
             else:
                 H += cost.H
                 c += cost.c
-        damping = np.zeros(nv)
-        damping += total
-        (W, e), (A, b), (G, h) = (stacked(v, nv) for v in (weighted, self.rows, self.bounds))
+        level, each = damping, _NONE
+        if type(damping) is not float:
+            level, each = 0.0, np.zeros(nv)
+            each += damping
+        W, e = stacked(residuals, nv)
+        A, b = stacked(self.rows, nv)
+        G, h = stacked([rows for rows in self.bounds if rows is not None], nv)
         slowed = self.singularity if self.singularity > DEFAULT_SINGULARITY else 0.0
         solved, velocity, scale, box, multipliers = _machine_code()(
-            floats(W), floats(e), H, c, damping, floats(A), floats(b), floats(G), floats(h),
-            self.dt, slowed, self.on_infeasible == "scale",
+            floats(W), floats(e), level, each, H, c, floats(A), floats(b), floats(G), floats(h),
+            self.box, self.dt, slowed, self.on_infeasible == "scale",
         )  # fmt: skip
         return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
 
@@ -290,7 +303,11 @@ class _Asked(NamedTuple):
         H.reshape(-1)[:: self.nv + 1] += self.damping
         if own is None:
             own = [mink.ConfigurationLimit(configuration.model)]
-        limits = gather_limits(own, configuration, dt, self.bounds)
+        stated = [
+            stated_rows(limit, configuration, dt) if known is None else known
+            for limit, known in zip(own, self.bounds, strict=True)
+        ]
+        limits = gather_limits(own, configuration, dt, stated)
         whole = [Directions.of(A, b, dt, epsilon, damp=False, smooth=False) for A, b, _ in rows]
         # What a constraint contradicts in itself it does not ask for.
         turns = [v.left[:, v.sigma > 0.0] for v in whole]
@@ -329,7 +346,13 @@ def _machine_code() -> Callable[..., Any]:
     from qp_twist.kernel.row_program import solve_rows
 
     one, row = np.zeros(1), np.zeros((1, 1))
-    return bound(solve_rows, row, one, row, one, one, row, one, row, one, 1.0, 0.0, True)
+    return bound(solve_rows, row, one, 0.0, one, row, one, row, one, row, one, row, 1.0, 0.0, True)
+
+
+@cache
+def _unbounded(nv: int) -> Array:
+    """Bounds of a velocity without limits."""
+    return np.repeat([[-np.inf], [np.inf]], nv, axis=1)
 
 
 def _check_has_effect(configuration: mink.Configuration) -> bool:

@@ -6,20 +6,66 @@ import math
 
 import numpy as np
 
-from qp_twist.kernel.compiling import kernel, plain
+from qp_twist.kernel.compiling import entry, kernel, plain
 from qp_twist.kernel.constants import EQUALITY_TOLERANCE, FASTEST, STEEPEST, UNLIMITED
 from qp_twist.kernel.directions import directions, free_of, well_conditioned
 from qp_twist.kernel.one_program import EMPTY, FAILED, OPTIMAL, Result, first_level, solve
 
 
 @plain
-def _sort_rows(G, h, dt, rows, ends, lower, upper):
+def _picks(P, dofs):
+    """Whether row i of P (k, nv) is the unit vector of degree of freedom ``dofs[i]``."""
+    for i in range(len(dofs)):
+        if not 0 <= dofs[i] < P.shape[1]:
+            return False
+        for j in range(P.shape[1]):
+            if P[i, j] != (1.0 if j == dofs[i] else 0.0):
+                return False
+    return True
+
+
+@plain
+def _narrow(box, j, low, high):
+    """Make a bound as narrow; NaN stays, to be refused."""
+    if low > box[0, j] or math.isnan(low):
+        box[0, j] = low
+    if high < box[1, j] or math.isnan(high):
+        box[1, j] = high
+
+
+@entry
+def add_ranges(q, low, high, qpos, dofs, P, gain, dt, box):
+    """Narrow ``box`` (2, nv) by a ``mink.ConfigurationLimit``; false if P has other rows.
+
+    ``qpos`` (nv,) are the places of all degrees of freedom in q.
+    """
+    if not _picks(P, dofs):
+        return False
+    for i in range(len(dofs)):
+        at = qpos[dofs[i]]
+        here, below, above = q[at], low[at], high[at]
+        _narrow(box, dofs[i], -(gain * (here - below)) / dt, gain * (above - here) / dt)
+    return True
+
+
+@entry
+def add_speeds(most, dofs, P, dt, box):
+    """Narrow ``box`` (2, nv) by a ``mink.VelocityLimit``; false if P has other rows."""
+    if not _picks(P, dofs):
+        return False
+    for i in range(len(dofs)):
+        _narrow(box, dofs[i], -(dt * most[i]) / dt, dt * most[i] / dt)
+    return True
+
+
+@plain
+def _sort_rows(G, h, dt, rows, ends, box):
     """Sort rows G Δq ≤ h into bounds, of one entry, and others, without those that always hold.
 
     Returns:
         The number of other rows; −1 if a number is none, or too large to compute with.
     """
-    count = 0
+    lower, upper, count = box[0], box[1], 0
     for i in range(len(h)):
         end, entries, last = h[i] / dt, 0, 0
         for j in range(G.shape[1]):
@@ -43,51 +89,66 @@ def _sort_rows(G, h, dt, rows, ends, lower, upper):
     for j in range(len(lower)):
         if not lower[j] <= upper[j] or lower[j] > UNLIMITED or upper[j] < -UNLIMITED:
             return -1
+        lower[j] = lower[j] if lower[j] >= -UNLIMITED else -math.inf
+        upper[j] = upper[j] if upper[j] <= UNLIMITED else math.inf
     return count
 
 
 @plain
-def _take_costs(W, e, H, c, damping, dt):
-    """Add WᵀW and the damping, (nv,), to H, and Wᵀe to c, of a velocity; false if not usable."""
-    hardest, largest, finite = 0.0, 0.0, True
+def _sum_costs(W, e, level, damping, H, c, dt):
+    """Add the cost ½‖W Δq − e‖² and the dampings to H and c, and make of c that of a velocity.
+
+    Returns:
+        Whether all numbers can be computed with.
+    """
+    n, hardest, largest, finite = len(c), 0.0, 0.0, True
     for row in range(len(e)):
         finite = finite and abs(e[row]) < math.inf
-        for i in range(len(c)):
-            if W[row, i] != 0.0:  # rows of a task have few: the joints that move its frame
-                c[i] -= W[row, i] * e[row]
-                for j in range(len(c)):
-                    H[i, j] += W[row, i] * W[row, j]
-    for i in range(len(c)):
-        H[i, i] += damping[i]
+        for i in range(n):
+            entry = W[row, i]
+            if entry != 0.0:  # rows of a posture have one
+                c[i] -= entry * e[row]
+                for j in range(i + 1):
+                    H[i, j] += entry * W[row, j]
+    for i in range(n):
+        H[i, i] += level + (damping[i] if len(damping) > 0 else 0.0)
         c[i] /= dt
         largest = max(largest, abs(c[i]))
         finite = finite and abs(c[i]) < math.inf  # false for NaN
-        for j in range(len(c)):
+        for j in range(i + 1):
+            H[j, i] = H[i, j]
             hardest = max(hardest, abs(H[i, j]))
             finite = finite and abs(H[i, j]) < math.inf
     return finite and largest <= STEEPEST * hardest
 
 
+@plain
+def _slow_enough(b):
+    """Whether no entry asks for more than ``FASTEST``; false for NaN."""
+    slow = True
+    for rate in b:
+        slow = slow and abs(rate) <= FASTEST
+    return slow
+
+
 @kernel
-def solve_rows(W, e, H, c, damping, A, b, G, h, dt, threshold, scales):
+def solve_rows(W, e, level, damping, H, c, A, b, G, h, box, dt, threshold, scales):
     """Solve and verify a program; if A q̇ = b does not fit and ``scales``, A q̇ = s b.
 
-    The cost of a displacement is ½‖W Δq − e‖², with W (p, nv), and that of H, c and ``damping``,
-    for the diagonal of H; these are changed. Rows G Δq ≤ h (k, nv) are those of the limits.
-    Dependent rows of A that are consistent count once; where one of its singular values is below
+    The cost of a displacement is ½‖W Δq − e‖² + ½ Δqᵀ(H + level + diag(damping))Δq + cᵀΔq, with
+    ``damping`` (nv,) or (0,) for none; H, symmetric, and c are changed. The limits are rows
+    G Δq ≤ h (k, nv) and the bounds ``box`` (2, nv) of the velocity, which is changed. Dependent
+    rows of A that are consistent count once; where one of its singular values is below
     ``threshold`` the program is left to the reference.
 
     Returned are whether it is solved, q̇ (nv,), s, the multipliers of the bounds, and of the rows
     with more than one entry; those of a scaled program are of s. What is not solved the reference
     has to solve, or to name what is wrong with it.
     """
-    n, m = len(c), len(b)
-    lower, upper = np.full(n, -math.inf), np.full(n, math.inf)
+    m, lower, upper = len(b), box[0], box[1]
     rows, ends = np.empty(G.shape), np.empty(len(h))
-    count = _sort_rows(G, h, dt, rows, ends, lower, upper)
-    fine = count >= 0 and _take_costs(W, e, H, c, damping, dt)
-    for i in range(m):
-        fine = fine and abs(b[i]) <= FASTEST
+    count = _sort_rows(G, h, dt, rows, ends, box)
+    fine = count >= 0 and _slow_enough(b) and _sum_costs(W, e, level, damping, H, c, dt)
     if fine and threshold > 0.0:
         work, scratch = np.empty((m, m)), np.empty((m, m))
         fine = well_conditioned(A, np.array([m]), threshold, work, scratch)

@@ -320,6 +320,12 @@ EDITS: dict[str, Callable[[mujoco.MjModel, Any, Any], None]] = {
         setattr(v, "projection_matrix", np.eye(model.nv)[[1, 0]]),
     ),
     "no speeds": lambda model, p, v: setattr(v, "projection_matrix", None),
+    "a matrix of speeds": lambda model, p, v: v.projection_matrix.__setitem__((0, 0), 2.0),
+    "a matrix of ranges": lambda model, p, v: p.projection_matrix.__setitem__((0, 0), 2.0),
+    "ends in whole numbers": lambda model, p, v: setattr(p, "upper", (0.5 * p.upper).astype(int)),
+    "ends that alternate": lambda model, p, v: setattr(
+        p, "upper", np.repeat(0.3 * p.upper, 2)[::2]
+    ),
 }  # fmt: skip
 
 
@@ -344,6 +350,31 @@ def test_what_is_edited_is_noticed(name: str, ball: bool, passed: bool) -> None:
     np.testing.assert_allclose(after, mink.solve_ik(c, tasks, DT, "daqp", limits=limits), atol=1e-6)
     of_the_model = "model" in name or "its ball" in name or "which joints have" in name
     assert (np.abs(after - before).max() > 1e-3) == (passed != of_the_model)
+
+
+CHANGES: dict[str, Callable[[Case], None]] = {
+    "a cost": lambda case: case.frame.set_position_cost(0.1),
+    "an entry of a cost": lambda case: case.frame.cost.__setitem__(0, 0.1),
+    "all costs": lambda case: setattr(case.posture, "cost", 3.0 * case.posture.cost),
+    "a gain": lambda case: setattr(case.frame, "gain", 0.3),
+    "a damping": lambda case: setattr(case.frame, "lm_damping", 2.0),
+    "a target": lambda case: case.posture.set_target(case.c.q + 0.0),
+    "a target in place": lambda case: case.posture.target_q.__iadd__(
+        np.isin(np.arange(case.c.nq), case.c.model.jnt_qposadr[case.c.model.jnt_type == 3]) * 0.3
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_what_is_changed_of_a_task_is_noticed(case: Case, name: str) -> None:
+    tasks = [case.frame, case.posture]
+    limits = [mink.ConfigurationLimit(case.c.model)]
+    before = qt.solve_ik(case.c, tasks, DT, "daqp", limits=limits)
+    CHANGES[name](case)
+    after = qt.solve_ik(case.c, tasks, DT, "daqp", limits=limits)
+    expected = mink.solve_ik(case.c, tasks, DT, "daqp", limits=limits)
+    np.testing.assert_allclose(after, expected, atol=1e-5)
+    assert np.abs(after - before).max() > 1e-3
 
 
 def test_two_models_of_one_size_do_not_mix() -> None:
