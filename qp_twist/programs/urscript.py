@@ -348,8 +348,9 @@ def _stopped(text: str, why: str) -> str:
 
 
 URSCRIPT = Dialect(
-    "urscript", "URScript", ".script", "rad", 10, 9,
+    "urscript", "URScript", ".script", "rad", 10, 11,
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     True, 64, "a function's name", _encode, _execute, _stopped,
 )  # fmt: skip
-"""URScript."""
+"""URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4
+rad/s²; with 11 digits it is a hundredth of what `check` counts as rounding."""
