@@ -17,10 +17,10 @@ from qp_twist.qp.verification import Multipliers
 
 # Defaults of first-order solvers are made for large problems: OSQP calls a step solved at 11 times
 # its velocity limit, ProxQP stops at an error of 1e-3, and without its duality gap at points with
-# 1e7 times the gradient allowed. DAQP's 1e-6 on bounds is a visible angle, and it says
-# infeasible where rows fix a bound's unknown up to an angle of 3e-6 (``sing_tol`` is its square).
+# 1e7 times the gradient allowed. DAQP says infeasible where rows fix a bound's unknown up to an
+# angle of 3e-6 (``sing_tol`` is its square).
 SETTINGS: dict[str, dict[str, Any]] = {
-    "daqp": {"primal_tol": 1e-11, "dual_tol": 1e-11, "sing_tol": 1e-14},
+    "daqp": {"sing_tol": 1e-14},
     "proxqp": {
         "eps_abs": 1e-9,
         "eps_rel": 0.0,
@@ -86,10 +86,18 @@ def solve_raw(
         InvalidInput: If the backend knows no such option.
     """
     size = problem.steepest or 1.0
+    # Active-set methods take differences of terms of the size of c: 1e-14 of it is rounding. What
+    # quadprog counts as zero cannot be set: it gets the unknowns in units in which c is one.
+    steep = largest(problem.c) / size
+    unit = max(1.0, steep) if solver == "quadprog" else 1.0
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
-    posed = problem.H / size, problem.c / size, A, b, G, g, problem.lower, problem.upper
+    bounds = problem.lower / unit, problem.upper / unit
+    posed = problem.H / size, problem.c / (size * unit), A, b / unit, G, g / unit, *bounds
     settings = dict(SETTINGS.get(solver, {}))
+    if solver == "daqp":  # its own 1e-6 on bounds is a visible angle
+        tolerance = max(1e-11, 1e-14 * steep)
+        settings |= {"primal_tol": tolerance, "dual_tol": tolerance}
     if solver == "osqp" and not len(b):
         # Without an active row OSQP says on standard output that it has nothing to polish.
         settings["polishing"] = False
@@ -106,14 +114,15 @@ def solve_raw(
         # A backend that refuses a problem has not solved it; the caller decides what follows.
         # Each raises exceptions of its own (OSQP's are neither ValueError nor qpsolvers').
         return RawSolution(None, False, Multipliers.none(problem))
-    y = _multipliers(solution.y, len(b))
+    y, cost = _multipliers(solution.y, len(b)), size * unit
     # Copies: some backends return views of memory that the next solve overwrites.
     multipliers = Multipliers(
-        size * y / equality_lengths,
-        size * _multipliers(solution.z, len(g)) / row_lengths if len(g) else g,
-        size * _multipliers(solution.z_box, problem.n),
+        cost * y / equality_lengths,
+        cost * _multipliers(solution.z, len(g)) / row_lengths if len(g) else g,
+        cost * _multipliers(solution.z_box, problem.n),
     )
-    return RawSolution(_numbers(solution.x), bool(solution.found), multipliers)
+    x = _numbers(solution.x)
+    return RawSolution(None if x is None else unit * x, bool(solution.found), multipliers)
 
 
 def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> Any:
