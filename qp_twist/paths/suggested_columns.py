@@ -258,7 +258,7 @@ def _is_clock(column: Array) -> bool:
 
 
 def _rises(column: Array) -> bool:
-    return len(column) > 1 and bool((np.diff(column) > 0.0).all() and column[0] >= 0.0)
+    return len(column) > 1 and bool((column[1:] > column[:-1]).all() and column[0] >= 0.0)
 
 
 def _is_epoch(column: Array) -> bool:

@@ -379,3 +379,16 @@ def test_a_header_of_numbers_and_a_count_are_no_points(tmp_path: Path) -> None:
         [curve] = read_toolpath(path).curves
         assert len(curve) == 3
         assert curve.positions[1] == pytest.approx(np.array([10.5, 0.25, 4.5]) * 1e-3)
+
+
+def test_times_beyond_all_numbers_are_no_times_and_end_in_no_warning(tmp_path: Path) -> None:
+    """TUM's ``t x y z qx qy qz qw`` with two exponents that are slips."""
+    pose = "0.7 {} 0.4 -0.7057879 0.7068645 -0.0185099 -0.0431678"
+    path = tmp_path / "a.tum"
+    path.write_text(
+        "".join(
+            f"{t} {pose.format(k / 10)}\n" for k, t in enumerate(("1e400", "1e500", "1305000002.0"))
+        )
+    )
+    [curve] = read_toolpath(path).curves
+    assert curve.positions[:, 1] == pytest.approx([0.0, 0.1, 0.2])
