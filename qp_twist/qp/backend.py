@@ -88,16 +88,17 @@ def solve_raw(
     size = problem.steepest or 1.0
     # Active-set methods take differences of terms of the size of c: 1e-14 of it is rounding. What
     # quadprog counts as zero cannot be set: it gets the unknowns in units in which c is one.
-    steep = largest(problem.c) / size
-    unit = max(1.0, steep) if solver == "quadprog" else 1.0
+    steep = max(1.0, largest(problem.c) / size)
     A, b, equality_lengths = _unit_rows(problem.A, problem.b)
     G, g, row_lengths = _unit_rows(problem.G, problem.g)
-    bounds = problem.lower / unit, problem.upper / unit
-    posed = problem.H / size, problem.c / (size * unit), A, b / unit, G, g / unit, *bounds
+    c, lower, upper, unit = problem.c / size, problem.lower, problem.upper, 1.0
+    if solver == "quadprog" and steep > 1.0:
+        unit = steep
+        c, b, g, lower, upper = (values / unit for values in (c, b, g, lower, upper))
+    posed = problem.H / size, c, A, b, G, g, lower, upper
     settings = dict(SETTINGS.get(solver, {}))
     if solver == "daqp":  # its own 1e-6 on bounds is a visible angle
-        tolerance = max(1e-11, 1e-14 * steep)
-        settings |= {"primal_tol": tolerance, "dual_tol": tolerance}
+        settings["primal_tol"] = settings["dual_tol"] = max(1e-11, 1e-14 * steep)
     if solver == "osqp" and not len(b):
         # Without an active row OSQP says on standard output that it has nothing to polish.
         settings["polishing"] = False
@@ -122,7 +123,9 @@ def solve_raw(
         cost * _multipliers(solution.z_box, problem.n),
     )
     x = _numbers(solution.x)
-    return RawSolution(None if x is None else unit * x, bool(solution.found), multipliers)
+    if x is not None and unit != 1.0:
+        x *= unit
+    return RawSolution(x, bool(solution.found), multipliers)
 
 
 def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> Any:
