@@ -69,14 +69,11 @@ def mink_cost(
         InvalidInput: If it is anything else.
     """
     refuse_elastic(task)
-    residual = task.compute_qp_residual(configuration)
-    nv = configuration.model.nv
+    nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
         return _objective(name_of(task), task.compute_qp_objective(configuration), nv)
     W, e, damping = residual
-    if not are_rows(W, e, nv):
-        W, e = as_rows(task, W, e, nv)
-    return WeightedRows(W, e, damping)
+    return WeightedRows(*as_rows(task, W, e, nv), damping)
 
 
 def as_rows(task: Any, rows: Any, sides: Any, nv: int) -> tuple[Array, Array]:

@@ -108,8 +108,11 @@ class ControllerJoints:
 
     def scale(self, unit: str) -> Array:
         """What the controller shows for one rad or m of each joint, in ``unit`` and mm, (n,)."""
-        units = [unit] * self.robot_axes + [each.unit for each in self.external]
-        return np.array([PER_UNIT[each] for each in units])
+        return np.array([PER_UNIT[each] for each in self._units(unit)])
+
+    def _units(self, unit: str) -> list[str]:
+        """In which each axis is shown, those of the robot in ``unit``."""
+        return [unit] * self.robot_axes + [each.unit for each in self.external]
 
     @property
     def origin(self) -> str:
@@ -146,8 +149,7 @@ class ControllerJoints:
 
     def equations(self, axis_names: Sequence[str]) -> tuple[str, ...]:
         """What each axis shows, e.g. ``"A2 = -joint_2 - 90 deg"``."""
-        texts = []
-        units = ["deg"] * self.robot_axes + [each.unit for each in self.external]
+        texts, units = [], self._units("deg")
         for k, (name, joint) in enumerate(zip(axis_names, self.joint_names, strict=True)):
             text = f"{name} = {'-' if self.signs[k] < 0.0 else ''}{joint}"
             terms = [(PER_UNIT[units[k]] * float(self.offsets[k]), "")]

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.banded_paths import least_mean_z
+from oracles.railed_arm import railed_arm
 from oracles.scripts import script
 from oracles.tilting_table import CENTRE, TILT, arm_that_moves, table_that_moves
 
@@ -24,16 +25,11 @@ STEP = math.radians(20.0)
 def on_a_rail(far: float = 0.0) -> qt.PathTask:
     """21 waypoints of the deburring run, the last moved by ``far`` m, the arm on a rail along x."""
     task = qt.load_task("deburring")
-    spec = mujoco.MjSpec.from_file(str(task.scene))
-    spec.body("base").add_joint(
-        name="rail", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], range=[-0.5, 0.5],
-        limited=1,
-    )  # fmt: skip
     shift = mink.SE3.from_translation(np.array([0.0, far, 0.0]))
     waypoints = task.waypoints[::20]
     none = np.full(7, np.inf)
     return dataclasses.replace(
-        task, model=spec.compile(), waypoints=(*waypoints[:-1], shift @ waypoints[-1]),
+        task, model=railed_arm(task), waypoints=(*waypoints[:-1], shift @ waypoints[-1]),
         flipped_waypoints=None, durations=None, start=np.append(0.0, task.start),
         velocity_limits=none, acceleration_limits=none,
     )  # fmt: skip

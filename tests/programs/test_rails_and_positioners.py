@@ -6,12 +6,12 @@ import dataclasses
 import re
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.program_rows import random_rows
+from oracles.railed_arm import railed_arm
 
 import qp_twist as qt
 from qp_twist.programs import DIALECTS
@@ -84,14 +84,9 @@ def test_random_rails_and_positioners_there_and_back(
 def on_a_rail() -> qt.PathTask:
     """The deburring task with its arm on a rail, every fourth waypoint."""
     task = qt.load_task("deburring")
-    spec = mujoco.MjSpec.from_file(str(task.scene))
-    spec.body("base").add_joint(
-        name="rail", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1.0, 0.0, 0.0], range=[-0.5, 0.5],
-        limited=1,
-    )  # fmt: skip
     none = np.full(7, np.inf)
     return dataclasses.replace(
-        task, model=spec.compile(), waypoints=task.waypoints[::8], flipped_waypoints=None,
+        task, model=railed_arm(task), waypoints=task.waypoints[::8], flipped_waypoints=None,
         durations=np.append(0.0, task.durations[8::8] * 8.0), start=np.append(0.0, task.start),
         velocity_limits=none, acceleration_limits=none,
     )  # fmt: skip
