@@ -14,6 +14,7 @@ import numpy as np
 from qp_twist.kernel.bounds import MOTION, stopping_speed
 from qp_twist.kernel.compiling import inner, part, plain
 from qp_twist.kernel.constants import BEND, DEPENDENT, MOST_REGULAR, REGULAR, SMOOTHED
+from qp_twist.kernel.copying import put_rows
 from qp_twist.kernel.dual_active_set import cholesky
 
 _SWEEPS = 60
@@ -110,7 +111,9 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
     """
     m = len(b)
     rows, along, square = A.copy(), np.empty((m, 2 + stated.shape[1])), np.empty(m)
-    along[:, 0], along[:, 1], along[:, 2:] = b, ahead, stated
+    for i in range(m):
+        along[i, 0], along[i, 1] = b[i], ahead[i]
+    put_rows(stated, along[:, 2:])
     rotate(rows, along, square)
     d = Directions(
         rows, along[:, 0].copy(), along[:, 1].copy(), square, np.zeros(m), np.zeros(m),

@@ -11,6 +11,7 @@ import numpy as np
 
 from qp_twist.kernel.compiling import inner, plain
 from qp_twist.kernel.constants import EQUALITY_TOLERANCE, WHOLE
+from qp_twist.kernel.copying import put, put_rows
 from qp_twist.kernel.directions import (
     Directions,
     directions,
@@ -61,12 +62,13 @@ def _level(s, index, first, end, V, rank, above, dt):
     n, size = len(above), 0.0
     A, b, ahead = s.A[first:end].copy(), s.b[first:end].copy(), s.ahead[first:end].copy()
     stated, square = np.zeros((len(b), n + 1)), np.zeros(len(b))
-    stated[:, :n], stated[:, n] = A, b
+    put_rows(A, stated)
+    put(b, stated[:, n])
     if index > 0:
         rotate(A, np.zeros((len(b), 0)), square)
         for i in range(len(b)):
             size = max(size, math.sqrt(square[i]))
-        A[:] = s.A[first:end]
+        put_rows(s.A[first:end], A)
         _left_by(V, rank, A, b, above)
     damp = s.settings.damps_by_error > 0.0
     d = directions(A, b, ahead, stated, size, dt, s.settings.singularity, damp)
@@ -107,10 +109,13 @@ def _all_levels(s, dt):
             s.braking[1] = which
         motion_of(level, 0.0, motion)
         above += motion
-        d.rows[first:end], d.stated[first:end] = level.rows, level.stated
-        d.rate[first:end], d.square[first:end] = level.rate, level.square
-        d.floor[first:end], d.damped[first:end] = level.floor, level.damped
-        d.slack[first:end] = level.slack
+        put_rows(level.rows, d.rows[first:])
+        put_rows(level.stated, d.stated[first:])
+        put(level.rate, d.rate[first:])
+        put(level.square, d.square[first:])
+        put(level.floor, d.floor[first:])
+        put(level.damped, d.damped[first:])
+        put(level.slack, d.slack[first:])
         if len(s.ends) > 1:
             rank = row_space(d.rows[:end], V)
     return d
@@ -157,7 +162,7 @@ def edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible):
             s.x[i] = ordered.x[i]
             s.box[i] = s.box[i] if outcome == SCALED else ordered.box[i]
         if outcome != SCALED:  # then the limits in the way are those of the scale
-            s.lam[:] = ordered.lam
+            put(ordered.lam, s.lam)
         if outcome == DONE and not _lower_met(s):
             outcome = PRIORITIZED
     return _described(s, top, outcome, scale)
@@ -228,9 +233,14 @@ def _in_order(s, d, found, outcome, scale, closest):
     wide, cost, start = np.zeros((n + weak, n + weak)), np.zeros(n + weak), np.zeros(n + weak)
     low, high = np.full(n + weak, -math.inf), np.full(n + weak, math.inf)
     rows, rates, G, at = np.zeros((m, n + weak)), np.zeros(m), np.zeros((len(s.g), n + weak)), n
-    wide[:n, :n], cost[:n], start[:n] = s.H, c, found.x[:n]
-    low[:n], high[:n], G[:, :n], rows[:, :n] = s.lower, s.upper, s.G, d.stated[:, :n]
-    rates[:] = d.stated[:, n]
+    put_rows(s.H, wide)
+    put_rows(s.G, G)
+    put_rows(d.stated[:, :n], rows)
+    put(c, cost)
+    put(found.x[:n], start)
+    put(s.lower, low)
+    put(s.upper, high)
+    put(d.stated[:, n], rates)
     for i in range(m):
         if _is_weak(d, i, s.settings.singularity):
             rows[i, at], wide[at, at] = -math.sqrt(d.slack[i]), cost_along(s.H, d, i)

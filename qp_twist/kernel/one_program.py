@@ -26,6 +26,7 @@ from qp_twist.kernel.constants import (
     STILL,
     WORTH,
 )
+from qp_twist.kernel.copying import put, put_rows
 from qp_twist.kernel.directions import weakness
 from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
@@ -225,7 +226,8 @@ def posed_program(H, c, d, scale, G, g, lower, upper):
             weight = cost_along(H, d, i) / d.slack[i]
             add_weak_row(d.rows[i], rate, weight, softer, cost)
         else:
-            rows[at, :], rates[at] = d.rows[i], rate
+            put(d.rows[i], rows[at])
+            rates[at] = rate
             at += 1
     return solve(softer, cost, rows, rates, G, g, lower, upper)
 
@@ -289,10 +291,11 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth):
             weight = cost_along(H, d, i) / d.slack[i]
             add_weak_row(row, phi * d.rate[i], weight, wide, cost)
         else:
-            rows[at, :], rates[at] = row, phi * d.rate[i]
+            put(row, rows[at])
+            rates[at] = phi * d.rate[i]
             at += 1
     wider = np.zeros((len(g), n + 1))
-    wider[:, :n] = G
+    put_rows(G, wider)
     found = solve(wide, cost, rows, rates, wider, g, low, high)
     return found, min(found.x[n] * unit, 1.0), unit / price
 
