@@ -26,9 +26,11 @@ class _Known(NamedTuple):
     """The ``id`` of each."""
     model: weakref.ref[mujoco.MjModel]
     qpos: Indices
-    """Where each degree of freedom is in q, (nv,); of balls and free joints their first place."""
+    """Where each degree of freedom is in q, (nv,), of balls and free joints their first place; of a
+    ``VelocityLimit`` none, (0,)."""
 
 
+_NO_PLACES = np.zeros(0, np.int64)
 _known: weakref.WeakKeyDictionary[mink.Limit, _Known] = weakref.WeakKeyDictionary()
 
 
@@ -39,11 +41,11 @@ def add_bounds(limit: Any, configuration: mink.Configuration, dt: float, box: Ar
         Whether it is one; the rows of any other, and of one whose matrix or arrays are not as mink
         made them, have to be asked for.
     """
-    kind = type(limit)
+    ranges = type(limit) is mink.ConfigurationLimit
     given: tuple[Any, ...]
-    if kind is mink.ConfigurationLimit:
+    if ranges:
         given = limit.lower, limit.upper, limit.indices, limit.projection_matrix
-    elif kind is mink.VelocityLimit:
+    elif type(limit) is mink.VelocityLimit:
         given = limit.limit, limit.limit, limit.indices, limit.projection_matrix
     else:
         return False
@@ -55,14 +57,12 @@ def add_bounds(limit: Any, configuration: mink.Configuration, dt: float, box: Ar
         own = configuration.model
         known = _known[limit] = _Known(
             given, (*map(id, given),), weakref.ref(own),
-            own.jnt_qposadr[own.dof_jntid].astype(np.int64),
+            own.jnt_qposadr[own.dof_jntid].astype(np.int64) if ranges else _NO_PLACES,
         )  # fmt: skip
-    add_ranges, add_speeds = machine_code()
     lower, upper, dofs, matrix = given
-    if kind is mink.VelocityLimit:
-        return bool(add_speeds(upper, dofs, matrix, dt, box))
+    gain = limit.gain if ranges else 1.0
     q = configuration.data.qpos
-    return bool(add_ranges(q, lower, upper, known.qpos, dofs, matrix, limit.gain, dt, box))
+    return bool(_machine_code()(q, lower, upper, known.qpos, dofs, matrix, gain, dt, box))
 
 
 def _are_readable(limit: Any, configuration: mink.Configuration, *given: Any) -> bool:
@@ -83,13 +83,10 @@ def _are_readable(limit: Any, configuration: mink.Configuration, *given: Any) ->
 
 
 @cache
-def machine_code() -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """``add_ranges`` and ``add_speeds`` of ``kernel.row_program``."""
+def _machine_code() -> Callable[..., Any]:
+    """``kernel.row_program.add_bounds``."""
     from qp_twist.kernel.compiling import bound  # with numba, which takes half a second
-    from qp_twist.kernel.row_program import add_ranges, add_speeds
+    from qp_twist.kernel.row_program import add_bounds
 
     one, some, row = np.zeros(1), np.zeros(1, np.int64), np.zeros((1, 1))
-    return (
-        bound(add_ranges, one, one, one, some, some, row, 1.0, 1.0, row),
-        bound(add_speeds, one, some, row, 1.0, row),
-    )
+    return bound(add_bounds, one, one, one, some, some, row, 1.0, 1.0, row)

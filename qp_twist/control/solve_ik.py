@@ -39,6 +39,7 @@ from qp_twist.control.mink_costs import (
     name_of,
     refuse_elastic,
 )
+from qp_twist.control.mink_tasks import OwnTasks
 from qp_twist.control.posing import (
     Posed,
     PosedLevel,
@@ -172,7 +173,10 @@ class _Asked(NamedTuple):
     """The arguments, checked; tasks, limits and constraints each evaluated once, as mink does."""
 
     tasks: Sequence[mink.tasks.BaseTask]
-    costs: list[WeightedRows | mink.Objective]
+    costs: list[WeightedRows | mink.Objective | None]
+    """Of each task; ``None`` of those in ``sums``."""
+    sums: tuple[Array, Array, float]
+    """H, of which the lower half is written, c and damping of mink's own tasks."""
     limits: Sequence[mink.Limit] | None
     """``None`` for mink's default."""
     bounds: list[tuple[Array, Array] | None]
@@ -229,7 +233,13 @@ class _Asked(NamedTuple):
             for task in (*costed, *equalities):
                 if TwistTask in type(task).__mro__:  # a third of the time of isinstance
                     task.set_dt(dt)  # for its feed-forward
-            costs = [mink_cost(task, configuration) for task in costed]
+            H, c = np.zeros((nv, nv)), np.zeros(nv)
+            own = OwnTasks(configuration)
+            mu, known = own.add_costs(costed, H, c)
+            costs = [
+                None if summed else mink_cost(task, configuration)
+                for task, summed in zip(costed, known, strict=True)
+            ]
             box = _unbounded(nv).copy()
             bounds = [
                 None
@@ -237,15 +247,15 @@ class _Asked(NamedTuple):
                 else stated_rows(limit, configuration, dt)
                 for limit in ((default_limit(model),) if limiting is None else limiting)
             ]
-            rows = [_constraint_rows(task, configuration, dt) for task in equalities]
+            rows = [_constraint_rows(task, configuration, dt, own) for task in equalities]
         except Exception:
             _check_items("tasks", costed, model)
             _check_items("limits", limiting or (), model)
             _check_items("constraints", equalities, model)
             raise
         return cls(
-            costed, costs, limiting, bounds, box, equalities, rows, damping, dt, nv, solver,
-            on_infeasible, singularity, options,
+            costed, costs, (H, c, mu), limiting, bounds, box, equalities, rows, damping, dt, nv,
+            solver, on_infeasible, singularity, options,
         )  # fmt: skip
 
     def note(self, velocity: Array) -> None:
@@ -263,14 +273,15 @@ class _Asked(NamedTuple):
         """
         if self.options:
             return None
-        nv, floats, damping = self.nv, np.ascontiguousarray, self.damping
+        nv, floats = self.nv, np.ascontiguousarray
         residuals: list[tuple[Array, Array]] = []
-        H, c = np.zeros((nv, nv)), np.zeros(nv)
+        H, c, own = self.sums
+        damping = self.damping + own
         for cost in self.costs:
             if isinstance(cost, WeightedRows):
                 residuals.append(cost[:2])
                 damping = damping + cost.damping
-            else:
+            elif cost is not None:
                 H += cost.H
                 c += cost.c
         level, each = damping, _NONE
@@ -299,7 +310,11 @@ class _Asked(NamedTuple):
             finite_array(f"{name_of(task)}: its Jacobian", A, A.shape)
             finite_array(f"{name_of(task)}: its error", b, b.shape)
             check_speed(f"{name_of(task)} asks", b)
-        H, c = costs_of(self.tasks, self.costs, self.nv, dt)
+        costs = [
+            mink_cost(task, configuration) if cost is None else cost
+            for task, cost in zip(self.tasks, self.costs, strict=True)
+        ]
+        H, c = costs_of(self.tasks, costs, self.nv, dt)
         H.reshape(-1)[:: self.nv + 1] += self.damping
         if own is None:
             own = [mink.ConfigurationLimit(configuration.model)]
@@ -372,8 +387,13 @@ def _damping(damping: Any, nv: int) -> float | Array:
     return values
 
 
-def _constraint_rows(task: Any, configuration: mink.Configuration, dt: float) -> TaskRows:
+def _constraint_rows(
+    task: Any, configuration: mink.Configuration, dt: float, own: OwnTasks
+) -> TaskRows:
     """Rows J q̇ = −k e/dt of a constraint."""
+    known = own.rows(task)
+    if known is not None:
+        return TaskRows(known[0], -task.gain * known[1] / dt)
     refuse_elastic(task)
     kind = type(task)
     if TwistTask in kind.__mro__ and all(

@@ -34,27 +34,20 @@ def _narrow(box, j, low, high):
 
 
 @entry
-def add_ranges(q, low, high, qpos, dofs, P, gain, dt, box):
-    """Narrow ``box`` (2, nv) by a ``mink.ConfigurationLimit``; false if P has other rows.
+def add_bounds(q, low, high, qpos, dofs, P, gain, dt, box):
+    """Narrow ``box`` (2, nv) by a limit of mink's on single joints; false if P has other rows.
 
-    ``qpos`` (nv,) are the places of all degrees of freedom in q.
+    Of a ``ConfigurationLimit``, ``qpos`` (nv,) are the places of all degrees of freedom in q; of a
+    ``VelocityLimit`` there are none, and ``high`` are the speeds.
     """
     if not _picks(P, dofs):
         return False
     for i in range(len(dofs)):
-        at = qpos[dofs[i]]
-        here, below, above = q[at], low[at], high[at]
-        _narrow(box, dofs[i], -(gain * (here - below)) / dt, gain * (above - here) / dt)
-    return True
-
-
-@entry
-def add_speeds(most, dofs, P, dt, box):
-    """Narrow ``box`` (2, nv) by a ``mink.VelocityLimit``; false if P has other rows."""
-    if not _picks(P, dofs):
-        return False
-    for i in range(len(dofs)):
-        _narrow(box, dofs[i], -(dt * most[i]) / dt, dt * most[i] / dt)
+        below = above = dt * high[i]
+        if len(qpos) > 0:
+            at = qpos[dofs[i]]
+            below, above = gain * (q[at] - low[at]), gain * (high[at] - q[at])
+        _narrow(box, dofs[i], -below / dt, above / dt)
     return True
 
 
@@ -136,10 +129,10 @@ def solve_rows(W, e, level, damping, H, c, A, b, G, h, box, dt, threshold, scale
     """Solve and verify a program; if A q̇ = b does not fit and ``scales``, A q̇ = s b.
 
     The cost of a displacement is ½‖W Δq − e‖² + ½ Δqᵀ(H + level + diag(damping))Δq + cᵀΔq, with
-    ``damping`` (nv,) or (0,) for none; H, symmetric, and c are changed. The limits are rows
-    G Δq ≤ h (k, nv) and the bounds ``box`` (2, nv) of the velocity, which is changed. Dependent
-    rows of A that are consistent count once; where one of its singular values is below
-    ``threshold`` the program is left to the reference.
+    ``damping`` (nv,) or (0,) for none; H, of which the lower half is read, and c are changed. The
+    limits are rows G Δq ≤ h (k, nv) and the bounds ``box`` (2, nv) of the velocity, which is
+    changed. Dependent rows of A that are consistent count once; where one of its singular values
+    is below ``threshold`` the program is left to the reference.
 
     Returned are whether it is solved, q̇ (nv,), s, the multipliers of the bounds, and of the rows
     with more than one entry; those of a scaled program are of s. What is not solved the reference

@@ -70,7 +70,7 @@ def quaternion(pose, target):
 
 
 @part
-def _rotation_vector(w, x, y, z):
+def rotation_vector(w, x, y, z):
     """Rotation vector of a unit quaternion, of length at most π, rad."""
     sine = math.sqrt(x * x + y * y + z * z)
     if w < 0.0:
@@ -105,7 +105,7 @@ def _turned(M, x, y, z):
 
 
 @part
-def _turned_back(M, x, y, z):
+def turned_back(M, x, y, z):
     """Mᵀ v."""
     return (
         M[0] * x + M[3] * y + M[6] * z,
@@ -121,15 +121,15 @@ def angular_error(pose, target, kind, x, y, z, moves_with_body):
         return 0.0, 0.0, 0.0
     if kind == PLANE:
         if moves_with_body:  # R_d Rᵀ maps the axis to its desired direction
-            ux, uy, uz = _turned_back(pose, x, y, z)
+            ux, uy, uz = turned_back(pose, x, y, z)
             ux, uy, uz = _turned(target, ux, uy, uz)
             return geodesic(x, y, z, ux, uy, uz)
-        ux, uy, uz = _turned_back(target, x, y, z)
+        ux, uy, uz = turned_back(target, x, y, z)
         ux, uy, uz = _turned(pose, ux, uy, uz)
         return geodesic(ux, uy, uz, x, y, z)
     qw, qx, qy, qz = quaternion(pose, target)
     if kind == FULL:
-        return _rotation_vector(qw, qx, qy, qz)
+        return rotation_vector(qw, qx, qy, qz)
     angle = _turned_about(qw, qx * x + qy * y + qz * z)
     return angle * x, angle * y, angle * z
 
