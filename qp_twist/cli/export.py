@@ -22,9 +22,11 @@ from qp_twist.trajectories import (
     write_checked,
     write_trajectory,
 )
+from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.program_trajectory import axis_names, check_language
 
 OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
+PointsName = Annotated[str | None, tyro.conf.arg(metavar="joints|poses")]
 MotionName = Annotated[str, tyro.conf.arg(metavar="joint|linear")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": ".mcap"}
@@ -42,7 +44,9 @@ def export(
     path: cli.OptionalFile = None,
     force: cli.Flag = False,
     motion: MotionName = "joint",
-    tool_number: cli.Count = 1,
+    tool_number: cli.OptionalCount = None,
+    frame_number: cli.OptionalCount = None,
+    points: PointsName = None,
     json_: cli.Json = False,
 ) -> None:
     """Write a trajectory file as a robot program or a ROS 2 bag, and check what was written.
@@ -57,16 +61,20 @@ def export(
         to: urscript, rapid, krl, ls or mcap; if omitted, by the suffix of --out.
         out: File to write; if omitted, the trajectory's name with the suffix of the language.
         path: Toolpath to check against instead of the task's own.
-        motion: joint, or linear: the tool moves straight through as few points as keep the path,
-            written as joint angles (rapid and ls).
-        tool_number: With --motion linear: the controller's tool whose TCP is the task's frame.
+        motion: joint, or linear: the tool moves straight through as few points as keep the path.
+        tool_number: With --motion linear: the controller's tool whose TCP is the task's frame; if
+            omitted, 1, or with points that are poses the tool's values.
+        frame_number: With points that are poses: the controller's frame that is the world of the
+            task; if omitted, its values in the robot's base.
+        points: With --motion linear: joints or poses; if omitted, joints where the language has
+            them (rapid, ls), else poses (krl).
     """
-    tool = _tool(motion, tool_number, checked=task is not None)
+    linear = _linear(motion, tool_number, frame_number, points, checked=task is not None)
     named = out is not None
     out = _destination(trajectory, to, out)
     cli.check_file(out)
     dialect = dialect_of(out)
-    if dialect is None and (robot or as_modelled or external or force or tool):
+    if dialect is None and (robot or as_modelled or external or force or linear):
         raise InvalidInput(
             "--robot, --as-modelled, --external, --motion linear and --force are for programs; a "
             "bag has the model's joints."
@@ -107,10 +115,10 @@ def export(
                 joints,
                 joint_names=names,
                 force=force,
-                tool=tool,
+                linear=linear,
             )
     cli.only_json(json_)
-    of = "points" if tool is None else "rows, of which it has some"
+    of = "points" if linear is None else "rows, of which it has some"
     cli.say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} {of}")
     axes: list[str] = []
     if joints is not None and dialect is not None:
@@ -137,15 +145,23 @@ def export(
         cli.say(found.verdict)
 
 
-def _tool(motion: str, number: int, *, checked: bool) -> int | None:
-    """The number of the tool that moves straight; ``None`` for joint moves."""
+def _linear(
+    motion: str, tool: int | None, frame: int | None, points: str | None, *, checked: bool
+) -> LinearMotion | None:
+    """How the tool moves straight; ``None`` for joint moves."""
     if one_of("--motion", motion, ("joint", "linear")) == "joint":
+        if points is not None or frame is not None:
+            raise InvalidInput("--points and --frame-number are of --motion linear.")
         return None
-    if not checked or number < 1:
+    if points is not None:
+        one_of("--points", points, ("joints", "poses"))
+    numbers = [number for number in (tool, frame) if number is not None]
+    if not checked or min(numbers, default=1) < 1:
         raise InvalidInput(
-            "--motion linear needs the task, whose tool moves straight, and a --tool-number from 1."
+            "--motion linear needs the task, whose tool moves straight, and a --tool-number from 1 "
+            "(and --frame-number, of poses)."
         )
-    return number
+    return LinearMotion(tool, frame, points)  # type: ignore[arg-type]
 
 
 def _destination(trajectory: Path, to: str | None, out: Path | None) -> Path:

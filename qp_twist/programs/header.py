@@ -16,6 +16,8 @@ from qp_twist.programs.joint_moves import Dialect, JointMoves
 
 _TITLE = re.compile(r"qp_twist (\S+)")
 _KEYS = ("robot", "unit", "points", "seconds")
+_OF_SPEEDS = 1e-4
+"""Share of the time by which speeds on rounded positions may take longer or shorter."""
 DOES_NOT_PASS = "DOES NOT PASS ITS CHECK"
 """How a program begins that is written although its motion does not pass: no statement of any of
 the languages, so that a controller stops at it."""
@@ -59,14 +61,24 @@ def header_lines(
         f"points: {len(moves.angles)}",
         f"seconds: {total:.{dialect.time_decimals}f}",
         *equations,
-        *(
-            [f"Tool {moves.tool} has to have its TCP at the task's frame."]
-            if moves.straight
-            else []
-        ),
-        "Tool, base and load: none is set here.",
+        *_about_frames(moves),
         "No controller has run this.",
     )
+
+
+def _about_frames(moves: JointMoves) -> list[str]:
+    """What a person has to compare."""
+    targets = [target for target in moves.targets if target is not None]
+    of_number = f"Tool {moves.tool} has to have its TCP at the task's frame."
+    if not targets:
+        return [*([of_number] if moves.straight else []), "Tool, base and load: none is set here."]
+    tool, frame = targets[0].tool, targets[0].frame
+    return [
+        of_number if tool.pose is None else
+        "Tool: the task's frame in the flange of the model; compare it, and state its load.",
+        f"Frame {frame.name} has to be the world of the task." if frame.pose is None else
+        "Frame: the task's world in the base of the model; compare it.",
+    ]  # fmt: skip
 
 
 def read_header(comments: Sequence[str]) -> dict[str, str]:
@@ -106,8 +118,10 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     if not header:
         return
     total = math.nan if moves.durations is None else float(moves.durations.sum())
+    off = 0.6 * 10.0**-dialect.time_decimals + (_OF_SPEEDS * total if moves.speeds else 0.0)
     try:
-        same = abs(float(header["seconds"]) - total) < 0.6 * 10.0**-dialect.time_decimals
+        same = abs(float(header["seconds"]) - total) < off
+        same |= bool(moves.speeds) and moves.untimed is None and math.isnan(total)  # not yet
     except ValueError:
         same = False
     wait, untimed = next(iter(moves.waits), None), moves.untimed

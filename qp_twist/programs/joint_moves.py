@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import mink
 import numpy as np
 
 from qp_twist.checks import Array, Mask
@@ -33,15 +34,61 @@ class ExternalColumn(NamedTuple):
     moved: tuple[int, str] | None = None
 
 
+class ProgramFrame(NamedTuple):
+    """A tool in the flange, or a frame of points in the robot's base.
+
+    Attributes:
+        name: As the program calls it.
+        pose: Its pose; ``None`` if the program does not state it.
+    """
+
+    name: str
+    pose: mink.SE3 | None = None
+
+
+class Target(NamedTuple):
+    """A point as the pose of a tool.
+
+    Attributes:
+        pose: The tool in the frame.
+        tool: The tool.
+        frame: The frame.
+        configuration: The numbers by which the language tells the joints at a pose, cf1, cf4, cf6
+            and cfx or S and T (:mod:`~qp_twist.robots.configurations`); empty without.
+        line: Of the program that states it.
+    """
+
+    pose: mink.SE3
+    tool: ProgramFrame
+    frame: ProgramFrame
+    configuration: tuple[int, ...] = ()
+    line: int = 0
+
+
+class Speed(NamedTuple):
+    """Of a straight move: that of the tool's point, m/s, and of its turn, rad/s.
+
+    The move takes as long as the slower of both needs.
+    """
+
+    linear: float
+    angular: float
+
+    def seconds(self, way: float, turn: float) -> float:
+        """Time of a move, s, whose point goes ``way`` m and whose tool turns by ``turn`` rad."""
+        return max(way / self.linear, turn / self.angular)
+
+
 @dataclass(frozen=True, eq=False)
 class JointMoves:
-    """Moves from point to point, straight in the axes.
+    """Moves from point to point, straight in the axes, or of the tool.
 
     Attributes:
         angles: What the controller shows at each point, in the dialect's unit, (N, 6 + k); nan for
-            an external axis that the program did not state by then.
-        durations: Time of each move, s, (N − 1,); ``None`` if the program has none, or not for
-            every move.
+            an external axis that the program did not state by then, and for the axes of a point
+            that is a pose.
+        durations: Time of each move, s, (N − 1,), nan where that depends on the way (``speeds``);
+            ``None`` if the program has none, or not for every move.
         velocities: Rates of ``angles`` at the points, if axes move on cubics, unit/s, (N, 6 + k).
         header: What the program says about itself; empty without a header of this package.
         notes: What else the program has, and what is not looked at.
@@ -52,7 +99,9 @@ class JointMoves:
         straight: Of each move the line of a program in which the tool moves straight, and 0 of
             joint moves, (N − 1,); ``None`` without straight moves.
         stops: Points at which the robot stops, (N,); ``None``: at both ends.
-        tool: Number of the tool of straight moves.
+        tool: Number of the tool of straight moves to joint angles.
+        targets: The points that are poses, (N,), else ``None``; empty without.
+        speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without.
     """
 
     angles: Array
@@ -66,6 +115,8 @@ class JointMoves:
     straight: tuple[int, ...] | None = None
     stops: Mask | None = None
     tool: int = 1
+    targets: tuple[Target | None, ...] = ()
+    speeds: tuple[Speed | None, ...] = ()
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"
@@ -98,7 +149,10 @@ class Dialect(NamedTuple):
         period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
             the program itself divides time.
         zone: How far from a point the robot begins to round it, m; ``None``: half a move.
-        straight: Whether straight moves of the tool are written.
+        points: What straight moves of the tool lead to, if they are written: ``"joints"``,
+            ``"poses"``, the default first.
+        two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
+            of turning about one axis.
     """
 
     name: str
@@ -118,7 +172,8 @@ class Dialect(NamedTuple):
     of_parts: str = ""
     period: float = 0.0
     zone: float | None = None
-    straight: bool = False
+    points: tuple[Literal["joints", "poses"], ...] = ()
+    two_angles: bool = False
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

@@ -1,7 +1,9 @@
 """KRL, the KUKA Robot Language.
 
-The start is reached by ``PTP`` at a tenth of the axes' speed. Then one spline in the axes
+The start is reached by ``PTP`` at a tenth of the axes' speed. Then a spline in the axes
 (``PTP_SPLINE``) passes all points; its ``TIME_BLOCK`` has the time of each segment and of all.
+Straight moves are ``LIN`` to poses with S and T, at a speed of the tool (``$VEL.CP``, m/s); points
+that are rounded have ``C_DIS``.
 
 Source: public code, since KUKA's manual was not at hand. The words are those of the syntax file of
 KnoP-01/krl-for-vim; the form ``PTP_SPLINE … TIME_BLOCK START … SPTP … TIME_BLOCK PART = …
@@ -12,23 +14,30 @@ C are about z, y', x'' (KUKA, *KSS Operating and programming instructions*, Coor
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from typing import Any
 
 import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import text_lines
 from qp_twist.programs.header import read_header
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
+from qp_twist.programs.joint_moves import (
+    AXES,
+    Beside,
+    Dialect,
+    JointMoves,
+    ProgramFrame,
+    Speed,
+    Target,
+)
+from qp_twist.programs.krl_frames import KrlFrames
 from qp_twist.programs.krl_spline import Spline
-from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values
+from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values, pose_text
 from qp_twist.programs.moves import JointMove, Kind, Moves
-from qp_twist.programs.program import Program
-from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.statements import NUMBER, Statements, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import Unknown
 
@@ -61,11 +70,50 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     first, *others = moves.angles.tolist()
     times = moves.durations.tolist()
     lines = [_TOP.format(name=name).rstrip("\n"), *(f"; {line}" for line in header)]
-    lines += [_START.rstrip("\n"), f"PTP {target(first)}", "PTP_SPLINE", "TIME_BLOCK START"]
-    for point, seconds in zip(others, times, strict=True):
-        lines += [f"SPTP {target(point)}", f"TIME_BLOCK PART = {seconds:.{KRL.time_decimals}f}"]
-    lines += [f"TIME_BLOCK END = {sum(times):.{KRL.time_decimals}f}", "ENDSPLINE", "END", ""]
-    return {f"{name}{KRL.suffix}": "\n".join(lines)}
+    lines += [_START.rstrip("\n"), *_stated(moves), f"PTP {target(first)}"]
+    targets = moves.targets[1:] or (None,) * len(others)
+    for straight, places in itertools.groupby(range(len(others)), lambda k: bool(targets[k])):
+        if straight:
+            lines += _lines(moves, list(places))
+            continue
+        block = list(places)
+        lines += ["PTP_SPLINE", "TIME_BLOCK START"]
+        for k in block:
+            lines.append(f"SPTP {target(others[k])}")
+            lines.append(f"TIME_BLOCK PART = {times[k]:.{KRL.time_decimals}f}")
+        whole = sum(times[k] for k in block)
+        lines += [f"TIME_BLOCK END = {whole:.{KRL.time_decimals}f}", "ENDSPLINE"]
+    return {f"{name}{KRL.suffix}": "\n".join([*lines, "END", ""])}
+
+
+def _stated(moves: JointMoves) -> list[str]:
+    """Tool, base and how the tool turns, in front of straight moves."""
+    first = next(filter(None, moves.targets), None)
+    if first is None:
+        return []
+    found = []
+    for word, frame in (("TOOL", first.tool), ("BASE", first.frame)):
+        value = f"{word}_DATA[{frame.name}]" if frame.pose is None else pose_text(frame.pose)
+        found.append(f"${word}={value}")
+    assert KRL.zone is not None
+    return [*found, "$IPO_MODE=#BASE", "$ORI_TYPE=#VAR", f"$APO.CDIS={1e3 * KRL.zone:g}"]
+
+
+def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
+    """Straight moves, with the speeds where they change."""
+    found, before = list[str](), {"CP": "", "ORI1": "", "ORI2": ""}
+    for k in places:
+        target, speed = moves.targets[k + 1], moves.speeds[k]
+        assert target is not None and speed is not None
+        turn = f"{math.degrees(speed.angular):.4f}"
+        now = {"CP": f"{speed.linear:.7f}", "ORI1": turn, "ORI2": turn}
+        found += [f"$VEL.{key}={value}" for key, value in now.items() if before[key] != value]
+        status, turns = target.configuration
+        place = pose_text(target.pose, f"S {status},T {turns}")
+        stops = moves.stops is None or moves.stops[k + 1]
+        found.append(f"LIN {place}{'' if stops else ' C_DIS'}")
+        before = now
+    return found
 
 
 _NAME = r"[A-Za-z]\w*"
@@ -130,11 +178,14 @@ def _external(target: Frame) -> dict[str, tuple[float, str]]:
     return {key: (target[key.lower()], "") for key in KRL.external if key.lower() in target}
 
 
-class KrlProgram(Program):
+_UNSTATED = 1e3
+"""A turn, rad/s, that takes no time."""
+
+
+class KrlProgram(KrlFrames):
     """The programs of a file.
 
     Attributes:
-        bases: Frames of ``BASE_DATA`` that the file assigns, by number.
         spline: The last one.
     """
 
@@ -154,13 +205,13 @@ class KrlProgram(Program):
         otherwise=r"ELSE(?P<condition>(?!))?",
         coordinates=r"\{|#BASE",
         outside=r"&\w+.*",
-        reads="axis moves (PTP, SPTP) to literals or constants, one after the other,",
+        reads="axis moves (PTP, SPTP) and straight ones (LIN) to literals or constants, one after "
+        "the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves) -> None:
         self.spline = Spline(moves)
         super().__init__(krl_values(), moves)
-        self.bases: dict[int | str, tuple[str, mink.SE3 | None]] = {}
         self._at: Frame | None = None
         self._before_spline = moves.frame, moves.feed
 
@@ -169,6 +220,7 @@ class KrlProgram(Program):
         return (
             (r"S?PTP\s+(\$(?:POS|AXIS)_ACT(?:_MEAS)?)(?:\s+C_\w+)*", self._stay, "silent"),
             (rf"(?P<word>S?PTP)(?!_)\b\s*(?P<targets>.*?){_REST}", self._move, "joint"),
+            *self._straight_rule(),
             (rf"(?P<word>S?(?:LIN|CIRC|PTP)(?:_REL)?)\b\s*(?P<targets>.*?){_REST}", self._move,
              "path"),
             (r"PTP_SPLINE(?:\s+WITH\s+(?P<with>.*))?", self._begin_spline, "joint"),
@@ -187,10 +239,12 @@ class KrlProgram(Program):
             (r"(?P<word>BAS)\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,(?P<value>.*)\)", self._speed,
              "speed"),
             (r"(?P<word>\$VEL\.CP)\s*=(?!=)(?P<value>.*)", self._speed, "speed"),
-            (r"(?P<word>BAS)\s*\(\s*#BASE\s*,(?P<value>.*)\)", self._base, "setting"),
-            (r"(?P<word>\$BASE)\s*=(?!=)(?P<value>.*)", self._base, "setting"),
-            (r"(?P<word>BASE_DATA)\s*\[(?P<part>.*?)\](?P<field>.*?)=(?!=)(?P<value>.*)",
-             self._base_data, "setting"),
+            (r"(?P<word>\$VEL\.ORI[12])\s*=(?!=)(?P<value>.*)", self._turning, "speed"),
+            (r"(?P<word>BAS)\s*\(\s*#(?P<what>BASE|TOOL)\s*,(?P<value>.*)\)", self._set_frame,
+             "setting"),
+            (r"(?P<word>\$(?P<what>BASE|TOOL))\s*=(?!=)(?P<value>.*)", self._set_frame, "setting"),
+            (r"(?P<word>(?P<what>BASE|TOOL)_DATA)\s*\[(?P<part>.*?)\](?P<field>.*?)=(?!=)"
+             r"(?P<value>.*)", self._frame_data, "setting"),
             (r"(?P<word>FDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_frame, "setting"),
             (r"(?P<word>LDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_line, "speed"),
             *self.noting(_NOTED),
@@ -251,96 +305,12 @@ class KrlProgram(Program):
             self._declare(match)
         super().assign(line, match)
 
-    # ------------------------------------------------------------ frames and speeds
-
-    def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
-        """A setting runs or not; a base that it would state has no pose."""
-        bases = dict(self.bases)
-        super().unsettle(line, text, match, why)
-        changed = {key for key, value in self.bases.items() if value is not bases.get(key)}
-        self.bases |= {key: (f"base {key} that {why} (line {line})", None) for key in changed}
-
-    def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
-        self.listing.refuse_calls(line, match["value"])
-        self.moves.noted(line, match["word"], kind)
-
-    def _speed(self, line: int, match: re.Match[str]) -> None:
-        self._stated(line, match, "speed")
-        self.values.names["_vel"] = {"cp": self.moves.feed}
-        self.moves.feed = self.values.number(match["value"])
-
-    def _speeds(self, line: int, match: re.Match[str]) -> None:
-        """A record, {CP …,ORI1 …,ORI2 …}."""
-        self._stated(line, match, "speed")
-        found = self._data(match["value"]).get("cp", math.nan)
-        self.moves.feed = found if isinstance(found, float) else math.nan
-
-    def _data(self, text: str) -> Mapping[str, Any]:
-        """A record; empty if the file does not state it."""
-        with suppress(Unknown):
-            found = self.values.value(text)
-            return found if isinstance(found, Frame) else {}
-        return {}
-
-    def _mode(self, line: int, match: re.Match[str]) -> None:
-        """Moves of a tool on a part that stands still, whose orientation turns in proportion."""
-        if match[2].strip().upper() not in ("#BASE", "#VAR") and not self.moves.strict:
-            self.refuse(line, match)
-        self.moves.noted(line, match[1], "setting")
-
-    def _base(self, line: int, match: re.Match[str]) -> None:
-        text = match["value"].strip()
-        self._stated(line, match)
-        number = re.fullmatch(r"BASE_DATA\s*\[(.*)\]", text, re.IGNORECASE)
-        if match["word"].upper() == "BAS" or number:
-            self.moves.frame = self._numbered(number[1] if number else text)
-        else:
-            self.moves.frame = self._frame(text, f"$BASE = {text}")
-
-    def _numbered(self, text: str) -> tuple[str, mink.SE3 | None]:
-        """The base whose number an expression states."""
-        found = self.values.number(text)
-        number = text.strip() if math.isnan(found) else int(found)
-        return self.bases.get(number, (f"base {number}", None))
-
-    def _base_data(self, line: int, match: re.Match[str]) -> None:
-        self._stated(line, match)
-        if self.moves.strict:
-            return
-        number = int(self.values.value(match["part"]))
-        name = f"base {number} of line {line}"
-        known = not match["field"].strip()
-        self.bases[number] = self._frame(match["value"], name) if known else (name, None)
-
-    def _frame(self, text: str, name: str) -> tuple[str, mink.SE3 | None]:
-        try:
-            return name, frame_pose(self.values.value(text))
-        except (Unknown, KeyError, TypeError, ValueError):
-            return name, None
-
-    def _inline_frame(self, line: int, match: re.Match[str]) -> None:
-        """The base of the move that follows, by which inline forms state it."""
-        self._stated(line, match)
-        data = self._data(match["value"])
-        if data.get("ipo_frame", "base") != "base" and not self.moves.strict:
-            raise refuse(line, match[0], CARRIES)
-        if "base_no" in data:
-            self.moves.frame = self._numbered(str(data["base_no"]))
-
-    def _inline_line(self, line: int, match: re.Match[str]) -> None:
-        """How the tool turns on the move that follows, by which inline forms state it."""
-        self._stated(line, match, "speed")
-        data = self._data(match["value"])
-        turns = data.get("ori_typ", "var"), data.get("circ_typ", "base")
-        if turns != ("var", "base") and not self.moves.strict:
-            self.refuse(line, match)
-
     # ------------------------------------------------------------ moves
 
     def _begin_spline(self, line: int, match: re.Match[str]) -> None:
         self._before_spline = self.moves.frame, self.moves.feed
         self._with(line, match[0], match["with"] or "")
-        self.spline.open = True
+        self.spline.begin()
 
     def _end_spline(self, line: int, match: re.Match[str]) -> None:
         if self.spline.open:
@@ -369,7 +339,7 @@ class KrlProgram(Program):
         if found := re.search(r"\$VEL(?:\.CP)?\s*=\s*(?:SVEL_CP\s*\()?([^,)]+)", text, re.I):
             moves.feed = self.values.number(found[1])
         if found := re.search(r"\$BASE\s*=\s*(?:SBASE\s*\(\s*)?([\w.]+)", text, re.IGNORECASE):
-            moves.frame = self._numbered(found[1])
+            moves.frame = self._numbered("base", found[1])
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         word, rest, moves = match["word"].upper(), match["rest"], self.moves
@@ -391,6 +361,10 @@ class KrlProgram(Program):
             moves.rounds(line, marks.strip())
         if "PTP" in word:
             self._joint(line, parts[0], relative=relative)
+        elif moves.strict:
+            if given.strip():
+                raise refuse(line, match[0], "what stands after WITH is not read of LIN.")
+            self._straight(line, parts[0])
         elif "LIN" in word:
             moves.line(line, self._target(line, parts[0], relative=relative))
         else:
@@ -399,8 +373,36 @@ class KrlProgram(Program):
             self._at = None if sweep else self._at
         moves.frame, moves.feed = before
 
+    def _straight_rule(self) -> Sequence[Rule]:
+        """Straight moves, which ``check`` reads."""
+        rule = (rf"(?P<word>S?LIN)(?!_)\b\s*(?P<targets>.*?){_REST}", self._move, "joint")
+        return (rule,) if self.moves.strict else ()  # type: ignore[return-value]
+
+    def _straight(self, line: int, text: str) -> None:
+        feed, (one, two) = self.moves.feed, self.turns.values()
+        if math.isnan(one) or math.isnan(two):
+            self.moves.note(
+                "how fast the tool turns on straight moves ($VEL.ORI1, $VEL.ORI2) is not stated: "
+                "the time that this needs is left out"
+            )
+        turn = _UNSTATED if math.isnan(one) or math.isnan(two) else min(one, two)
+        speed = None if math.isnan(feed) else Speed(feed, turn)
+        target = self._at_pose(line, text)
+        self.moves.joint(JointMove(line, tool=target.tool.name, target=target, speed=speed))
+
+    def _at_pose(self, line: int, text: str) -> Target:
+        """A target as ``check`` takes it, with S and T if it has them."""
+        pose, found = self._target(line, text), self.values.value(text)
+        data = tuple(found[key] for key in "st" if key in found)
+        if len(data) == 1 or any(each != int(each) for each in data):
+            raise refuse(line, text, "expected both S and T, whole numbers, or none.")
+        frame = ProgramFrame(*self.moves.frame)
+        if not frame.name:
+            frame = frame._replace(name="$BASE")
+        return Target(pose, ProgramFrame(*self.tool), frame, tuple(map(int, data)), line)
+
     def _joint(self, line: int, text: str, *, relative: bool) -> None:
-        angles = pose = None
+        angles = pose = target = None
         external: dict[str, tuple[float, str]] = {}
         try:
             found = None if relative else self.values.value(text)
@@ -410,14 +412,18 @@ class KrlProgram(Program):
                 if not {*axes} <= {*found} or len(found) > len(axes) + len(external):
                     raise Unknown(f"expected the axes {', '.join(KRL.axis_names)}, got {text}")
                 angles, self._at = [found[axis] for axis in axes], None
-            elif not relative and not self.moves.strict:
+            elif not relative and self.moves.strict:
+                target = self._at_pose(line, text)
+            elif not relative:
                 pose = self._target(line, text)
         except Unknown:
             if self.moves.strict:
                 raise
             self._at = None
+        if target is not None and self.spline.open:
+            raise refuse(line, text, "a position in a spline of axis moves is not read.")
         if self.spline.segments is None or angles is None:
-            self.moves.joint(JointMove(line, angles, pose, external=external))
+            self.moves.joint(JointMove(line, angles, pose, external=external, target=target))
         else:
             self.spline.segments.append(JointMove(line, angles, external=external))
 
@@ -467,6 +473,7 @@ KRL = Dialect(
     "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
     external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
+    zone=0.3e-3, points=("poses",), two_angles=True,
 )  # fmt: skip
 """KRL; the length of a name as usually stated, not looked up in KUKA's manual. Its period is that
 of the controller's interpolation: 12 ms (the heartbeat of KUKA's RRS server, Dassault Systèmes,

@@ -10,7 +10,7 @@ from qp_twist.programs.statements import refuse
 
 
 class Spline:
-    """A spline, perhaps with a time block, of which a program has one.
+    """The splines of a program, each perhaps with a time block.
 
     Attributes:
         open: Whether it has begun, and not ended.
@@ -24,6 +24,10 @@ class Spline:
         self.segments: list[JointMove] | None = None
         self._parts: list[float] = []
 
+    def begin(self) -> None:
+        """``PTP_SPLINE``."""
+        self.open, self._timed, self._parts = True, False, []
+
     def end(self, line: int, match: re.Match[str]) -> None:
         """``ENDSPLINE``."""
         if (self._moves.strict and not self.open) or self.segments is not None:
@@ -36,7 +40,7 @@ class Spline:
     def begin_block(self, line: int, match: re.Match[str]) -> None:
         """``TIME_BLOCK START``."""
         if self._timed or not self.open:
-            raise refuse(line, match[0], "expected one time block, in a spline of axis moves.")
+            raise refuse(line, match[0], "expected one time block in a spline of axis moves.")
         self._timed, self.segments = True, []
 
     def part(self, line: int, match: re.Match[str]) -> None:
@@ -59,7 +63,7 @@ class Spline:
                 "was lost or added."
             )
         total = sum(parts)
-        self.shares = abs(total - whole) > 0.6e-5
+        self.shares |= abs(total - whole) > 0.6e-5
         if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
             raise InvalidInput("a time of the time block is not positive.")
         for segment, part in zip(segments, parts, strict=True):

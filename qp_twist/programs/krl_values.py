@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import re
 from typing import Any
 
 import mink
 
 from qp_twist.programs.statements import NUMBER, split
-from qp_twist.programs.values import IN_DEGREES, Unknown, Values, pose_of, zyx_quaternion
+from qp_twist.programs.values import (
+    IN_DEGREES,
+    Unknown,
+    Values,
+    fixed,
+    pose_of,
+    zyx_angles,
+    zyx_quaternion,
+)
 
 POSE = "xyzabc"
 """Components of a position: mm and degrees."""
@@ -24,8 +31,7 @@ class Frame(dict[str, Any]):
 
     def __matmul__(self, other: Frame) -> Frame:
         pose = frame_pose(self) @ frame_pose(other)
-        yaw, pitch, roll = (math.degrees(a) for a in reversed(pose.rotation().as_rpy_radians()))
-        values = [*(1e3 * pose.translation()), yaw, pitch, roll]
+        values = [*(1e3 * pose.translation()), *zyx_angles(pose.rotation())]
         return Frame(zip(POSE, map(float, values), strict=True))
 
 
@@ -33,6 +39,14 @@ def frame_pose(frame: Frame) -> mink.SE3:
     """The pose that a frame states; A, B, C are about z, y', x''."""
     x, y, z, a, b, c = (frame[key] for key in POSE)
     return pose_of((x, y, z), zyx_quaternion(a, b, c))
+
+
+def pose_text(pose: mink.SE3, more: str = "") -> str:
+    """A position with its components in mm and degrees, and what stands behind them."""
+    position, angles = 1e3 * pose.translation(), zyx_angles(pose.rotation())
+    values = (*(fixed(x, 4) for x in position), *(fixed(angle, 6) for angle in angles))
+    fields = [f"{key.upper()} {value}" for key, value in zip(POSE, values, strict=True)]
+    return f"{{{','.join([*fields, *filter(None, [more])])}}}"
 
 
 def _literal(text: str) -> Frame | None:

@@ -12,7 +12,13 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_lines
-from qp_twist.programs.joint_moves import AXES, ExternalColumn, JointMoves
+from qp_twist.programs.joint_moves import (
+    AXES,
+    ExternalColumn,
+    JointMoves,
+    Speed,
+    Target,
+)
 
 _LISTED = 12
 """Kinds of statements that a note lists."""
@@ -25,7 +31,8 @@ class JointMove(NamedTuple):
 
     With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
     given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
-    of one, that moves straight.
+    of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
+    straight move is that has no time.
     """
 
     line: int
@@ -35,6 +42,8 @@ class JointMove(NamedTuple):
     rates: list[float] | None = None
     external: Mapping[str, tuple[float, str]] = MappingProxyType({})
     tool: str = ""
+    target: Target | None = None
+    speed: Speed | None = None
 
 
 class Moves:
@@ -102,24 +111,30 @@ class Course(Moves):
         self._columns: dict[str, ExternalColumn] = {}
         self._straight: list[int] = []
         self._tool = ""
+        self._targets: list[Target | None] = []
+        self._speeds: list[Speed | None] = []
         self._rounded = False
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool = move
-        if angles is None:
+        line, angles, _, seconds, rates, external, tool, target, speed = move
+        if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
-        for values in (angles, rates or angles):
+        angles = [math.nan] * AXES if angles is None else angles
+        for values in () if target else (angles, rates or angles):
             if len(values) != AXES or not all(map(math.isfinite, values)):
                 raise InvalidInput(f"expected {AXES} angles, got {values}.", line=line)
         if seconds is not None and not 0.0 < seconds < math.inf:
             raise InvalidInput(
                 f"the move takes {seconds:g} s; a time is positive and finite.", line=line
             )
+        if speed is not None and not all(0.0 < each < math.inf for each in speed):
+            raise InvalidInput("a speed of the tool is not positive and finite.", line=line)
         if self._points:
-            if seconds is None:
+            if seconds is None and speed is None:
                 self._without_time(line, "the move", "has no time")
             self._durations.append(math.nan if seconds is None else seconds)
+            self._speeds.append(speed if seconds is None else None)
         if tool and not self._points:
             raise InvalidInput("expected a joint move first, to where it begins.", line=line)
         if tool and self._tool not in ("", tool):
@@ -127,6 +142,7 @@ class Course(Moves):
         self._tool = tool or self._tool
         if self._points:
             self._straight.append(line if tool else 0)
+        self._targets.append(target)
         self.external(line, external)
         self._points.append(angles)
         self._externals.append(dict(self._external))
@@ -156,7 +172,8 @@ class Course(Moves):
         if not 0.0 <= seconds < math.inf:
             raise InvalidInput(f"a wait of {seconds:g} s; expected a finite time.", line=line)
         if self._points and seconds > 0.0:
-            self.joint(JointMove(line, list(self._points[-1]), None, seconds))
+            at, target = list(self._points[-1]), self._targets[-1]
+            self.joint(JointMove(line, at, None, seconds, target=target))
             self._waits.append((line, f"a wait of {seconds:g} s"))
 
     def rounds(self, line: int, mark: str) -> None:
@@ -197,10 +214,19 @@ class Course(Moves):
                 "program; expected two or more."
             )
         notes = list(self._notes)
+        targets = [target for target in self._targets if target is not None]
         if self._tool:
+            stated = targets and all(target.tool.pose is not None for target in targets)
+            where = "is where the program states it" if stated else "has to be the task's frame"
             notes.append(
-                f"{np.count_nonzero(self._straight)} straight moves of {self._tool}: its TCP has "
-                "to be the task's frame; its orientation turns in proportion about a fixed axis"
+                f"{np.count_nonzero(self._straight)} straight moves of {self._tool}: its TCP "
+                f"{where}; its orientation turns in proportion about a fixed axis"
+            )
+        frames = {target.frame.name: target.frame.pose for target in targets}
+        if unknown := [name for name, pose in frames.items() if pose is None]:
+            notes.append(
+                f"positions are in {', '.join(unknown)}, which the program does not state: it has "
+                "to be the world of the task"
             )
         untimed = None
         if self._untimed is not None:
@@ -210,9 +236,13 @@ class Course(Moves):
                 f"{what} of line {line} {why}, so that how long the program takes depends on the "
                 "controller"
             )
+        unchanged = (
+            "no path depends on the load; tool and frame count as said" if targets
+            else "the path of axis moves does not depend on tool, base, load or speed (checked is "
+                 "the task's tool)"
+        )  # fmt: skip
         for settings, why in (
-            (True, "the path of axis moves does not depend on tool, base, load or speed (checked "
-                   "is the task's tool)"),
+            (True, unchanged),
             (False, "it does not move the robot"),
         ):  # fmt: skip
             if self._noted[settings]:
@@ -224,6 +254,8 @@ class Course(Moves):
             np.array(self._velocities) if self._velocities else None,
             header, tuple(notes), tuple(self._waits), untimed, tuple(self._columns.values()),
             tuple(self._straight) if self._tool else None,
+            targets=tuple(self._targets) if targets else (),
+            speeds=tuple(self._speeds) if any(self._speeds) else (),
         )  # fmt: skip
 
 

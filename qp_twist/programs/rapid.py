@@ -18,7 +18,15 @@ from typing import Any
 import mink
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
+from qp_twist.programs.joint_moves import (
+    AXES,
+    Beside,
+    Dialect,
+    JointMoves,
+    ProgramFrame,
+    Speed,
+    Target,
+)
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
@@ -27,12 +35,17 @@ from qp_twist.programs.values import (
     IN_DEGREES,
     Unknown,
     Values,
+    fixed,
     list_literal,
     pose_of,
     zyx_quaternion,
 )
 
 _NONE = "9E9"
+_MM = 4
+"""Decimals of positions, mm."""
+_SPEED = 4
+"""Decimals of speeds, mm/s and degrees/s."""
 _TOOL = "tool0"
 _PREFIX = "run_"
 
@@ -47,21 +60,67 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         external = ",".join(given.get(name, _NONE) for name in RAPID.external)
         return f"    MoveAbsJ [[{values}],[{external}]]\\NoEOffs,"
 
+    def pose(to: Target) -> str:
+        external = ",".join([_NONE] * len(RAPID.external))
+        return f"[{_pose_text(to.pose)},{_json(to.configuration)},[{external}]]"
+
     first, *others = (target(point) for point in moves.angles.tolist())
-    tool = f"tool{moves.tool}"
-    lines = [f"MODULE {name}", *(f"  ! {line}" for line in header), f"  PROC {_PREFIX}{name}()"]
-    lines.append(f"{first}v50,fine,tool0;")
+    count = len(others)
+    targets, speeds = moves.targets[1:] or (None,) * count, moves.speeds or (None,) * count
+    tool, frame, data = f"tool{moves.tool}", "", list[str]()
+    if stated := next(filter(None, targets), None):
+        tool, frame, data = _stated(stated)
+    lines = [f"MODULE {name}", *(f"  ! {line}" for line in header), *data]
+    lines += [f"  PROC {_PREFIX}{name}()", f"{first}v50,fine,tool0;"]
     times = [f"{seconds:.{RAPID.time_decimals}f}" for seconds in moves.durations.tolist()]
-    for number, (to, seconds) in enumerate(zip(others, times, strict=True), start=1):
-        stops = number == len(others) if moves.stops is None else moves.stops[number]
-        end = f"v1000\\T:={seconds},{'fine' if stops else 'z0'}"
-        if moves.straight is not None and moves.straight[number - 1]:
-            at = to.strip().removeprefix("MoveAbsJ ").removesuffix("\\NoEOffs,")
-            lines.append(f"    MoveL CalcRobT({at},{tool}),{end},{tool};")
+    for number, (to, seconds, at, speed) in enumerate(
+        zip(others, times, targets, speeds, strict=True), start=1
+    ):
+        stops = number == count if moves.stops is None else moves.stops[number]
+        zone = "fine" if stops else "z0"
+        end = f"v1000\\T:={seconds},{zone}"
+        if at is not None and speed is not None:
+            tcp, turn = 1e3 * speed.linear, math.degrees(speed.angular)
+            fast = f"[{tcp:.{_SPEED}f},{turn:.{_SPEED}f},5000,1000]"
+            lines.append(f"    MoveL {pose(at)},{fast},{zone},{tool}\\WObj:={frame};")
+        elif moves.straight is not None and moves.straight[number - 1]:
+            joints = to.strip().removeprefix("MoveAbsJ ").removesuffix("\\NoEOffs,")
+            lines.append(f"    MoveL CalcRobT({joints},{tool}),{end},{tool};")
         else:
             lines.append(f"{to}{end},tool0;")
     lines += ["  ENDPROC", "ENDMODULE", ""]
     return {f"{name}{RAPID.suffix}": "\n".join(lines)}
+
+
+def _pose_text(pose: mink.SE3) -> str:
+    """Position, mm, and quaternion with its largest component positive."""
+    w = pose.rotation().wxyz
+    w = w * math.copysign(1.0, w[int(abs(w).argmax())])
+    xyz = ",".join(fixed(x, _MM) for x in 1e3 * pose.translation())
+    return f"[{xyz}],[{','.join(fixed(x, 9) for x in w)}]"
+
+
+def _json(values: Sequence[int]) -> str:
+    return f"[{','.join(map(str, values))}]"
+
+
+def _stated(target: Target) -> tuple[str, str, list[str]]:
+    """Names of the tool and the work object of a target, and the data where they have values.
+
+    The tool's mass is -1, which controllers do not take: a person has to state the load.
+    """
+    tool, frame, data = f"tool{target.tool.name}", f"wobj{target.frame.name}", list[str]()
+    if target.tool.pose is not None:
+        tool = "task_tool"
+        load = "[-1,[0,0,0],[1,0,0,0],0,0,0]"
+        value = f"[TRUE,[{_pose_text(target.tool.pose)}],{load}]"
+        data.append(f"  LOCAL PERS tooldata {tool}:={value};")
+    if target.frame.pose is not None:
+        frame = "task_wobj"
+        own = "[[0,0,0],[1,0,0,0]]"
+        value = f'[FALSE,TRUE,"",[{_pose_text(target.frame.pose)}],{own}]'
+        data.append(f"  LOCAL PERS wobjdata {frame}:={value};")
+    return tool, frame, data
 
 
 _NAME = r"[A-Za-z]\w*"
@@ -150,7 +209,8 @@ class RapidModule(Program):
         otherwise=r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE",
         outside=_DATA, enclosed=True,
         own_counter=True,
-        reads="absolute joint moves (MoveAbsJ) to literals or constants, one after the other,",
+        reads="joint moves (MoveAbsJ, MoveJ) and straight ones (MoveL) to literals or constants, "
+        "one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves) -> None:
@@ -245,7 +305,9 @@ class RapidModule(Program):
         """A straight move to joint angles, which ``check`` reads."""
         of = (rf"MoveL\s+CalcRobT\s*\((?P<target>\[\[[^()]*\]\])\s*,\s*(?P<of>{_NAME})\)"
               r"(?P<arguments>\s*,.*)")  # fmt: skip
-        return ((of, self._move_straight, "joint"),) if self.moves.strict else ()
+        to = r"Move(?P<kind>[LJ])\b(?P<arguments>.*)"
+        rules: list[Rule] = [(of, self._move_straight, "joint"), (to, self._move_to_pose, "joint")]
+        return rules if self.moves.strict else ()
 
     def _move_straight(self, line: int, match: re.Match[str]) -> None:
         """MoveL to the position of joint angles: a move to these angles, but straight."""
@@ -280,6 +342,46 @@ class RapidModule(Program):
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
         self.moves.joint(JointMove(line, angles, None, seconds, None, moved, straight))
+
+    def _move_to_pose(self, line: int, match: re.Match[str]) -> None:
+        """MoveL and MoveJ to a robtarget, for ``check``."""
+        (text, speed, _, name, *more), options = self._arguments(line, match, 1)
+        if more or options.keys() - (_OPTIONS - {"noeoffs", "tload"}):
+            raise refuse(line, match[0], "has arguments that are not read here.")
+        found, straight = self.values.value(text), match["kind"].upper() == "L"
+        pose = self._pose(line, text)
+        data = tuple(map(int, found[2]))
+        if list(data) != found[2]:
+            raise refuse(line, match[0], "expected whole numbers cf1, cf4, cf6, cfx.")
+        frame = ProgramFrame(*self.moves.frame)
+        target = Target(pose, self._tool(line, name), frame, data, line)
+        seconds = float(self.values.value(options["t"])) if "t" in options else None
+        self.moves.joint(JointMove(
+            line, None, None, seconds, tool=name if straight else "", target=target,
+            speed=self._tool_speed(speed, options) if straight and seconds is None else None,
+        ))  # fmt: skip
+
+    def _tool(self, line: int, name: str) -> ProgramFrame:
+        """A tool; its pose in the flange if the file states it."""
+        if name.lower() == _TOOL:
+            return ProgramFrame(name, mink.SE3.identity())
+        try:
+            held, pose, _ = self.values.value(name)
+            place = pose_of(*pose)
+        except (Unknown, TypeError, ValueError):
+            return ProgramFrame(name)
+        if held is not True:
+            raise InvalidInput(CARRIES, line=line)
+        return ProgramFrame(name, place)
+
+    def _tool_speed(self, speed: str, options: Mapping[str, str]) -> Speed | None:
+        """Of speed data, or of its predefined name, which turns by 500 degrees/s."""
+        linear = self._feed(speed, options)
+        if re.fullmatch(r"v\d+", speed, re.IGNORECASE | re.ASCII):
+            angular = 500.0
+        else:
+            angular = float(self.values.value(speed)[1])
+        return None if math.isnan(linear) else Speed(linear, math.radians(angular))
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind = match["kind"].upper()
@@ -326,9 +428,12 @@ class RapidModule(Program):
         try:
             held, fixed, unit, user, own = self.values.value(name)
             known = not held and fixed and not unit
-            return name, pose_of(*user) @ pose_of(*own) if known else None
+            pose = pose_of(*user) @ pose_of(*own) if known else None
         except (Unknown, TypeError, ValueError):
             return name, None
+        if self.moves.strict and not known:
+            raise InvalidInput(f"{name} is moved by a unit, or held by the robot: it is not read.")
+        return name, pose
 
 
 def _heading(lines: Sequence[str]) -> int:
@@ -373,7 +478,7 @@ RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
-    zone=0.3e-3, straight=True,
+    zone=0.3e-3, points=("joints", "poses"),
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
 3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""

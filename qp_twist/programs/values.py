@@ -19,6 +19,8 @@ import numpy as np
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.statements import NUMBER, shown
 
+_ALONG = 1e-9
+"""Cosine of an angle of ±90°, beside which two others turn about the same axis."""
 LARGEST_NUMBER = 1e12
 """A coordinate beyond it is no pose."""
 _OPERATORS: dict[type, Callable[..., Any]] = {
@@ -275,6 +277,22 @@ def zyx_quaternion(*angles_deg: float) -> tuple[float, float, float, float]:
         cz * cy * cx + sz * sy * sx, cz * cy * sx - sz * sy * cx,
         cz * sy * cx + sz * cy * sx, sz * cy * cx - cz * sy * sx,
     )  # fmt: skip
+
+
+def zyx_angles(rotation: mink.SO3) -> tuple[float, float, float]:
+    """The angles a, b, c of R = R_z(a) R_y(b) R_x(c), degrees; c = 0 where b is ±90°."""
+    R = rotation.as_matrix()
+    level = math.hypot(R[0, 0], R[1, 0])
+    b = math.atan2(-R[2, 0], level)
+    if level < _ALONG:
+        return math.degrees(math.atan2(-R[0, 1], R[1, 1])), math.degrees(b), 0.0
+    found = math.atan2(R[1, 0], R[0, 0]), b, math.atan2(R[2, 1], R[2, 2])
+    return tuple(map(math.degrees, found))  # type: ignore[return-value]
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals; 0 without a sign."""
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 _JSON = json.JSONDecoder(parse_int=float)

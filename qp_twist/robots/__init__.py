@@ -1,5 +1,6 @@
 """Robots from MJCF and URDF files; known robots, and how their controllers count the joints."""
 
+from .controller_arm import ControllerArm as ControllerArm
 from .controller_joints import ControllerJoints as ControllerJoints
 from .controller_joints import controller_joints as controller_joints
 from .external_axes import ExternalAxis as ExternalAxis

@@ -13,6 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.robots.axis_geometry import Line, axis_geometry
+from qp_twist.robots.controller_arm import ControllerArm
 from qp_twist.robots.external_axes import PER_UNIT, ExternalAxis
 from qp_twist.robots.known_robots import KnownRobot, hinges_of
 from qp_twist.robots.tool_chain import ToolChain
@@ -52,6 +53,7 @@ class ControllerJoints:
         notes: Remarks about the model.
         external: The external axes.
         tool: What moves the task's frame, if that is the arm alone; ``None`` where it is not known.
+        arm: Base, flange and configurations of a known robot, likewise.
     """
 
     joint_names: tuple[str, ...]
@@ -65,6 +67,7 @@ class ControllerJoints:
     notes: tuple[str, ...] = ()
     external: tuple[ExternalAxis, ...] = ()
     tool: ToolChain | None = None
+    arm: ControllerArm | None = None
 
     @classmethod
     def as_modelled(cls, joint_names: Sequence[str]) -> ControllerJoints:
@@ -100,6 +103,14 @@ class ControllerJoints:
             offsets=np.append(self.offsets[:count], [each.offset for each in axes]),
             external=tuple(axes),
         )
+
+    def with_tool(self, tool: ToolChain, robot: KnownRobot | None) -> ControllerJoints:
+        """The same with what moves the task's frame, and the robot if it is known."""
+        order = [self.joint_names.index(name) for name in tool.names]
+        arm = None
+        if robot is not None and order == list(range(len(robot.lines))):
+            arm = ControllerArm.of(robot, tool, self.signs[order], self.offsets[order])
+        return replace(self, tool=tool, arm=arm)
 
     @property
     def robot_axes(self) -> int:

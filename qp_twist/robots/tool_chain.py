@@ -1,4 +1,4 @@
-"""The tool of an arm on straight moves, as controllers move it between two joint positions."""
+"""The tool of an arm on straight moves, as controllers move it to joint positions or a pose."""
 
 from __future__ import annotations
 
@@ -50,8 +50,34 @@ class ToolChain(NamedTuple):
         """Poses of the tool for positions of its joints (K, n)."""
         return Poses(*self.chain.poses(self._whole(q)))
 
+    def axes(self, q: Array) -> list[tuple[Array, Array]]:
+        """Direction and a point of each joint's axis at positions q (K, n), m, (K, 3) each."""
+        return self.chain.frames(self._whole(q))[2]
+
     def straight(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        r"""Joint positions on the straight move of the tool from one configuration to another.
+        """Joint positions on the straight move of the tool from one configuration to another.
+
+        Returns:
+            λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin`` to ``end``.
+
+        Raises:
+            InvalidInput: If the joints do not follow, or arrive at other positions than ``end``.
+        """
+        R, p = self.poses(end[None])
+        shares, rows = self.straight_to(begin, Poses(R[0], p[0]))
+        off = np.abs(rows[-1] - end)
+        if off.max() > _SAME:
+            joint = int(np.argmax(off))
+            raise InvalidInput(
+                f"on the straight line {self.names[joint]} arrives at "
+                f"{np.degrees(rows[-1][joint]):.4f}°, and the program states "
+                f"{np.degrees(end[joint]):.4f}°: another configuration."
+            )
+        rows[-1] = end
+        return shares, rows
+
+    def straight_to(self, begin: Array, pose: Poses) -> tuple[Array, Array]:
+        r"""Joint positions on the straight move of the tool to a pose (3, 3), (3,).
 
         .. math:: \mathbf p(\lambda) = (1-\lambda)\,\mathbf p_0 + \lambda\,\mathbf p_1, \qquad
             \mathbf R(\lambda) = \mathbf R_0 \exp(\lambda \log(\mathbf R_0^T \mathbf R_1))
@@ -60,18 +86,18 @@ class ToolChain(NamedTuple):
         branch stays.
 
         Returns:
-            λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin`` to ``end``.
+            λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin``.
 
         Raises:
-            InvalidInput: If the joints do not follow, or arrive at other positions than ``end``.
+            InvalidInput: If the joints do not follow.
         """
-        R, p = self.poses(np.array([begin, end]))
-        turn, way = rotation_vector(R[0].T @ R[1]), p[1] - p[0]
-        share, length = 0.0, min(1.0, _STEP / (2.0 * float(np.abs(end - begin).max()) + 1e-12))
+        R, p = self.poses(begin[None])
+        turn, way = rotation_vector(R[0].T @ pose.rotations), pose.positions - p[0]
+        share, length = 0.0, 1.0
         shares, rows, slope = [0.0], [begin], np.zeros(len(begin))
         while share < 1.0:
             then = min(1.0, share + length)
-            there = Poses(R[:1] @ Rotation.from_rotvec(then * turn).as_matrix(), p[:1] + then * way)
+            there = Poses(R @ Rotation.from_rotvec(then * turn).as_matrix(), p + then * way)
             found = self.beside((rows[-1] + (then - share) * slope)[None], there)
             step = np.inf if found is None else float(np.abs(found[0] - rows[-1]).max())
             if step > _STEP or found is None:
@@ -87,20 +113,11 @@ class ToolChain(NamedTuple):
             shares.append(share)
             rows.append(found[0])
             length *= 1.0 if step > 0.5 * _STEP else 1.5
-        off = np.abs(rows[-1] - end)
-        if off.max() > _SAME:
-            joint = int(np.argmax(off))
-            raise InvalidInput(
-                f"on the straight line {self.names[joint]} arrives at "
-                f"{np.degrees(rows[-1][joint]):.4f}°, and the program states "
-                f"{np.degrees(end[joint]):.4f}°: another configuration."
-            )
-        rows[-1] = end
         return np.array(shares), np.array(rows)
 
     def beside(self, q: Array, poses: Poses) -> Array | None:
         """Joint positions (K, n) near q (K, n) with these poses; ``None`` without."""
-        dofs = [screw.dof for screw in self.chain.screws]
+        dofs = self._dofs
         for _ in range(_NEWTON):
             now, at, J = self.chain.poses_and_jacobians(self._whole(q))
             turns = rotation_vector(poses.rotations @ now.transpose(0, 2, 1))
@@ -112,6 +129,10 @@ class ToolChain(NamedTuple):
             except np.linalg.LinAlgError:
                 return None
         return None
+
+    @property
+    def _dofs(self) -> list[int]:
+        return [screw.dof for screw in self.chain.screws]
 
     def _whole(self, q: Array) -> Array:
         """Positions of all joints of the model, of which only those of the chain count."""

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
+import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error, rotation_vector
+from qp_twist.geometry import (
+    Projector,
+    TwistProjector,
+    geodesic,
+    resolved_twist_error,
+    rotation_vector,
+)
 from qp_twist.paths import PathTask
-from qp_twist.programs import JointMoves
-from qp_twist.robots import ControllerJoints, ToolChain
+from qp_twist.programs import Dialect, JointMoves, ProgramFrame, Speed, Target
+from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
@@ -32,6 +39,14 @@ _ROUNDED = 0.25
 """Share of the position tolerance by which a controller may round a point that it passes: a little
 more than that of a chord, so that the points of a smooth curve are passed without a stop."""
 
+
+_FREE = Speed(1.0, float(np.radians(200.0)))
+"""Speeds that do not count, as the move is slower by the other one: below those of all controllers.
+"""
+_RESTS = 1e-6
+"""A point that goes less far, m, rests: the tool turns about it."""
+_DIGITS = 4
+"""Significant digits of speeds, rounded down: moves take at most a thousandth longer."""
 
 Fits = Callable[[int, int], bool]
 """Whether a move from one row to another one, by their indices, is possible."""
@@ -70,13 +85,102 @@ class StraightMoves(NamedTuple):
         return stops
 
 
-def straight_moves(rows: TimedPath, path_task: PathTask, tool: ToolChain) -> StraightMoves:
+class LinearMotion(NamedTuple):
+    """How straight moves of the tool are written.
+
+    Attributes:
+        tool: Number of the tool in the controller, whose TCP is the task's frame; ``None``: of
+            points that are joint angles 1, of poses its values are written.
+        frame: Number of the frame of poses in the controller, which is the world of the task;
+            ``None``: its values in the robot's base are written.
+        points: Joint angles or poses; ``None``: as the language prefers.
+    """
+
+    tool: int | None = None
+    frame: int | None = None
+    points: Literal["joints", "poses"] | None = None
+
+    def moves(
+        self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints, dialect: Dialect,
+        position_tolerance: float,
+    ) -> JointMoves:  # fmt: skip
+        """The moves, in printed digits, with those that are straight.
+
+        Raises:
+            InvalidInput: If the language does not have such points, or the robot no such data.
+        """
+        points = self.points or (dialect.points or ("joints",))[0]
+        if points not in dialect.points:
+            raise InvalidInput(
+                f"straight moves to {points} are not written in {dialect.title}; "
+                + (f"write {dialect.points[0]}." if dialect.points else
+                   "write joint moves (--motion joint).")
+            )  # fmt: skip
+        stops = line.stops(dialect.zone, position_tolerance)
+        straight = tuple(int(each) for each in line.straight)
+        moves = replace(moves, straight=straight, stops=stops, tool=self.tool or 1)
+        if points == "poses":
+            return self._with_poses(moves, line, joints)
+        if self.frame is not None:
+            raise InvalidInput("a frame's number is of points that are poses (--points poses).")
+        return moves
+
+    def _with_poses(
+        self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints
+    ) -> JointMoves:
+        arm, chain = joints.arm, joints.tool
+        if arm is None or chain is None or moves.durations is None:
+            raise InvalidInput(
+                "poses need base, flange and configuration data of a known robot (--robot); as "
+                "modelled there are only joint angles."
+            )
+        tool = ProgramFrame("", arm.tool_in_flange)
+        frame = ProgramFrame("", arm.base.inverse())
+        tool = tool if self.tool is None else ProgramFrame(str(self.tool))
+        frame = frame if self.frame is None else ProgramFrame(str(self.frame))
+        q = line.rows.of_joints(chain.names).q
+        R, p = chain.poses(q)
+        durations = moves.durations.copy()
+        targets: list[Target | None] = [None]
+        speeds: list[Speed | None] = []
+        for k, straight in enumerate(line.straight, start=1):
+            pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
+            targets.append(Target(pose, tool, frame, arm.configuration(q[k])) if straight else None)
+            way, turn = _way(R[k - 1 : k + 1], p[k - 1 : k + 1])
+            speed = _slower(durations[k - 1], way, turn) if straight else None
+            speeds.append(speed)
+            durations[k - 1] = speed.seconds(way, turn) if speed else durations[k - 1]
+        return replace(moves, durations=durations, targets=tuple(targets), speeds=tuple(speeds))
+
+
+def _way(R: Array, p: Array) -> tuple[float, float]:
+    """How far a tool goes, m, and turns, rad, between two poses (2, 3, 3), (2, 3)."""
+    turn = rotation_vector(R[0].T @ R[1])
+    return float(np.linalg.norm(p[1] - p[0])), float(np.linalg.norm(turn))
+
+
+def _slower(seconds: float, way: float, turn: float) -> Speed:
+    """The speeds of a move that takes some time, or a little more."""
+    if way < _RESTS:
+        return Speed(_FREE.linear, _rounded_down(turn / seconds))
+    return Speed(_rounded_down(way / seconds), max(_FREE.angular, turn / seconds))
+
+
+def _rounded_down(value: float) -> float:
+    unit = 10.0 ** (np.floor(np.log10(max(value, 1e-9))) + 1.0 - _DIGITS)
+    return float(np.floor(value / unit) * unit)
+
+
+def straight_moves(
+    rows: TimedPath, path_task: PathTask, tool: ToolChain, *, two_angles: bool = False
+) -> StraightMoves:
     """As few of the rows as keep the path if the tool moves straight from one to the next.
 
     Greedily, each move leads to the farthest row such that the tool is within a fifth of the
     tolerances of where it was planned, in the directions of the task, and the joints remain beside
     those planned. Where no straight move does, and between the waypoints of
-    the task's joint moves, a joint move leads to the next row.
+    the task's joint moves, a joint move leads to the next row. With ``two_angles`` it has to be so,
+    too, if a controller swings an axis of the tool, whichever it is, and turns about it at once.
     """
     assert rows.times is not None
     q = rows.of_joints(tool.names).q
@@ -95,10 +199,12 @@ def straight_moves(rows: TimedPath, path_task: PathTask, tool: ToolChain) -> Str
         if np.abs(share - paced).max() > _PACE:
             return False
         line = R[0] @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
-        _, error = resolved_twist_error(line, p[0] + share[:, None] * way, R, p, projector)
-        linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
-        if not tolerances.met(linear / _SHARE, angular / _SHARE).all():
-            return False
+        ways = [line, *(_two_angles(R[[0, -1]], share, axis) for axis in np.eye(3) if two_angles)]
+        for turned in ways:
+            _, error = resolved_twist_error(turned, p[0] + share[:, None] * way, R, p, projector)
+            linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
+            if not tolerances.met(linear / _SHARE, angular / _SHARE).all():
+                return False
         found = tool.beside(q[begin : end + 1], Poses(line, p[0] + share[:, None] * way))
         return found is not None and bool(np.abs(found - q[begin : end + 1]).max() <= _ASIDE)
 
@@ -164,37 +270,119 @@ def _rows_of(path_task: PathTask) -> TwistProjector:
     return TwistProjector(linear=Projector.full(), angular=Projector.full())
 
 
-def followed(
-    moves: JointMoves, q: Array, times: Array | None, joints: ControllerJoints
-) -> tuple[Array, Array | None]:
-    """The rows of a program (N, n), with those of its straight moves between, and their times.
+def _two_angles(R: Array, share: Array, axis: Array) -> Array:
+    """Rotations (K, 3, 3) at shares (K,) from R[0] to R[1].
+
+    An axis of the tool (3,) swings, and the tool turns about it, each in proportion.
+    """
+    swing = geodesic(R[0] @ axis, R[1] @ axis)
+    twist = rotation_vector(R[0].T @ Rotation.from_rotvec(-swing).as_matrix() @ R[1])
+    before = Rotation.from_rotvec(share[:, None] * swing).as_matrix()
+    after = Rotation.from_rotvec(share[:, None] * twist).as_matrix()
+    turned: Array = before @ R[0] @ after
+    return turned
+
+
+class Followed(NamedTuple):
+    """A program's motion in joint positions.
+
+    Attributes:
+        q: The rows (K, n), with those of its straight moves between.
+        times: Of the rows, s, (K,); ``None`` if the program has none.
+        durations: Of its moves, s, (N − 1,), likewise.
+    """
+
+    q: Array
+    times: Array | None
+    durations: Array | None
+
+
+def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
+    """The motion of a program with joint positions q (N, n) at its points, nan where it has a pose.
+
+    Straight moves are followed from where they begin; one to a pose has to arrive with the
+    configuration that the program states. A joint move to a pose leads to the joint positions that
+    the configuration names.
 
     Raises:
-        InvalidInput: If the tool of the robot is not known, or the joints do not follow a move;
+        InvalidInput: If the tool or the robot is not known, or the joints do not follow a move;
             with its line.
     """
-    if moves.straight is None:
-        return q, times
+    if moves.straight is None and not moves.targets:
+        given = moves.durations
+        times = None if given is None else np.concatenate([[0.0], np.cumsum(given)])
+        return Followed(q, times, given)
+    lines = moves.straight or (0,) * (len(q) - 1)
+    targets = moves.targets or (None,) * len(q)
     tool = joints.tool
-    if tool is None:
+    if tool is None and (any(lines) or any(targets)):
         raise InvalidInput(
             "straight moves of the tool are read with a task of the robot alone, whose path is in "
             "the world: without external axes, and with the part at rest."
         )
-    order = [joints.joint_names.index(name) for name in tool.names]
-    rows, at = [q[:1]], [np.zeros(1) if times is None else times[:1]]
-    for k, line in enumerate(moves.straight):
-        if line:
-            try:
-                shares, between = tool.straight(q[k, order], q[k + 1, order])
-            except InvalidInput as error:
-                error.line = line
-                raise
-            more = np.empty_like(between[1:])
-            more[:, order] = between[1:]
-        else:
-            shares, more = np.array([0.0, 1.0]), q[k + 1 : k + 2]
+    order = [] if tool is None else [joints.joint_names.index(name) for name in tool.names]
+    durations = None if moves.durations is None else moves.durations.copy()
+    at, q = q[:1], q.copy()
+    rows, shares = list[Array](), list[Array]()
+    for k, target in enumerate(targets):
+        line = lines[k - 1] if k else 0
+        share, more = np.ones(1), q[k : k + 1]
+        try:
+            if tool is None:
+                pass
+            elif line:
+                share, more = _line(tool, joints.arm, at[0, order], q[k, order], target)
+            elif target is not None:
+                more = _arm(joints.arm).joints_at(
+                    _in_world(joints.arm, target), target.configuration, at[0, order] if k else None
+                )[None]
+        except InvalidInput as error:
+            error.line = line or (target.line if target else None) or error.line
+            raise
+        if tool is not None and (line or target is not None):
+            q_there = np.repeat(at, len(more), axis=0)
+            q_there[:, order] = more
+            more = q_there
+        speed = moves.speeds[k - 1] if k and moves.speeds else None
+        if speed is not None and durations is not None and tool is not None:
+            between = tool.poses(np.concatenate([at, more[-1:]])[:, order])
+            durations[k - 1] = speed.seconds(*_way(*between))
+        at = more[-1:]
         rows.append(more)
-        if times is not None:
-            at.append(times[k] + shares[1:] * (times[k + 1] - times[k]))
-    return np.concatenate(rows), None if times is None else np.concatenate(at)
+        shares.append(share)
+    if durations is None:
+        return Followed(np.concatenate(rows), None, None)
+    ends = np.concatenate([[0.0], np.cumsum(durations)])
+    at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
+    return Followed(np.concatenate(rows), np.concatenate(at_rows), durations)
+
+
+def _line(
+    tool: ToolChain, arm: ControllerArm | None, begin: Array, end: Array, target: Target | None
+) -> tuple[Array, Array]:
+    """Shares and joint positions of a straight move, behind those where it begins."""
+    if target is None:
+        shares, rows = tool.straight(begin, end)
+    else:
+        pose = _in_world(arm, target)
+        there = Poses(pose.rotation().as_matrix(), pose.translation())
+        shares, rows = tool.straight_to(begin, there)
+        if target.configuration:
+            _arm(arm).check_configuration(rows[-1], target.configuration)
+    return shares[1:], rows[1:]
+
+
+def _in_world(arm: ControllerArm | None, target: Target) -> mink.SE3:
+    """The pose of the task's frame in the world at a target."""
+    if target.tool.pose is None and target.frame.pose is None:
+        return target.pose
+    return _arm(arm).world_pose(target.pose, target.tool.pose, target.frame.pose)
+
+
+def _arm(arm: ControllerArm | None) -> ControllerArm:
+    if arm is None:
+        raise InvalidInput(
+            "a pose in the robot's base, or with configuration data, is read for known robots, in "
+            "the languages that have such data; name the robot (--robot)."
+        )
+    return arm

@@ -32,6 +32,7 @@ from qp_twist.programs import (
 from qp_twist.robots import (
     ControllerJoints,
     ExternalAxis,
+    KnownRobot,
     ToolChain,
     as_stated,
     controller_joints,
@@ -40,7 +41,7 @@ from qp_twist.robots import (
     stated_robot,
 )
 from qp_twist.robots.wording import listed
-from qp_twist.trajectories.linear_moves import StraightMoves, followed, straight_moves
+from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, followed, straight_moves
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -78,7 +79,7 @@ def joints_of(
     Raises:
         InvalidInput: If the robot is not known, or the arm is not that robot.
     """
-    joints = _robot_joints(path_task, joint_names, robot, as_modelled=as_modelled)
+    joints, known = _robot_joints(path_task, joint_names, robot, as_modelled=as_modelled)
     if path_task is None:
         if external:
             raise InvalidInput(
@@ -93,7 +94,7 @@ def joints_of(
             JointRanges.of(path_task.model).names,
         )
         own = tuple(names[screw.dof] for screw in chain.screws)
-        joints = replace(joints, tool=ToolChain(chain, own, path_task.frame_name))
+        joints = joints.with_tool(ToolChain(chain, own, path_task.frame_name), known)
     if stated := tuple(external) or path_task.external:
         axes = as_stated(axes, stated)
     return joints.with_external(axes)
@@ -120,8 +121,8 @@ def _robot_joints(
     robot: str | Path | None,
     *,
     as_modelled: bool,
-) -> ControllerJoints:
-    """How the controller counts the joints of the arm itself."""
+) -> tuple[ControllerJoints, KnownRobot | None]:
+    """How the controller counts the joints of the arm itself, and the robot if it is known."""
     stated = None if path_task is None or as_modelled else path_task.controller
     if robot is None and stated is not None:
         as_modelled, robot = stated == AS_MODELLED, None if stated == AS_MODELLED else stated
@@ -129,10 +130,10 @@ def _robot_joints(
         if robot is not None:
             raise InvalidInput("give a robot, or take the joints as modelled, but not both.")
         if path_task is None:
-            return ControllerJoints.as_modelled(joint_names)
+            return ControllerJoints.as_modelled(joint_names), None
         of_scene = JointRanges.of(path_task.shown.model).names
         arm = hinges_of(*path_task.arm)[-AXES:]
-        return ControllerJoints.as_modelled([of_scene[screw.dof] for screw in arm])
+        return ControllerJoints.as_modelled([of_scene[screw.dof] for screw in arm]), None
     given = None if robot is None else stated_robot(robot)
     if path_task is None:
         if given is None:
@@ -140,7 +141,7 @@ def _robot_joints(
                 "which robot it is has to be said: give the task of the trajectory, whose robot is "
                 "recognised, or a name (--robot)."
             )
-        return ControllerJoints.of_robot(given, joint_names)
+        return ControllerJoints.of_robot(given, joint_names), given
     if given is None:
         names = (path_task.scene.stem, path_task.scene.parent.name)
         given = known_robot(*path_task.arm, names)
@@ -149,7 +150,7 @@ def _robot_joints(
                 f"{path_task.name}: the robot is not one of the known robots, so that nothing says "
                 f"where its controller counts from. {_ADVICE}"
             )
-    return controller_joints(*path_task.arm, given)
+    return controller_joints(*path_task.arm, given), given
 
 
 def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> None:
@@ -177,13 +178,13 @@ def encode(
     joints: ControllerJoints,
     name: str,
     path_task: PathTask | None = None,
-    tool: int | None = None,
+    linear: LinearMotion | None = None,
 ) -> dict[str, str]:
     """The texts of a program's files, by name.
 
     Rows closer in time than the controller interpolates are :func:`spaced
     <qp_twist.trajectories.spaced_rows.spaced>`, with the tolerances of the task, if there is one.
-    With ``tool``, the number of one in the controller, that moves straight along the path.
+    With ``linear`` the tool moves straight along the path.
 
     Raises:
         InvalidInput: If the robot is not programmed in this language, the trajectory has no times
@@ -192,7 +193,7 @@ def encode(
     dialect.check_name(name)
     check_language(dialect, joints)
     spacing, line = "", None
-    if tool is not None:
+    if linear is not None:
         line = _straight(rows, dialect, joints, path_task)
         rows = line.rows
     if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
@@ -216,10 +217,8 @@ def encode(
     external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
     shown = scale * joints.shown(rows.q)
     moves = printed(JointMoves(shown, durations, velocities, external=external), dialect)
-    if line is not None and path_task is not None and tool is not None:
-        straight = tuple(int(each) for each in line.straight)
-        stops = line.stops(dialect.zone, path_task.tolerances.position)
-        moves = replace(moves, straight=straight, stops=stops, tool=tool)
+    if line is not None and path_task is not None and linear is not None:
+        moves = linear.moves(moves, line, joints, dialect, path_task.tolerances.position)
     # In characters that every controller reads, and on one line.
     task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
     equations = joints.equations(names)
@@ -236,7 +235,7 @@ def _straight(
     Raises:
         InvalidInput: If the language has no such moves here, or the tool is not known.
     """
-    if not dialect.straight:
+    if not dialect.points:
         raise InvalidInput(
             f"straight moves are not written in {dialect.title}; write joint moves (--motion "
             "joint)."
@@ -246,7 +245,7 @@ def _straight(
             "straight moves need a trajectory with times and its task, in which the robot alone "
             "moves the tool: without external axes, and with the part at rest."
         )
-    return straight_moves(rows, path_task, joints.tool)
+    return straight_moves(rows, path_task, joints.tool, two_angles=dialect.two_angles)
 
 
 def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
@@ -274,13 +273,13 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         if joints.external and claimed and not any(each.axis for each in joints.external):
             joints = joints.with_external(as_stated(joints.external, claimed))
         names = axis_names(dialect, joints)
-        check_header(moves, dialect, joints.robot, joints.equations(names))
+        equations = joints.equations(names)
+        check_header(moves, dialect, joints.robot, equations)
         angles, external = _columns(moves, joints, names)
         scale = joints.scale(dialect.unit)
-        times = None
-        if moves.durations is not None:
-            times = np.concatenate([[0.0], np.cumsum(moves.durations)])
-        q, times = followed(moves, joints.positions(angles / scale), times, joints)
+        q, times, durations = followed(moves, joints.positions(angles / scale), joints)
+        moves = replace(moves, durations=durations)  # those of speeds, too
+        check_header(moves, dialect, joints.robot, equations)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and times is not None:

@@ -24,6 +24,7 @@ from qp_twist.trajectories import (
     program_trajectory,
 )
 from qp_twist.trajectories.check import Check, check_trajectory
+from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.metadata import read_metadata
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -121,7 +122,7 @@ def _encoded(
     path: Path,
     joints: ControllerJoints | None,
     task: PathTask | None,
-    tool: int | None = None,
+    linear: LinearMotion | None = None,
 ) -> Mapping[str, str | bytes]:
     """The files to write, by name; a program may have several. Messages name ``path``."""
     rows, dialect = TimedPath.of(trajectory), dialect_of(path)
@@ -131,7 +132,7 @@ def _encoded(
     if joints is None:
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        return program_trajectory.encode(rows, dialect, joints, path.stem, task, tool)
+        return program_trajectory.encode(rows, dialect, joints, path.stem, task, linear)
 
 
 def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -157,18 +158,18 @@ def write_checked(
     *,
     joint_names: Sequence[str] | None = None,
     force: bool = False,
-    tool: int | None = None,
+    linear: LinearMotion | None = None,
 ) -> CheckedFile:
     """Write a trajectory, read it back and check it; a program that does not pass is not written.
 
     With ``force`` it is, with a first line at which a controller stops. ``joint_names`` are the
-    joints to read back, in this order; ``None``: those of the file. With ``tool``, a number of the
-    controller's, a program moves that tool straight along the path instead of the joints.
+    joints to read back, in this order; ``None``: those of the file. With ``linear``, a program
+    moves the tool straight along the path instead of the joints.
 
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
-    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task, tool)
+    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task, linear)
     with tempfile.TemporaryDirectory() as folder:
         file = _write(Path(folder) / path.name, files)
         check = check_trajectory(read_trajectory(file, joint_names, joints), path_task)

@@ -24,6 +24,7 @@ from qp_twist.trajectories import (
     write_checked,
     write_trajectory,
 )
+from qp_twist.trajectories.linear_moves import LinearMotion
 
 NUMBER = r"-?\d+\.\d+"
 
@@ -66,7 +67,9 @@ def test_the_tool_keeps_the_path_on_straight_lines_through_few_points(
 ) -> None:
     task, rows = motion
     path = tmp_path / f"line{DIALECTS[program].suffix}"
-    check, written = write_checked(rows, path, task, joints_for(program, motion), tool=3)
+    check, written = write_checked(
+        rows, path, task, joints_for(program, motion), linear=LinearMotion(3)
+    )
     assert written and check.passes, check.verdict
     assert re.search(r"\d+ straight moves of tool ?3: its TCP", "; ".join(check.notes))
     text = path.read_text()
@@ -138,7 +141,7 @@ def test_changed_straight_moves_are_refused_or_fail(
     task, rows = motion
     joints = joints_for("ls", motion)
     path = tmp_path / "line.ls"
-    write_checked(rows, path, task, joints, tool=1)
+    write_checked(rows, path, task, joints, linear=LinearMotion(1))
     text = path.read_text()
     place = text.index(f"P[{len(re.findall('P.[0-9]+.{', text)) // 2}]{{")
     values = list(re.finditer(rf"J([456])= ({NUMBER}) deg", text[place:]))[:3]
@@ -169,11 +172,21 @@ def test_changed_straight_moves_are_refused_or_fail(
     with pytest.raises(qt.InvalidInput, match="read with a task of the robot alone"):
         read_trajectory(path, None, dataclasses.replace(joints, tool=None))
     with pytest.raises(qt.InvalidInput, match="straight moves need a trajectory with times"):
-        write_checked(dataclasses.replace(rows, times=None), path, task, joints, tool=1, force=True)
+        write_checked(
+            dataclasses.replace(rows, times=None),
+            path,
+            task,
+            joints,
+            linear=LinearMotion(1),
+            force=True,
+        )
     modelled = joints_for("krl", motion)
-    for suffix in (".src", ".script"):
-        with pytest.raises(qt.InvalidInput, match=r"straight moves are not written in .*joint\)"):
-            write_checked(rows, path.with_suffix(suffix), task, modelled, tool=1)
+    for suffix, words in (
+        (".src", r"as modelled there are only joint angles"),
+        (".script", r"straight moves are not written in .*joint\)"),
+    ):
+        with pytest.raises(qt.InvalidInput, match=words):
+            write_checked(rows, path.with_suffix(suffix), task, modelled, linear=LinearMotion(1))
     module = write_trajectory(rows, path.with_suffix(".mod"), modelled)
     assert "MoveL" not in module.read_text()
 

@@ -1,0 +1,135 @@
+"""Tools, bases and speeds of KRL, as far as a program states them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+import mink
+
+from qp_twist.programs.krl_values import Frame, frame_pose
+from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.program import Program
+from qp_twist.programs.statements import CARRIES, refuse
+from qp_twist.programs.values import Unknown, Values
+
+_Frame = tuple[str, mink.SE3 | None]
+
+
+class KrlFrames(Program):
+    """A program with its frames and speeds.
+
+    Attributes:
+        frames: Those of ``BASE_DATA`` and ``TOOL_DATA`` that the file assigns, by number.
+        tool: Name of the tool in force, and its pose in the flange if the file states it.
+        turns: ``$VEL.ORI1`` and ``$VEL.ORI2``, rad/s; nan where the file does not state them.
+    """
+
+    def __init__(self, values: Values, moves: Moves) -> None:
+        super().__init__(values, moves)
+        self.frames: dict[str, dict[int | str, _Frame]] = {"base": {}, "tool": {}}
+        self.tool: _Frame = "$TOOL", None
+        self.turns = {"1": math.nan, "2": math.nan}
+
+    def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
+        """A setting runs or not; a base that it would state has no pose."""
+        before = {what: dict(each) for what, each in self.frames.items()}
+        tool = self.tool
+        super().unsettle(line, text, match, why)
+        if self.tool is not tool:
+            self.tool = f"a tool that {why} (line {line})", None
+        for what, each in self.frames.items():
+            changed = {key for key, value in each.items() if value is not before[what].get(key)}
+            each |= {key: (f"{what} {key} that {why} (line {line})", None) for key in changed}
+
+    def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
+        self.listing.refuse_calls(line, match["value"])
+        if not (self.moves.strict and kind == "speed" and match["word"] != "LDAT_ACT"):
+            self.moves.noted(line, match["word"], kind)
+
+    def _speed(self, line: int, match: re.Match[str]) -> None:
+        self._stated(line, match, "speed")
+        self.values.names["_vel"] = {"cp": self.moves.feed}
+        self.moves.feed = self.values.number(match["value"])
+
+    def _turning(self, line: int, match: re.Match[str]) -> None:
+        self._stated(line, match, "speed")
+        self.turns[match["word"][-1]] = math.radians(self.values.number(match["value"]))
+
+    def _speeds(self, line: int, match: re.Match[str]) -> None:
+        """A record, {CP …,ORI1 …,ORI2 …}."""
+        self._stated(line, match, "speed")
+        found = self._data(match["value"]).get("cp", math.nan)
+        self.moves.feed = found if isinstance(found, float) else math.nan
+
+    def _data(self, text: str) -> Mapping[str, Any]:
+        """A record; empty if the file does not state it."""
+        with suppress(Unknown):
+            found = self.values.value(text)
+            return found if isinstance(found, Frame) else {}
+        return {}
+
+    def _mode(self, line: int, match: re.Match[str]) -> None:
+        """Moves of a tool on a part that stands still, whose orientation turns in proportion."""
+        if match[2].strip().upper() not in ("#BASE", "#VAR") and not self.moves.strict:
+            self.refuse(line, match)
+        self.moves.noted(line, match[1], "setting")
+
+    def _set_frame(self, line: int, match: re.Match[str]) -> None:
+        """``$BASE``, ``$TOOL``, also by their numbers."""
+        text, what = match["value"].strip(), match["what"].lower()
+        self._stated(line, match)
+        number = re.fullmatch(rf"{what}_DATA\s*\[(.*)\]", text, re.IGNORECASE)
+        if match["word"].upper() == "BAS" or number:
+            found = self._numbered(what, number[1] if number else text)
+        else:
+            found = self._frame(text, f"${what.upper()} = {text}")
+        if what == "tool":
+            self.tool = found
+        else:
+            self.moves.frame = found
+
+    def _numbered(self, what: str, text: str) -> tuple[str, mink.SE3 | None]:
+        """The base or tool whose number an expression states; that of number 0 is none."""
+        found = self.values.number(text)
+        number = text.strip() if math.isnan(found) else int(found)
+        none = mink.SE3.identity() if number == 0 and self.moves.strict else None
+        return self.frames[what].get(number, (f"{what} {number}", none))
+
+    def _frame_data(self, line: int, match: re.Match[str]) -> None:
+        what = match["what"].lower()
+        self._stated(line, match)
+        if what == "tool" and not self.moves.strict:
+            return
+        number = int(self.values.value(match["part"]))
+        name = f"{what} {number} of line {line}"
+        known = not match["field"].strip()
+        self.frames[what][number] = self._frame(match["value"], name) if known else (name, None)
+
+    def _frame(self, text: str, name: str) -> tuple[str, mink.SE3 | None]:
+        try:
+            return name, frame_pose(self.values.value(text))
+        except (Unknown, KeyError, TypeError, ValueError):
+            return name, None
+
+    def _inline_frame(self, line: int, match: re.Match[str]) -> None:
+        """The base of the move that follows, by which inline forms state it."""
+        self._stated(line, match)
+        data = self._data(match["value"])
+        if data.get("ipo_frame", "base") != "base" and not self.moves.strict:
+            raise refuse(line, match[0], CARRIES)
+        if "base_no" in data:
+            self.moves.frame = self._numbered("base", str(data["base_no"]))
+        if "tool_no" in data:
+            self.tool = self._numbered("tool", str(data["tool_no"]))
+
+    def _inline_line(self, line: int, match: re.Match[str]) -> None:
+        """How the tool turns on the move that follows, by which inline forms state it."""
+        self._stated(line, match, "speed")
+        data = self._data(match["value"])
+        turns = data.get("ori_typ", "var"), data.get("circ_typ", "base")
+        if turns != ("var", "base") and not self.moves.strict:
+            self.refuse(line, match)

@@ -1,0 +1,394 @@
+"""Straight moves to poses with configuration data: written, simulated here, read, and refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import mink
+import mujoco
+import numpy as np
+import pytest
+from oracles.data_sheets import about, data_of, links
+from oracles.remodelled import remodelled
+from scipy.spatial.transform import Rotation, Slerp
+
+import qp_twist as qt
+from qp_twist.programs import DIALECTS
+from qp_twist.robots import ControllerJoints, named_robot
+from qp_twist.trajectories import (
+    TimedPath,
+    check_trajectory,
+    joints_of,
+    read_trajectory,
+    write_checked,
+)
+from qp_twist.trajectories.linear_moves import LinearMotion
+
+Array = np.ndarray
+N = r"-?\d+\.?\d*"
+ROBOTS = {
+    "ABB IRB 120": (10.0, 20.0, 10.0, 5.0, 50.0, 20.0),
+    "ABB IRB 4600-60/2.05": (-20.0, 20.0, 10.0, 95.0, -40.0, -20.0),
+    "KUKA KR 16-2": (10.0, -70.0, 95.0, 5.0, 50.0, 200.0),
+    "KUKA KR 6 R900 sixx": (-30.0, -70.0, 95.0, 5.0, -50.0, 20.0),
+}
+FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+AXIS = qt.TwistProjector(
+    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
+)
+
+
+class Case(NamedTuple):
+    """A task of a robot, its motion, and how its controller counts."""
+
+    task: qt.PathTask
+    rows: TimedPath
+    joints: ControllerJoints
+    name: str
+
+    @property
+    def suffix(self) -> str:
+        return ".mod" if self.name.startswith("ABB") else ".src"
+
+
+def case_of(name: str) -> Case:
+    """A wave of 120 mm whose axis leans by up to 2°, about a posture of the robot."""
+    robot, rng = named_robot(name), np.random.default_rng(len(name))
+    signs, offsets = rng.choice([-1.0, 1.0], 6), np.zeros(6)
+    offsets[1:3] = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 2))
+    model = remodelled(robot, signs, offsets, (0.1, -0.2, 0.3), "tool")
+    q = (np.radians(ROBOTS[name]) - offsets) * signs
+    start = mink.Configuration(model, q).get_transform_frame_to_world("tool", "site")
+    waypoints = []
+    for share in np.linspace(0.0, 1.0, 121):
+        wave = np.sin(np.pi * share)
+        turn = mink.SO3.exp(np.radians(2.0) * np.array([wave, share, 0.0]))
+        move = np.array([0.06 * (2.0 * share - 1.0), 0.01 * wave, 0.0])
+        waypoints.append(start @ mink.SE3.from_rotation_and_translation(turn, move))
+    task = qt.PathTask(
+        name="loop", title="loop", source=None, scene=Path("loop.xml"), model=model,
+        frame_name="tool", frame_type="site", projector=AXIS, operational=FULL,
+        waypoints=tuple(waypoints), flipped_waypoints=None, start=q,
+        durations=np.append(0.0, np.full(120, 0.015)), velocity_limits=robot.speeds,
+        acceleration_limits=np.full(6, 20.0),
+    )  # fmt: skip
+    trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
+    rows = TimedPath.of(qt.time_trajectory(trajectory))
+    return Case(task, rows, joints_of(task, rows.joint_names, robot=name), name)
+
+
+@pytest.fixture(scope="module")
+def cases() -> dict[str, Case]:
+    return {name: case_of(name) for name in ROBOTS}
+
+
+def rigid(rotation: Rotation, position: Array) -> Array:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), position
+    return pose
+
+
+def krl_frame(text: str) -> Array:
+    x, y, z, a, b, c = (float(re.search(rf"\b{key} ({N})", text)[1]) for key in "XYZABC")  # type: ignore[index]
+    turn = about("z", a) @ about("y", b) @ about("x", c)
+    turn[:3, 3] = 1e-3 * np.array([x, y, z])
+    return turn
+
+
+def rapid_frame(text: str) -> Array:
+    x, y, z, qw, qx, qy, qz = (float(each) for each in re.findall(N, text)[:7])
+    return rigid(Rotation.from_quat([qx, qy, qz, qw]), 1e-3 * np.array([x, y, z]))
+
+
+class Written(NamedTuple):
+    """A program, read by expressions of the test's own."""
+
+    tool: Array | None
+    frame: Array | None
+    start: Array
+    poses: list[Array]
+    data: list[tuple[int, ...]]
+    seconds: list[float | None]
+    stops: list[bool]
+
+
+def written(text: str) -> Written:
+    """What a program states; times of moves are found when the way is known."""
+    if "MODULE" in text:
+        tool = re.search(r"tooldata \w+:=\[TRUE,(.*)", text)
+        frame = re.search(r"wobjdata \w+:=\[FALSE,TRUE,\"\",(.*)", text)
+        moves = re.findall(
+            r"MoveL \[(\[.*?\],\[.*?\]),\[([-\d,]+)\],\[[9E,]+\]\],\[(.*?)\],(\w+)", text
+        )
+        first = re.search(r"MoveAbsJ \[\[(.*?)\]", text)
+        assert first
+        poses = [rapid_frame(pose) for pose, *_ in moves]
+        data = [tuple(map(int, each.split(","))) for _, each, *_ in moves]
+        speeds = [tuple(map(float, each.split(",")[:2])) for *_, each, _ in moves]
+        speeds = [(1e-3 * v, np.radians(w)) for v, w in speeds]
+        of = rapid_frame
+        stops = [zone == "fine" for *_, zone in moves]
+    else:
+        tool = re.search(r"^\$TOOL=(\{.*)", text, re.M)
+        frame = re.search(r"^\$BASE=(\{.*)", text, re.M)
+        first = re.search(r"^PTP \{(.*)\}", text, re.M)
+        assert first
+        speeds, now, stops, poses, data = [], {}, [], [], []
+        for line in text.splitlines():
+            if found := re.fullmatch(rf"\$VEL\.(\w+)=({N})", line):
+                now[found[1]] = float(found[2])
+            elif line.startswith("LIN"):
+                poses.append(krl_frame(line))
+                data.append(tuple(map(int, re.search(r"S (\d+),T (\d+)", line).groups())))  # type: ignore[union-attr]
+                assert now["ORI1"] == now["ORI2"]
+                speeds.append((now["CP"], np.radians(now["ORI1"])))
+                stops.append("C_DIS" not in line)
+        of = krl_frame
+    start = np.array([float(each) for each in re.findall(rf"(?:A\d )?({N})(?:,|$)", first[1])])
+    return Written(
+        of(tool[1]) if tool else None, of(frame[1]) if frame else None, start, poses, data,
+        speeds, stops,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def site_of(data: mujoco.MjData) -> Array:
+    return rigid(Rotation.from_matrix(data.site("tool").xmat.reshape(3, 3)), data.site("tool").xpos)
+
+
+def two_angles(begin: Array, end: Array, shares: Array, axis: Array) -> Array:
+    """An axis of the tool swings on the great circle, the tool turns about it: KUKA's #VAR."""
+    a, b = begin @ axis, end @ axis
+    normal = np.cross(a, b)
+    size = np.linalg.norm(normal)
+    swing = np.arctan2(size, a @ b) * normal / max(size, 1e-15)
+    swung = Rotation.from_rotvec(swing).as_matrix() @ begin
+    twist = Rotation.from_matrix(swung.T @ end).as_rotvec()
+    before = Rotation.from_rotvec(shares[:, None] * swing).as_matrix()
+    return before @ begin @ Rotation.from_rotvec(shares[:, None] * twist).as_matrix()
+
+
+def corrected(model: mujoco.MjModel, data: mujoco.MjData, point: Array, R: Array) -> None:
+    """Newton's method to a pose nearby, by MuJoCo's Jacobian."""
+    J = np.zeros((6, 6))
+    for _ in range(5):
+        now = site_of(data)
+        turn = Rotation.from_matrix(R @ now[:3, :3].T).as_rotvec()
+        off = np.append(point - now[:3, 3], turn)
+        if np.abs(off).max() < 1e-9:
+            return
+        mujoco.mj_jacSite(model, data, J[:3], J[3:], data.site("tool").id)
+        data.qpos[:] += np.linalg.solve(J, off)
+        mujoco.mj_forward(model, data)
+    raise AssertionError("the joints do not follow")
+
+
+def on_path(task: qt.PathTask, points: Array) -> Array:
+    """The path's axis beside points (K, 3), (K, 3), which are on the path."""
+    places = np.array([w.translation() for w in task.waypoints])
+    axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
+    begin, ways = places[:-1], np.diff(places, axis=0)
+    along = ((points[:, None] - begin) * ways).sum(axis=2) / (ways**2).sum(axis=1)
+    along = np.clip(along, 0.0, 1.0)
+    apart = np.linalg.norm(points[:, None] - begin - along[..., None] * ways, axis=2)
+    k = apart.argmin(axis=1)
+    rows = np.arange(len(k))
+    assert apart[rows, k].max() <= 1e-4
+    u = along[rows, k][:, None]
+    axis = (1.0 - u) * axes[k] + u * axes[k + 1]
+    return axis / np.linalg.norm(axis, axis=1)[:, None]
+
+
+@pytest.mark.parametrize(("name", "number"), zip(ROBOTS, (None, 2, None, 2), strict=True))
+def test_a_controller_keeps_the_path_and_the_branch(
+    name: str, number: int | None, cases: dict[str, Case], tmp_path: Path
+) -> None:
+    task, rows, joints, _ = cases[name]
+    path = tmp_path / f"loop{cases[name].suffix}"
+    linear = LinearMotion(number, None if number is None else 7, "poses")
+    check, done = write_checked(rows, path, task, joints, linear=linear)
+    assert done and check.passes, check.verdict
+    text = path.read_text()
+    found = written(text)
+    assert len(found.poses) < 0.75 * len(rows.q)
+    assert ("wobj7" in text or "BASE_DATA[7]" in text) == (number is not None)
+    # The controller's base and flange by the data sheet, the tool's place by MuJoCo.
+    model, data = task.model, mujoco.MjData(task.model)
+    assert joints.arm is not None
+    signs, offsets = joints.signs, joints.offsets
+
+    def put(theta: Array) -> None:
+        data.qpos[:] = (np.radians(theta) - offsets) * signs
+        mujoco.mj_forward(model, data)
+
+    put(found.start)
+    base = rigid(Rotation.from_matrix(data.body("base").xmat.reshape(3, 3)), data.body("base").xpos)
+    own_tool = np.linalg.inv(base @ links(name, found.start)[-1]) @ site_of(data)
+    tool = own_tool if found.tool is None else found.tool
+    frame = np.linalg.inv(base) if found.frame is None else found.frame
+    assert np.abs(tool - own_tool).max() < 1e-6
+    at, theta, whole = site_of(data), found.start, 0.0
+    for pose, numbers, (v, w) in zip(found.poses, found.data, found.seconds, strict=True):
+        end = base @ frame @ pose @ np.linalg.inv(tool) @ own_tool
+        turn = Rotation.from_matrix(at[:3, :3].T @ end[:3, :3]).magnitude()
+        seconds = max(np.linalg.norm(end[:3, 3] - at[:3, 3]) / v, turn / w)
+        whole += seconds
+        shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(seconds / 1e-3)))
+        slerp = Slerp([0.0, 1.0], Rotation.from_matrix([at[:3, :3], end[:3, :3]]))
+        turns = slerp(shares).as_matrix()
+        others = [two_angles(at[:3, :3], end[:3, :3], shares[::20], axis) for axis in np.eye(3)]
+        points = at[:3, 3] + shares[:, None] * (end[:3, 3] - at[:3, 3])
+        wanted = on_path(task, points)
+        for each, of in [(turns, wanted), *((o, wanted[::20]) for o in others if "KUKA" in name)]:
+            assert np.linalg.norm(np.cross(of, each[:, :, 2]), axis=1).max() <= np.radians(0.05)
+        for point, R in zip(points[1:], turns[1:], strict=True):
+            corrected(model, data, point, R)
+            step = np.degrees(signs * data.qpos + offsets)
+            assert np.abs(step - theta).max() < 0.5  # in a millisecond
+            theta = step
+        assert data_of(name, theta) == numbers
+        at = end
+    stated = re.search(rf"seconds: ({N})", text)
+    assert stated and whole == pytest.approx(float(stated[1]), rel=1e-4)
+    assert whole == pytest.approx(rows.times[-1], rel=5e-3)  # type: ignore[index]
+    assert found.stops[-1] and not all(found.stops)
+
+
+def test_programs_of_others_with_poses(cases: dict[str, Case], tmp_path: Path) -> None:
+    """Joint moves to poses, named targets, frames of the file and offsets are read, too."""
+    for name, program in (("ABB IRB 120", rapid_text), ("KUKA KR 16-2", krl_text)):
+        joints = cases[name].joints
+        theta = np.array(ROBOTS[name])
+        flange = links(name, theta)[-1]
+        path = tmp_path / f"other{cases[name].suffix}"
+        path.write_text(program(flange, data_of(name, theta)))
+        back = read_trajectory(path, None, joints)
+        shown = np.degrees(joints.shown(back.q))
+        assert shown[0] == pytest.approx(theta, abs=2e-3)
+        end = links(name, shown[-1])[-1]
+        moved = flange[:3, :3] @ np.array([0.0, 0.0, 0.0]) + np.array([0.0, 0.02, 0.01])
+        assert end[:3, 3] - flange[:3, 3] == pytest.approx(moved, abs=1e-6)
+        assert end[:3, :3] == pytest.approx(flange[:3, :3], abs=1e-6)
+        assert back.times is not None
+        assert back.times[-1] == pytest.approx(np.hypot(0.02, 0.01) / 0.05)
+        assert "where the program states it" in "; ".join(back.notes)
+
+
+def rapid_text(flange: Array, data: tuple[int, ...]) -> str:
+    tool = about("x", 30.0)
+    tool[:3, 3] = 0.01, 0.02, 0.1
+    frame = about("z", 40.0)
+    frame[:3, 3] = 0.1, -0.2, 0.3
+    at = np.linalg.inv(frame) @ flange @ tool
+
+    def text(pose: Array) -> str:
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        values = ",".join(f"{1e3 * each:.6f}" for each in pose[:3, 3])
+        return f"[{values}],[{w:.9f},{x:.9f},{y:.9f},{z:.9f}]"
+
+    turned = np.linalg.inv(frame)[:3, :3] @ np.array([0.0, 20.0, 10.0])
+    offset = ",".join(f"{each:.6f}" for each in turned)
+    return f"""MODULE other
+PERS tooldata gun:=[TRUE,[{text(tool)}],[1,[0,0,50],[1,0,0,0],0,0,0]];
+TASK PERS wobjdata jig:=[FALSE,TRUE,"",[[0,0,0],[1,0,0,0]],[{text(frame)}]];
+CONST robtarget p1:=[{text(at)},{list(data)},[9E9,9E9,9E9,9E9,9E9,9E9]];
+CONST speeddata slow:=[50,500,5000,1000];
+PROC main()
+  ConfL\\On;
+  MoveJ p1,v100,fine,gun\\WObj:=jig;
+  MoveL Offs(p1,{offset}),slow,fine,gun\\WObj:=jig;
+ENDPROC
+ENDMODULE
+"""
+
+
+def krl_text(flange: Array, data: tuple[int, ...]) -> str:
+    tool = about("x", 30.0)
+    tool[:3, 3] = 0.01, 0.02, 0.1
+    frame = about("z", 40.0)
+    frame[:3, 3] = 0.1, -0.2, 0.3
+    at = np.linalg.inv(frame) @ flange @ tool
+
+    def text(pose: Array, more: str = "") -> str:
+        a, b, c = Rotation.from_matrix(pose[:3, :3]).as_euler("ZYX", degrees=True)
+        x, y, z = 1e3 * pose[:3, 3]
+        return f"{{X {x:.6f},Y {y:.6f},Z {z:.6f},A {a:.8f},B {b:.8f},C {c:.8f}{more}}}"
+
+    moved = at.copy()
+    moved[:3, 3] += np.linalg.inv(frame)[:3, :3] @ np.array([0.0, 0.02, 0.01])
+    return f"""DEF other( )
+TOOL_DATA[3]={text(tool)}
+BASE_DATA[2]={text(frame)}
+BAS(#TOOL,3)
+BAS(#BASE,2)
+$VEL.CP=0.05
+PTP {text(at, f",S {data[0]},T {data[1]}")}
+LIN {text(moved)}
+END
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("ABB IRB 120", (r"MoveL (.*?)\],\[0,0,0,0\]", r"MoveL \1],[0,0,0,1]"),
+         r"line \d+: the robot arrives with the configuration \[0, 0, 0, 0\], .* \[0, 0, 0, 1\]"),
+        ("ABB IRB 120", (r"\[0,0,0,0\],\[9E9", "[0,0,0.5,0],[9E9"), "expected whole numbers cf1"),
+        ("ABB IRB 120", ("MoveL ", "MoveC "), "line .*MoveC is not read"),
+        ("ABB IRB 120", (r"tooldata task_tool:=\[TRUE", "tooldata task_tool:=[FALSE"),
+         "carries the part"),
+        ("ABB IRB 120", (r"wobj:=\[FALSE,TRUE", "wobj:=[FALSE,FALSE"),
+         "task_wobj is moved by a unit"),
+        ("ABB IRB 120", (r"fine,task_tool\\", r"fine,task_tool\\Corr\\"), "arguments that are not"),
+        ("ABB IRB 120", (r"MoveAbsJ.*\n", ""), "a joint move first"),
+        ("KUKA KR 16-2", ("S 2,T 2}", "S 2,T 3}"), r"line \d+: the robot arrives with .*\[2, 2\]"),
+        ("KUKA KR 16-2", ("S 2,T 2}", "S 2}"), "both S and T"),
+        ("KUKA KR 16-2", ("LIN ", "CIRC "), "expected one target|CIRC is not read"),
+        ("KUKA KR 16-2", (r"C_DIS\n", "C_DIS WITH $VEL.CP=1\n"), "WITH"),
+        ("KUKA KR 16-2", (r"\$VEL\.CP=0\.0\d+\n", ""), "how fast|seconds|no time"),
+        ("KUKA KR 16-2", (r"LIN .*\n", "LIN_REL {X 1}\n"), "LIN_REL"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(
+    name: str, change: tuple[str, str], words: str, cases: dict[str, Case], tmp_path: Path
+) -> None:
+    task, rows, joints, _ = cases[name]
+    path = tmp_path / f"loop{cases[name].suffix}"
+    write_checked(rows, path, task, joints, linear=LinearMotion(points="poses"))
+    text = path.read_text()
+    changed = re.sub(change[0], change[1], text, count=1)
+    assert changed != text
+    path.write_text(changed)
+    with pytest.raises(qt.InvalidInput, match=words):
+        read_trajectory(path, None, joints)
+
+
+def test_changed_values_fail(cases: dict[str, Case], tmp_path: Path) -> None:
+    for name, change in (
+        ("ABB IRB 120", (r"wobjdata task_wobj:=\[FALSE,TRUE,\"\",\[\[", r"\g<0>1")),
+        ("KUKA KR 16-2", (r"\$TOOL=\{X ", r"\g<0>1")),
+    ):
+        task, rows, joints, _ = cases[name]
+        path = tmp_path / f"loop{cases[name].suffix}"
+        write_checked(rows, path, task, joints, linear=LinearMotion(points="poses"))
+        text = path.read_text()
+        path.write_text(re.sub(change[0], change[1], text, count=1))
+        try:
+            assert not check_trajectory(read_trajectory(path, None, joints), task).passes
+        except qt.InvalidInput as refusal:
+            assert re.search("configuration|out of reach|seconds", str(refusal))
+        path.write_text(text)
+        with pytest.raises(qt.InvalidInput, match="known robots"):
+            read_trajectory(path, None, dataclasses.replace(joints, arm=None))
+
+
+def test_options_that_do_not_fit(cases: dict[str, Case], tmp_path: Path) -> None:
+    task, rows, joints, _ = cases["KUKA KR 16-2"]
+    with pytest.raises(qt.InvalidInput, match="straight moves to joints are not written in KRL"):
+        write_checked(rows, tmp_path / "a.src", task, joints, linear=LinearMotion(points="joints"))
+    task, rows, joints, _ = cases["ABB IRB 120"]
+    with pytest.raises(qt.InvalidInput, match="of points that are poses"):
+        write_checked(rows, tmp_path / "a.mod", task, joints, linear=LinearMotion(frame=2))
+    assert DIALECTS["rapid"].points == ("joints", "poses")
