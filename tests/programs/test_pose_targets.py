@@ -201,7 +201,7 @@ def on_path(task: qt.PathTask, points: Array) -> Array:
     return axis / np.linalg.norm(axis, axis=1)[:, None]
 
 
-@pytest.mark.parametrize(("name", "number"), zip(ROBOTS, (None, 2, None, 2), strict=True))
+@pytest.mark.parametrize(("name", "number"), [*zip(ROBOTS, (None, 2, None, 2), strict=True)])
 def test_a_controller_keeps_the_path_and_the_branch(
     name: str, number: int | None, cases: dict[str, Case], tmp_path: Path
 ) -> None:
