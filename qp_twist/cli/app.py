@@ -53,6 +53,8 @@ File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 External = Annotated[str | None, tyro.conf.arg(metavar="AXIS=JOINT,…")]
 RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+FeedMode = Annotated[str | None, tyro.conf.arg(metavar="fastest|constant")]
+Share = Annotated[float | None, tyro.conf.arg(metavar="SHARE")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
@@ -82,6 +84,9 @@ SHARED = {
     "external": "For a program: the external axis of each joint besides those of the arm, e.g. "
     "'E1 = rail, E2 = -tilt + 90 deg'; if omitted, as the task file states it, or in the scene's "
     "order, as the model counts.",
+    "feed": "constant: the tool has the programmed speed but on ramps, and each dip is reported; "
+    "if omitted, as the task file states it in [feed] mode.",
+    "max_dip": "Largest dip of that speed that passes, e.g. 0.1 of it; likewise.",
     "force": "Write a program that does not pass, too; its first line stops a controller.",
     "json_": "Print one JSON document on standard output, and nothing else there.",
 }

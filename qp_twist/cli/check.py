@@ -18,13 +18,15 @@ def check(
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
     external: cli.External = None,
+    feed: cli.FeedMode = None,
+    max_dip: cli.Share = None,
     json_: cli.Json = False,
 ) -> None:
     """Verify a joint trajectory, of this package or another tool, against a task.
 
     Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
     """
-    path_task = load(task, path)
+    path_task = load(task, path, feed, max_dip)
     rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking"):
         found = check_trajectory(

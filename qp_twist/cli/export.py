@@ -41,6 +41,8 @@ def export(
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
     external: cli.External = None,
+    feed: cli.FeedMode = None,
+    max_dip: cli.Share = None,
     path: cli.OptionalFile = None,
     force: cli.Flag = False,
     motion: MotionName = "joint",
@@ -85,7 +87,7 @@ def export(
         raise InvalidInput(
             f"{trajectory}: is a program already; export from the trajectory that it was made of."
         )
-    path_task = None if task is None else load(task, path)
+    path_task = None if task is None else load(task, path, feed, max_dip)
     names = None if path_task is None else JointRanges.of(path_task.shown.model).names
     rows = read_trajectory(trajectory, names)
     joints = None

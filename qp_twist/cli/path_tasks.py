@@ -6,8 +6,10 @@ import re
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from qp_twist.checks import one_of
 from qp_twist.cli.app import quiet
 from qp_twist.cli.progress import note_compiling
 from qp_twist.errors import InvalidInput
@@ -18,16 +20,23 @@ from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import Check, TimedPath, joints_of, read_trajectory
 
 
-def load(task: str, path: Path | None = None) -> PathTask:
+def load(
+    task: str, path: Path | None = None, feed: str | None = None, max_dip: float | None = None
+) -> PathTask:
     """Load a task; print on standard error what its robot's and toolpath's files leave out.
 
-    A note follows there if the command has to compile kernels.
+    A note follows there if the command has to compile kernels. ``feed`` and ``max_dip`` take the
+    place of ``mode`` and ``max_dip`` of the file's [feed].
     """
     if "numba" in sys.modules:  # a command that follows or plans loads it
         note_compiling()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         path_task = load_task(task, path=path)
+    if feed is not None or max_dip is not None:
+        constant = path_task.constant_speed if feed is None else _is_constant(feed)
+        most = path_task.max_dip if max_dip is None else max_dip
+        path_task = replace(path_task, constant_speed=constant, max_dip=most)
     if path_task.clearances:  # their distances are kernels, too
         note_compiling()
     notes = [str(warning.message) for warning in caught]
@@ -37,6 +46,10 @@ def load(task: str, path: Path | None = None) -> PathTask:
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
     return path_task
+
+
+def _is_constant(feed: str) -> bool:
+    return one_of("--feed", feed, ("fastest", "constant")) == "constant"
 
 
 def with_secondary(

@@ -20,6 +20,8 @@ def report(
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
     external: cli.External = None,
+    feed: cli.FeedMode = None,
+    max_dip: cli.Share = None,
 ) -> None:
     """Write a page about one motion: it moves, whether it passes, its time, what it keeps.
 
@@ -34,7 +36,7 @@ def report(
 
     folder = out or Path("out") / f"{trajectory.stem}_report"
     cli.check_folder(folder)
-    path_task = load(task, path)
+    path_task = load(task, path, feed, max_dip)
     rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking and drawing"):
         made = report_motion(

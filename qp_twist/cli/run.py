@@ -28,6 +28,8 @@ def run(
     robot: cli.RobotName = None,
     as_modelled: cli.Flag = False,
     external: cli.External = None,
+    feed: cli.FeedMode = None,
+    max_dip: cli.Share = None,
     force: cli.Flag = False,
     json_: cli.Json = False,
 ) -> None:
@@ -43,7 +45,7 @@ def run(
             created, with a note.
         report: Folder for the motion's report, the page of qp-twist report.
     """
-    path_task = load(task, path)
+    path_task = load(task, path, feed, max_dip)
     path_task = with_secondary(path_task, [check_method(method)], gain, weight)
     cli.check_file(out)
     if report is not None:
@@ -79,7 +81,8 @@ def run(
     cli.say(f"{what}: {count} waypoints, {method}: {trajectory.summary}", *how)
     if len(rows.q) > count:
         more = len(rows.q) - count
-        cli.say(f"{more} rows more between waypoints, where the joints would have left the path")
+        left = "path, or the tool its speed" if path_task.constant_speed else "path"
+        cli.say(f"{more} rows more between waypoints, where the joints would have left the {left}")
     cli.say(*_timing(timed, rows), *check.notes)
     if report is not None:
         from qp_twist.pages import write_report  # with what draws
@@ -120,6 +123,8 @@ def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:
         total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
         whole = whole or "the path takes "
     lines.append(f"{total}; {whole}{rows.path_task.feed_time:.4g} s at the feed")
+    if rows.path_task.constant_speed:  # the check names its dips
+        return lines
     lines += [f"slower at {stretch}" for stretch in timed.slowed[:_STRETCHES]]
     if len(timed.slowed) > _STRETCHES:
         lines.append(f"slower at {len(timed.slowed) - _STRETCHES} more stretches")

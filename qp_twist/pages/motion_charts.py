@@ -10,13 +10,15 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.constraints import Clearance
 from qp_twist.drawing.charts import Curve, small_chart
-from qp_twist.drawing.palette import BLUE, FAINT
+from qp_twist.drawing.palette import BLUE, FAINT, ORANGE
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.referee import (
+    DIP,
     OFF,
     Finding,
     JointMotion,
+    ToolSpeed,
     acceleration_use,
     joint_margins,
     velocity_use,
@@ -25,6 +27,9 @@ from qp_twist.trajectories import Check
 
 _MAIN, _OTHER = {"color": BLUE, "linewidth": 1.6}, {"color": FAINT, "linewidth": 0.7}
 """Styles of the curve that counts, and of those of single joints."""
+_ASKED = {"color": ORANGE, "linewidth": 1.2, "linestyle": (0, (4, 2))}
+_SLOWEST = 1e-3
+"""Of the speeds at the top of a chart, mm/s."""
 _FINE, _MOST = 0.01, 200
 """Travel of a joint between two points at which distances are computed, rad or m, and the largest
 number of points between two rows."""
@@ -48,6 +53,8 @@ def motion_charts(path_task: PathTask, check: Check) -> list[MotionChart]:
     """The charts of a motion, in the order of the page."""
     by_name = {finding.name: finding for finding in check.findings}
     found = list(_errors(path_task, check, by_name))
+    if check.speed is not None:
+        found.append(_tool_speed(check, check.speed, by_name.get(DIP)))
     for name, title, limits, use in (
         ("velocity", "Joint speeds", check.limits.velocity, velocity_use),
         ("acceleration", "Joint accelerations", check.limits.acceleration, acceleration_use),
@@ -109,6 +116,26 @@ def _errors(
         yield _of_finding(worst, title, words, f"Largest at {worst.where}.", passes, svg)
 
 
+def _tool_speed(check: Check, speed: ToolSpeed, finding: Finding | None) -> MotionChart:
+    """The tool's speed over time, and over it the programmed one; nothing in joint moves."""
+    apart = np.flatnonzero(np.diff(speed.times) > speed.spans[:-1] + speed.spans[1:]) + 1
+    times, programmed, found = (
+        np.insert(of, apart, np.nan)
+        for of in (speed.times, 1e3 * speed.programmed, 1e3 * speed.speed)
+    )
+    top = 1.2 * max(float(np.nanmax(programmed)), float(np.nanmax(found)), _SLOWEST)
+    title = "Speed of the tool"
+    curves = [Curve(times, programmed, _ASKED), Curve(times, found, _MAIN)]
+    svg = _svg(check, title, curves, "mm/s", None, (0.0, top), key="tool-speed-curve")
+    deepest = min(speed.dips, key=lambda dip: dip.share, default=None)
+    note = "No dip between the ramps." if deepest is None else f"Deepest dip: {deepest}."
+    passes = finding is None or finding.passes
+    return MotionChart(
+        "tool-speed", title, 100.0 * speed.at_speed, "%", "share at speed",
+        "of the path at the programmed speed", f"{note} Dashed: as programmed.", passes, svg,
+    )  # fmt: skip
+
+
 def _of_finding(
     finding: Finding, title: str, limit: str, note: str, passes: bool, svg: str
 ) -> MotionChart:
@@ -160,7 +187,7 @@ def _of_joints(times: Array, each: Array, worst: Array) -> list[Curve]:
 
 
 def _svg(
-    check: Check, title: str, curves: Sequence[Curve], unit: str, limit: float,
+    check: Check, title: str, curves: Sequence[Curve], unit: str, limit: float | None,
     view: tuple[float, float], key: str = "",
 ) -> str:  # fmt: skip
     """One small chart; ``view`` are the ends of its vertical axis."""

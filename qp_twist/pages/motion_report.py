@@ -15,10 +15,8 @@ from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
 from qp_twist.pages.motion_facts import facts
 from qp_twist.pages.motion_intervals import (
-    SLOWER,
     failing_intervals,
     slower_intervals,
-    slower_stretches,
 )
 from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
@@ -32,7 +30,7 @@ _LONGEST_S = 30.0
 _RATE, _FRAMES = 12.0, 300
 """Frames per second of playing time, and their largest number."""
 _STRETCHES = 5
-"""Largest number of stretches that are listed."""
+"""Largest number of dips that are listed."""
 _SEEN = 0.01
 """Share of the path that is coloured to each side of where something fails or is slower."""
 
@@ -97,7 +95,8 @@ def write_report(
     slow = _widened(slower_intervals(path_task, check))
     colours = np.where(bad, RED, np.where(slow, ORANGE, BLUE)).tolist()
     frames, seconds = _frames(path_task, check)
-    stretches = slower_stretches(path_task, check)
+    speed = check.speed
+    dips = [] if speed is None else sorted(speed.dips, key=lambda dip: -dip.seconds)
     picture, remark = _picture(path_task, check, colours)
     page = fill_template(
         "motion",
@@ -120,10 +119,10 @@ def write_report(
         lit=bool(path_task.clearances),
         charts=motion_charts(path_task, check),
         grey=bool(off_the_path(check)),
-        slower=stretches[:_STRETCHES],
-        more=len(stretches[_STRETCHES:]),
+        speed=speed,
+        slower=dips[:_STRETCHES],
+        more=len(dips[_STRETCHES:]),
         feed=path_task.durations is not None,
-        slower_share=SLOWER,
         facts=facts(path_task, check, file),
     )
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)

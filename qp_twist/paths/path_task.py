@@ -14,7 +14,14 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, all_arguments, did_you_mean, finite_array, instance
+from qp_twist.checks import (
+    Array,
+    all_arguments,
+    did_you_mean,
+    finite_array,
+    instance,
+    number,
+)
 from qp_twist.constraints import (
     Clearance,
     Constraint,
@@ -40,7 +47,7 @@ from qp_twist.paths.segment import (
 from qp_twist.paths.shown import Shown
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.tolerances import Tolerances
-from qp_twist.paths.toolpath import Lines, Toolpath
+from qp_twist.paths.toolpath import Lines, Part, Toolpath
 from qp_twist.paths.turning import transported
 from qp_twist.paths.waypoints import Waypoints
 from qp_twist.robots import KnownRobot, known_limits
@@ -95,6 +102,12 @@ class PathTask:
             own (``.toml``), or ``"as modelled"``; ``None``: recognised by name and geometry.
         external: What external axes show in programs, such as ``"E1 = rail"``; empty: in the
             scene's order, as the model counts.
+        parts: Of a toolpath, the part that each waypoint belongs to: ``"approach"``, ``"contact"``,
+            ``"retreat"`` or ``"transfer"``, (N,); empty without one.
+        constant_speed: Whether the tool is to have the speed of the feed everywhere but on ramps:
+            redundancy is spent on it, and each dip is reported.
+        max_dip: Largest dip of its speed that passes, as a share of the programmed one; ``None``:
+            any, reported.
 
     Raises:
         InvalidInput: If segments or joint moves do not fit, a constraint cannot be evaluated on a
@@ -134,6 +147,9 @@ class PathTask:
     scene_model: mujoco.MjModel | None = None
     controller: str | None = None
     external: tuple[str, ...] = ()
+    parts: tuple[Part, ...] = ()
+    constant_speed: bool = False
+    max_dip: float | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, str):
@@ -146,6 +162,14 @@ class PathTask:
         object.__setattr__(self, "constraints", _with_those_of_the_model(self))
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
+        if self.max_dip is not None:
+            number("max_dip", self.max_dip, at_least=0.0, at_most=1.0)
+        if self.max_dip is not None and not self.constant_speed:
+            raise InvalidInput(
+                'max_dip is for a constant speed of the tool: add mode = "constant" to [feed], '
+                "constant_speed=True in Python.",
+                key="feed.max_dip",
+            )
 
     @property
     def stated_constraints(self) -> tuple[Constraint, ...]:
@@ -263,6 +287,7 @@ class PathTask:
             segments=tuple(segments),
             joint_moves=tuple(moves.tolist()),
             lines=None if self.lines is None else self.lines[index],
+            parts=tuple(self.parts[k] for k in index) if self.parts else (),
             from_start="nothing" if index[0] else self.from_start,
         )
 

@@ -239,6 +239,9 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         scene_model=None if carrier is None else scene,
         controller=stated,
         external=file.robot.external,
+        parts=built.parts,
+        constant_speed=file.feed is not None and file.feed.mode == "constant",
+        max_dip=None if file.feed is None else file.feed.max_dip,
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
@@ -396,15 +399,16 @@ def _durations(file: TaskFile, built: PlacedPath) -> tuple[Array | None, list[st
         durations[moves] = 0.0
         notes = ["the feeds in the file are not used: feed.dt is the time of every waypoint."]
         return durations, notes if of_file is not None else []
-    if feed is None:
+    if feed is None or feed.speed is None:
+        if of_file is None:
+            raise InvalidInput("the path states no feeds; give speed (m/s) or dt (s).", key="feed")
         speeds = _nearest_feeds(built)
     else:
-        assert feed.speed is not None
         speeds = np.full(count, feed.speed)
         if of_file is not None:
             speeds = np.where(np.isnan(of_file), speeds, of_file)
-        if feed.rapid is not None:
-            speeds[_between_curves(built)] = feed.rapid
+    if feed is not None and feed.rapid is not None:
+        speeds[_between_curves(built)] = feed.rapid
     durations[1:] = np.linalg.norm(np.diff(built.positions, axis=0), axis=1) / speeds[1:]
     if feed is not None and feed.angular_speed_deg is not None:
         turns = turns_between(built.rotations[:-1], built.rotations[1:])

@@ -222,12 +222,20 @@ class FeedSection(Section):
         default=None, description="from one curve to the next, m/s; as speed if missing"
     )
     dt: Positive | None = Field(default=None, description="for every waypoint, s")
+    mode: Literal["fastest", "constant"] = Field(
+        default="fastest",
+        description="constant: the tool has this speed but on ramps; the free motion is spent on "
+        "it, and each dip is reported",
+    )
+    max_dip: Annotated[float, Field(ge=0.0, le=1.0)] | None = Field(
+        default=None, description="with constant: largest dip that passes, as a share of the speed"
+    )
 
     @model_validator(mode="after")
     def _one_clock(self) -> FeedSection:
         if self.dt is not None and (self.speed, self.angular_speed_deg, self.rapid) != (None,) * 3:
             raise ValueError("give either dt or speed, angular_speed_deg and rapid")
-        if self.dt is None and self.speed is None:
+        if self.dt is None and self.speed is None and self.mode == "fastest":
             raise ValueError("give speed (m/s) or dt (s)")
         return self
 

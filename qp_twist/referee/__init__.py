@@ -36,3 +36,10 @@ from .path_errors import straight_errors as straight_errors
 from .path_errors import task_errors as task_errors
 from .row_verdict import RowVerdict as RowVerdict
 from .subdivision import PROVEN as PROVEN
+from .tool_speed import AT_SPEED as AT_SPEED
+from .tool_speed import CORNER as CORNER
+from .tool_speed import DIP as DIP
+from .tool_speed import Dip as Dip
+from .tool_speed import ToolSpeed as ToolSpeed
+from .tool_speed import tool_speed as tool_speed
+from .tool_speed import turns_of as turns_of

@@ -9,6 +9,7 @@ from .program_trajectory import joints_of as joints_of
 from .refine_trajectory import refine_trajectory as refine_trajectory
 from .speed_profile import SpeedProfile as SpeedProfile
 from .speed_profile import speed_profile as speed_profile
+from .steady_speed import steady_trajectory as steady_trajectory
 from .task_run import TaskRun as TaskRun
 from .task_run import run_task as run_task
 from .time_trajectory import time_trajectory as time_trajectory

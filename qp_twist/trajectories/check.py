@@ -22,12 +22,14 @@ from qp_twist.referee import (
     Passing,
     PathErrors,
     Tolerances,
+    ToolSpeed,
     astray_parts,
     errors_of,
     examine,
     motion_limits,
     path_errors,
     poses_of,
+    tool_speed,
     with_default_accelerations,
 )
 from qp_twist.trajectories.matching import times_at_waypoints
@@ -69,6 +71,7 @@ class Check:
         errors: Its errors at and between the waypoints.
         astray: Where it ends before its path does, or leaves it for good, or begins late.
         limits: Speed and acceleration limits that it was checked against.
+        speed: The tool's speed against the programmed one; ``None`` without a feed or times.
         tolerances: Largest task errors that pass.
     """
 
@@ -85,6 +88,7 @@ class Check:
     errors: PathErrors
     astray: tuple[Astray, ...]
     limits: MotionLimits
+    speed: ToolSpeed | None
     tolerances: Tolerances
 
     @property
@@ -146,6 +150,7 @@ class Check:
                 for finding in self.findings
             ],
             **{name: list(getattr(self, name)) for name in listed},
+            "tool_speed": None if self.speed is None else self.speed.to_dict(),
         }
 
     def _repr_html_(self) -> str:
@@ -221,7 +226,13 @@ def check_trajectory(
     limits = motion_limits(path_task)
     if not rows.own_ramps:
         limits = with_default_accelerations(limits, ranges)
+    speed = tool_speed(path_task, motion, passing, limits)
+    findings = examine(path_task, motion, tolerances, passing, errors, limits, astray)
+    told: list[str] = []
+    if speed is not None and path_task.constant_speed:
+        findings, told = (*findings, speed.finding(path_task.max_dip)), speed.sentences
     notes = [
+        *told,
         *disagreements(rows.metadata, path_task, limits),
         *rows.notes,
         *_part_of_the_path(passing, motion, met),
@@ -240,7 +251,7 @@ def check_trajectory(
         len(rows.q),
         count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
-        examine(path_task, motion, tolerances, passing, errors, limits, astray),
+        findings,
         tuple(notes),
         tuple(unchecked),
         (*rows.sources, *sources),
@@ -249,6 +260,7 @@ def check_trajectory(
         errors,
         astray,
         limits,
+        speed,
         tolerances,
     )
 

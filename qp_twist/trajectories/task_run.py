@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory, follow
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
-from qp_twist.referee import motion_limits, with_default_accelerations
+from qp_twist.planning.central import best_of_each_branch, central_configurations
+from qp_twist.referee import (
+    Passing,
+    ToolSpeed,
+    motion_limits,
+    tool_speed,
+    with_default_accelerations,
+)
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import Check
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
+from qp_twist.trajectories.steady_speed import steady_trajectory
 from qp_twist.trajectories.time_trajectory import time_trajectory
 from qp_twist.trajectories.timed_path import TimedPath
 from qp_twist.trajectories.trajectory_file import write_checked
+
+_BRANCHES = 8
+"""Starts of other branches that are tried: an arm with a spherical wrist has as many branches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +65,56 @@ class TaskRun:
     def held_by(self) -> str:
         """What held it back (:attr:`Trajectory.held_by <qp_twist.Trajectory.held_by>`)."""
         return self.trajectory.held_by
+
+
+class _Timed(NamedTuple):
+    """A trajectory as it was followed, with its further rows, and timed."""
+
+    trajectory: Trajectory
+    rows: Trajectory
+    timed: TimedPath
+
+    @property
+    def speed(self) -> ToolSpeed:
+        """Of its tool."""
+        run, limits = self.timed.trajectory, self.timed.limits
+        assert run is not None and limits is not None
+        times = self.timed.motion.times[run.at_waypoints]
+        found = tool_speed(run.path_task, self.timed.motion, Passing(times, True, False), limits)
+        assert found is not None
+        return found
+
+
+def _at_constant_speed(
+    path_task: PathTask,
+    first: Trajectory,
+    timed: TimedPath,
+    followed: Callable[[PathTask], Trajectory],
+) -> _Timed:
+    """The motion whose tool is at the programmed speed on the longest part of the path.
+
+    The free motion moves first (:func:`~qp_twist.steady_trajectory`); if dips are left that are not
+    corners of the path, and the task leaves its start open, so does the branch.
+    """
+    limits = timed.limits
+    assert limits is not None
+
+    def steady(trajectory: Trajectory) -> _Timed:
+        rows = refine_trajectory(steady_trajectory(trajectory, limits))
+        return _Timed(trajectory, rows, time_trajectory(rows, limits=limits))
+
+    best = max(_Timed(first, timed.trajectory or first, timed), steady(first), key=_share)
+    if path_task.best_start and any("corner" not in dip.causes[0] for dip in best.speed.dips):
+        for other in best_of_each_branch(central_configurations(path_task), _BRANCHES):
+            with suppress(InvalidInput):  # the method has no start there
+                trajectory = followed(path_task.started_at(other.q))
+                if trajectory.passes and trajectory.ended:
+                    best = max(best, steady(trajectory), key=_share)
+    return best
+
+
+def _share(of: _Timed) -> float:
+    return of.speed.at_speed
 
 
 def run_task(
@@ -91,16 +155,24 @@ def run_task(
     def lost(q: Array, position_error: float, axis_error: float) -> bool:
         return not path_task.tolerances.met(position_error, axis_error)
 
-    trajectory = follow(
-        path_task,
-        method,
-        solver=solver,
-        slow_down=True,
-        fine=True,
-        progress=progress,
-        stop=lost if give_up else None,
-        planning=planning,
-    )
+    if path_task.constant_speed and path_task.durations is None:
+        raise InvalidInput(
+            f"{path_task.name}: a constant speed of the tool needs a speed; add [feed] with speed."
+        )
+
+    def followed(path_task: PathTask) -> Trajectory:
+        return follow(
+            path_task,
+            method,
+            solver=solver,
+            slow_down=True,
+            fine=True,
+            progress=progress,
+            stop=lost if give_up else None,
+            planning=planning,
+        )
+
+    trajectory = followed(path_task)
     if give_up and trajectory.interrupted_plan is not None:  # a search of many runs ends, too
         raise KeyboardInterrupt
     run = TaskRun(trajectory, None, None, None)
@@ -115,6 +187,8 @@ def run_task(
             motion_limits(path_task), JointRanges.of(path_task.model)
         )
         timed = time_trajectory(rows, limits=limits)
+        if path_task.constant_speed and trajectory.passes:
+            trajectory, rows, timed = _at_constant_speed(path_task, trajectory, timed, followed)
     check, written = write_checked(
         timed or rows,
         out,

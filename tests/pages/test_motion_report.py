@@ -88,6 +88,8 @@ def test_the_numbers_are_those_of_the_check(
     check = qt.check_trajectory(motion, report.task)  # type: ignore[arg-type]
     shown = numbers(report.page)
     assert shown.pop("cycle time") == [pytest.approx(float(check.motion.times[-1]))]
+    assert check.speed is not None
+    assert shown.pop("share at speed") == [pytest.approx(100.0 * check.speed.at_speed)]
     assert {name: [f.value for f in check.findings if f.name == name] for name in shown} == shown
     assert {finding.name for finding in check.findings} == set(shown)
     assert len(shown) > 6
