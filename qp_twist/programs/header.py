@@ -75,9 +75,9 @@ def _about_frames(moves: JointMoves) -> list[str]:
     tool, frame = targets[0].tool, targets[0].frame
     return [
         of_number if tool.pose is None else
-        "Tool: the task's frame in the flange of the model; compare it, and state its load.",
+        "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load.",
         f"Frame {frame.name} has to be the world of the task." if frame.pose is None else
-        "Frame: the task's world in the base of the model; compare it.",
+        "Frame: the task's world in the model's base; compare it, and axis 1.",
     ]  # fmt: skip
 
 

@@ -379,6 +379,8 @@ class KrlProgram(KrlFrames):
         return (rule,) if self.moves.strict else ()  # type: ignore[return-value]
 
     def _straight(self, line: int, text: str) -> None:
+        for statement in self.unread.values():
+            raise refuse(line, statement, "with it straight moves are not read.")
         feed, (one, two) = self.moves.feed, self.turns.values()
         if math.isnan(one) or math.isnan(two):
             self.moves.note(

@@ -10,6 +10,7 @@ from typing import Any
 
 import mink
 
+from qp_twist.errors import InvalidInput
 from qp_twist.programs.krl_values import Frame, frame_pose
 from qp_twist.programs.moves import Kind, Moves
 from qp_twist.programs.program import Program
@@ -26,6 +27,7 @@ class KrlFrames(Program):
         frames: Those of ``BASE_DATA`` and ``TOOL_DATA`` that the file assigns, by number.
         tool: Name of the tool in force, and its pose in the flange if the file states it.
         turns: ``$VEL.ORI1`` and ``$VEL.ORI2``, rad/s; nan where the file does not state them.
+        unread: By setting, the statement in force for which straight moves are not read.
     """
 
     def __init__(self, values: Values, moves: Moves) -> None:
@@ -33,6 +35,7 @@ class KrlFrames(Program):
         self.frames: dict[str, dict[int | str, _Frame]] = {"base": {}, "tool": {}}
         self.tool: _Frame = "$TOOL", None
         self.turns = {"1": math.nan, "2": math.nan}
+        self.unread: dict[str, str] = {}
 
     def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
         """A setting runs or not; a base that it would state has no pose."""
@@ -62,8 +65,10 @@ class KrlFrames(Program):
     def _speeds(self, line: int, match: re.Match[str]) -> None:
         """A record, {CP …,ORI1 …,ORI2 …}."""
         self._stated(line, match, "speed")
-        found = self._data(match["value"]).get("cp", math.nan)
+        data = self._data(match["value"])
+        found = data.get("cp", math.nan)
         self.moves.feed = found if isinstance(found, float) else math.nan
+        self.turns = {key: math.radians(data.get(f"ori{key}", math.nan)) for key in "12"}
 
     def _data(self, text: str) -> Mapping[str, Any]:
         """A record; empty if the file does not state it."""
@@ -74,9 +79,17 @@ class KrlFrames(Program):
 
     def _mode(self, line: int, match: re.Match[str]) -> None:
         """Moves of a tool on a part that stands still, whose orientation turns in proportion."""
-        if match[2].strip().upper() not in ("#BASE", "#VAR") and not self.moves.strict:
+        known = match[2].strip().upper() in ("#BASE", "#VAR")
+        if not (known or self.moves.strict):
             self.refuse(line, match)
+        self._reads(match[1], match[0], known=known)
         self.moves.noted(line, match[1], "setting")
+
+    def _reads(self, setting: str, statement: str, *, known: bool) -> None:
+        """Remember whether straight moves are read with a setting."""
+        self.unread.pop(setting.upper(), "")
+        if not known and setting.upper() != "$CIRC_TYPE":
+            self.unread[setting.upper()] = statement
 
     def _set_frame(self, line: int, match: re.Match[str]) -> None:
         """``$BASE``, ``$TOOL``, also by their numbers."""
@@ -104,6 +117,10 @@ class KrlFrames(Program):
         self._stated(line, match)
         if what == "tool" and not self.moves.strict:
             return
+        number = self.values.number(match["part"])
+        if math.isnan(number) and self.moves.strict:
+            self._reads(match["word"], match[0], known=False)
+            return
         number = int(self.values.value(match["part"]))
         name = f"{what} {number} of line {line}"
         known = not match["field"].strip()
@@ -113,14 +130,18 @@ class KrlFrames(Program):
         try:
             return name, frame_pose(self.values.value(text))
         except (Unknown, KeyError, TypeError, ValueError):
+            if self.moves.strict and text.strip().startswith("{"):
+                raise InvalidInput(f"{name}: expected {{X …,Y …,Z …,A …,B …,C …}}.") from None
             return name, None
 
     def _inline_frame(self, line: int, match: re.Match[str]) -> None:
         """The base of the move that follows, by which inline forms state it."""
         self._stated(line, match)
         data = self._data(match["value"])
-        if data.get("ipo_frame", "base") != "base" and not self.moves.strict:
+        known = data.get("ipo_frame", "base") == "base"
+        if not (known or self.moves.strict):
             raise refuse(line, match[0], CARRIES)
+        self._reads(match["word"], match[0], known=known)
         if "base_no" in data:
             self.moves.frame = self._numbered("base", str(data["base_no"]))
         if "tool_no" in data:
@@ -133,3 +154,4 @@ class KrlFrames(Program):
         turns = data.get("ori_typ", "var"), data.get("circ_typ", "base")
         if turns != ("var", "base") and not self.moves.strict:
             self.refuse(line, match)
+        self._reads(match["word"], match[0], known=turns[0] == "var")

@@ -348,6 +348,10 @@ END
         ("KUKA KR 16-2", ("LIN ", "CIRC "), "expected one target|CIRC is not read"),
         ("KUKA KR 16-2", (r"C_DIS\n", "C_DIS WITH $VEL.CP=1\n"), "WITH"),
         ("KUKA KR 16-2", (r"\$VEL\.CP=0\.0\d+\n", ""), "how fast|seconds|no time"),
+        ("KUKA KR 16-2", ("ORI_TYPE=#VAR", "ORI_TYPE=#CONSTANT"), "CONSTANT.*are not read"),
+        ("KUKA KR 16-2", ("IPO_MODE=#BASE", "IPO_MODE=#TCP"), "TCP.*straight moves are not read"),
+        ("KUKA KR 16-2", (r"\$BASE=\{X ", "$BASE={Y 1,X "), "stands twice|expected .X"),
+        ("KUKA KR 16-2", (r"\$ORI", "BASE_DATA[I]={X 0,Y 0,Z 0,A 0,B 0,C 0}\n$ORI"), "BASE_DATA"),
         ("KUKA KR 16-2", (r"LIN .*\n", "LIN_REL {X 1}\n"), "LIN_REL"),
     ],
 )  # fmt: skip
@@ -392,3 +396,35 @@ def test_options_that_do_not_fit(cases: dict[str, Case], tmp_path: Path) -> None
     with pytest.raises(qt.InvalidInput, match="of points that are poses"):
         write_checked(rows, tmp_path / "a.mod", task, joints, linear=LinearMotion(frame=2))
     assert DIALECTS["rapid"].points == ("joints", "poses")
+
+
+def test_joint_moves_between_straight_ones(cases: dict[str, Case], tmp_path: Path) -> None:
+    """From one wave to the next the joints move: in KRL by a second spline with its times."""
+    for name in ("ABB IRB 120", "KUKA KR 16-2"):
+        task, rows, joints, _ = cases[name]
+        away = rows.q[-1] + np.radians([3.0, -2.0, 2.0, 5.0, -5.0, 4.0])
+        assert rows.times is not None
+        times = rows.times[-1]
+        way = dataclasses.replace(
+            rows, q=np.vstack([rows.q, away, rows.q[-1], rows.q[-2]]), velocities=None,
+            times=np.append(rows.times, [times + 1.0, times + 2.0, times + 2.1]),
+            accelerations=None,
+        )  # fmt: skip
+        waypoints = list(task.waypoints)
+        for q in way.q[-3:]:
+            place = mink.Configuration(task.model, q)
+            waypoints.append(place.get_transform_frame_to_world("tool", "site"))
+        longer = dataclasses.replace(
+            task, waypoints=tuple(waypoints), joint_moves=(len(waypoints) - 3, len(waypoints) - 2),
+            durations=np.append(task.durations, [1.0, 1.0, 0.1]),
+        )  # fmt: skip
+        path = tmp_path / f"twice{cases[name].suffix}"
+        check, done = write_checked(way, path, longer, joints, linear=LinearMotion(1, 1, "poses"))
+        assert done and check.passes, check.verdict
+        text = path.read_text()
+        back = read_trajectory(path, None, joints)
+        assert np.abs(back.q - away).max(axis=1).min() < 1e-5
+        if name.startswith("KUKA"):
+            assert re.findall(r"^(PTP_SPLINE|TIME_BLOCK END = .*|SPTP|LIN)", text, re.M)[-5:] == [
+                "PTP_SPLINE", "SPTP", "SPTP", "TIME_BLOCK END = 2.00000", "LIN"
+            ]  # fmt: skip
