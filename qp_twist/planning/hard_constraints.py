@@ -17,6 +17,7 @@ Poses = tuple[Array, Array]
 
 WITHIN = 1e-9
 """Violation at a waypoint that counts as rounding, rad or m."""
+ROUNDED = {"rad": WITHIN, "m": WITHIN}
 BETWEEN = {"rad": Tolerances().axis, "m": Tolerances().position}
 """Largest violation between two waypoints, with linearly interpolated joints: the tolerance of a
 check."""
@@ -114,14 +115,18 @@ class HardConstraints:
         margins = self._of_bands(self._pair(rotations, positions, at))
         return np.where(self._fixed[at][:, : self._values], np.inf, margins)
 
-    def inside(self, q: Array, at: Indices) -> Mask:
-        """Which configurations q (K, nv) are inside all bands and constraints, (K,)."""
+    def inside(self, q: Array, at: Indices, violations: dict[str, float] = ROUNDED) -> Mask:
+        """Which configurations q (K, nv) are inside all bands and constraints, (K,).
+
+        But for ``violations``, in rad and in m.
+        """
         inside = np.ones(len(q), dtype=bool)
         if self.bands:
             margins = self.band_margins(*self.chain.poses(q), at)
-            inside = np.asarray((margins >= -WITHIN).all(axis=1))
+            allowed = np.array([violations[unit] for unit in self.units[: self._values]])
+            inside = np.asarray((margins >= -allowed).all(axis=1))
         for constraint in self.constraints:
-            inside[inside] = constraint.inside(q[inside], WITHIN)
+            inside[inside] = constraint.inside(q[inside], violations[constraint.units[0]])
         return inside
 
     def rows(self, q: Array, at: Indices) -> tuple[Array, Array, Indices]:

@@ -188,7 +188,11 @@ class LevelSearch:
         begin = self.level.layers[number].q[edge.start]
         end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
         shares = self.shares.get(at, SHARES)
-        return hard.kept_between(begin, end, np.full(len(begin), at), loose, shares)
+        kept = hard.kept_between(begin, end, np.full(len(begin), at), loose, shares)
+        if self.problem.limits.on_path is not None:
+            on_path = self.problem.limits.on_path.kept
+            kept[kept] = on_path(begin[kept], end[kept], at, loose, shares)
+        return kept
 
 
 def search_windows(

@@ -17,6 +17,7 @@ from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import SHARES, WITHIN, HardConstraints
 from qp_twist.planning.layer import TURN
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.path_rows import PathRows
 
 Kind = Literal["position", "velocity", "acceleration", "band"]
@@ -85,6 +86,8 @@ class PathConstraints:
         points: Points between waypoints at which these are evaluated: indices and shares of
             intervals, (K,) each.
         step_limit: What limits ``steps``, in words.
+        on_path: Motions between waypoints that stay on the path, if these have to keep bands and
+            constraints, too, beside the straight ones.
     """
 
     ranges: JointRanges
@@ -94,6 +97,7 @@ class PathConstraints:
     hard: HardConstraints
     points: tuple[Indices, Array] = (np.zeros(0, dtype=np.intp), np.zeros(0))
     step_limit: str = "the speed limits"
+    on_path: OnThePath | None = None
 
     @cached_property
     def _linear(self) -> list[tuple[Kind, sparse.csr_matrix, Array, Array]]:
@@ -153,9 +157,12 @@ class PathConstraints:
             found.append(Margins("band", self.hard.names, self.hard.units, own))
         at, share = self.points
         if self.hard and len(at):
-            own = self.hard.margins_between(q[at], q[at + 1], at, share) + self.hard.between_allowed
-            least = np.full((len(q), own.shape[1]), np.inf)
-            np.minimum.at(least, at + 1, own)
+            least = np.full((len(q), len(self.hard.names)), np.inf)
+            np.minimum.at(least, at + 1, self.hard.margins_between(q[at], q[at + 1], at, share))
+            if self.on_path is not None:
+                own, which = self.on_path.margins(q, at, share)
+                np.minimum.at(least, at[which] + 1, own)
+            least += self.hard.between_allowed
             found.append(Margins("band", self.hard.names, self.hard.units, least, between=True))
         return found
 
@@ -175,15 +182,24 @@ class PathConstraints:
             yield block_diagonal(rows), (rooms - inset[of]).ravel()
         at, share = self.points
         if self.hard and len(at):
-            rows, rooms, of = self.hard.rows_between(q, at, share)
-            joints = (nv * at[:, None] + np.arange(nv)).ravel()
-            whole = sparse.identity(q.size, format="csr")
-            of_end = sparse.diags(np.repeat(share, nv))
-            moved = whole[joints] + of_end @ (whole[joints + nv] - whole[joints])
-            yield (
-                block_diagonal(rows) @ moved,
-                (rooms + 0.5 * self.hard.between_allowed[of]).ravel(),
-            )
+            yield self._between(q, at, share, *self.hard.rows_between(q, at, share))
+            if self.on_path is not None:
+                rows, rooms, of, which = self.on_path.bounds(q, at, share)
+                yield self._between(q, at[which], share[which], rows, rooms, of)
+
+    def _between(
+        self, q: Array, at: Indices, share: Array, rows: Array, rooms: Array, of: Indices
+    ) -> tuple[sparse.csr_matrix, Array]:
+        """Rows (K, m, nv) on points of a path q (N, nv) at shares (K,) of intervals, as its own."""
+        nv = q.shape[1]
+        joints = (nv * at[:, None] + np.arange(nv)).ravel()
+        whole = sparse.identity(q.size, format="csr")
+        of_end = sparse.diags(np.repeat(share, nv))
+        moved = whole[joints] + of_end @ (whole[joints + nv] - whole[joints])
+        return (
+            block_diagonal(rows) @ moved,
+            (rooms + 0.5 * self.hard.between_allowed[of]).ravel(),
+        )
 
     def pace(self, q: Array) -> tuple[float, int, str]:
         """How many times slower a path (N, nv) has to be for its steps and changes of speed.
@@ -223,6 +239,10 @@ class PathConstraints:
         if not self.hard:
             return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
         excess, share = self.hard.between(q)
+        if self.on_path is not None:
+            own, at = self.on_path.violations(q)
+            share = np.where(own.max(axis=1) > excess.max(axis=1), at, share)
+            excess = np.maximum(excess, own)
         return excess - self.hard.between_allowed, share
 
     def worst(self, q: Array) -> Violation:
@@ -311,7 +331,9 @@ class Problem:
             return self
         task = self.path_task.without_clearance()
         rows = PathRows(task)
-        return Problem(task, rows, replace(self.limits, hard=rows.hard), self.objective, self.start)
+        on_path = OnThePath(task) if rows.hard and self.limits.on_path is not None else None
+        limits = replace(self.limits, hard=rows.hard, on_path=on_path)
+        return Problem(task, rows, limits, self.objective, self.start)
 
     @property
     def has_clearance(self) -> bool:

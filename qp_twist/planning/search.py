@@ -23,6 +23,7 @@ from qp_twist.planning.layer import Layer, forbidding_bands
 from qp_twist.planning.level_search import ABOUT, STRICTNESS, LevelSearch, search_windows
 from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
+from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
 from qp_twist.planning.smooth import ITERATIONS, smooth
 
@@ -132,7 +133,9 @@ class PlanSearch:
             if by_now is None:
                 raise
             return by_now
-        if result.path is not None or result.certificate.kind != "speed" or self.slower is None:
+        if result.path is not None:
+            return self._on_path(result, result.path.q)
+        if result.certificate.kind != "speed" or self.slower is None:
             return result
         problem, slower = self.problem, self.slower
         try:
@@ -144,6 +147,28 @@ class PlanSearch:
             return replace(result, certificate=certificate)
         except KeyboardInterrupt:  # the result itself is known
             return result
+
+    def _on_path(self, result: SearchResult, q: Array) -> SearchResult:
+        """The result, or another motion, if its joints cannot go between waypoints on the path."""
+        problem = self.problem
+        if not problem.rows.hard:
+            return result
+        limits = replace(problem.limits, on_path=OnThePath(problem.path_task))
+        try:
+            beyond = limits.beyond_between(q)[0].max(axis=1)
+            if not (beyond > 0.0).any():
+                return result
+            again = self._searched(replace(problem, limits=limits))
+        except KeyboardInterrupt:  # there is a motion
+            return replace(result, interrupted=True)
+        if again.path is not None:
+            return again
+        at = int(np.argmax(beyond)) + 1
+        note = (
+            f"where its joints are corrected onto the path, between waypoints {at} and {at + 1}, "
+            "it breaks a band or constraint, or turns far; no motion was found that does not"
+        )
+        return replace(result, certificate=replace(result.certificate, note=note))
 
     def _searched(self, problem: Problem) -> SearchResult:
         certificate = find_impossible(problem, self.levels)

@@ -1,0 +1,95 @@
+"""A plan keeps its constraints also between waypoints, where its joints are on the path."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import qp_twist as qt
+from qp_twist.planning.on_the_path import OnThePath
+from qp_twist.trajectories.task_run import run_task
+
+Array = np.ndarray
+
+
+class Turned(qt.Constraint):
+    """A joint of the planar arm turns no further back than an angle, rad."""
+
+    kind, names, units = "turn", ("turn",), ("rad",)
+
+    def __init__(self, joint: int, least: float) -> None:
+        self.joint, self.lower = joint, least
+
+    def margins(self, q: Array) -> Array:
+        return q[:, [self.joint]] - self.lower
+
+    def gradients(self, q: Array) -> Array:
+        return np.broadcast_to(np.eye(3)[self.joint], (len(q), 1, 3))
+
+    def change(self, q: Array, travel: Array) -> Array:
+        return travel[:, [self.joint]]
+
+
+LINKS = np.array([2.0, 1.5, 1.0])
+
+
+def tip(q: Array) -> Array:
+    """End point of three links in the plane."""
+    angles = np.cumsum(q)
+    return np.array([LINKS @ np.cos(angles), LINKS @ np.sin(angles)])
+
+
+def onto(q: Array, point: Array) -> Array:
+    """Newton steps of least norm."""
+    for _ in range(30):
+        angles = np.cumsum(q)
+        along = LINKS * np.array([-np.sin(angles), np.cos(angles)])
+        J = along[:, ::-1].cumsum(axis=1)[:, ::-1]
+        q = q + np.linalg.pinv(J) @ (point - tip(q))
+    return q
+
+
+def middles(begin: Array, end: Array, left: Array, right: Array, depth: int) -> list[Array]:
+    """Of a motion and of its halves, brought onto the line between two points."""
+    if not depth:
+        return []
+    q, point = onto(0.5 * (begin + end), 0.5 * (left + right)), 0.5 * (left + right)
+    before = middles(begin, q, left, point, depth - 1)
+    return [q, *before, *middles(q, end, point, right, depth - 1)]
+
+
+def test_violations_on_the_path_are_those_of_middles_brought_onto_it() -> None:
+    """Random motions of up to 60° a joint from one waypoint to another 0.1 m away.
+
+    A joint that goes straight stays within its ends.
+    """
+    task = qt.load_task("planar_line").part([0, 5])
+    model = copy.copy(task.model)
+    model.jnt_range[:] = -7.0, 7.0
+    task = dataclasses.replace(task, model=model)
+    (left, right), rng, found = task.positions[:, :2], np.random.default_rng(4), []
+    for _ in range(30):
+        begin = onto(task.start + rng.uniform(-0.5, 0.5, 3), left)
+        end = onto(begin + rng.uniform(-1.0, 1.0, 3), right)
+        ends = np.minimum(begin, end)
+        beyond = ends - np.min(middles(begin, end, left, right, 7), axis=0)
+        joint = int(np.argmax(beyond))
+        least, expected = ends[joint], max(beyond[joint], 0.0)
+        kept = dataclasses.replace(task, constraints=(Turned(joint, least),))
+        [[violation]], _ = OnThePath(kept).violations(np.array([begin, end]))
+        if np.isfinite(violation):
+            # What is straight to 1e-4 rad is not halved again.
+            assert violation == pytest.approx(expected, rel=0.1, abs=3e-4)
+            found.append(violation)
+    assert len(found) > 15 and max(found) > 0.01
+
+
+@pytest.mark.parametrize("name", ["deburring_bands", "deburring_cell"])
+def test_a_plan_of_a_shipped_task_is_run_on_the_path(name: str, tmp_path: Path) -> None:
+    """Its straight motions alone kept the constraints, up to 34 mm off the path."""
+    done = run_task(qt.load_task(name), "qp_planned", tmp_path / "motion.csv")
+    assert done.passes, done.check
