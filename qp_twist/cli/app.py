@@ -45,6 +45,7 @@ class _Console(Console):
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
 Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
 MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
+OptionalMethod = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Solver = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Gain = Annotated[float | None, tyro.conf.arg(metavar="K")]
 Weight = Annotated[str | None, tyro.conf.arg(metavar="gradient|paper|natural|equal")]

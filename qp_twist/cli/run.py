@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
@@ -9,8 +14,10 @@ from qp_twist.comparison import metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.paths import DEFAULT_METHOD, check_method
-from qp_twist.trajectories import ENDINGS, TimedPath, check_program, run_task
+from qp_twist.trajectories import ENDINGS, Check, TaskRun, TimedPath, check_program, run_task
 
+_OTHERWISE = "qp_planned"
+"""The method where none is named, and the default one does not pass."""
 _STRETCHES = 8
 """Largest number of slowed stretches that are listed."""
 
@@ -19,7 +26,7 @@ _STRETCHES = 8
 def run(
     task: cli.Task,
     out: cli.File,
-    method: cli.MethodName = DEFAULT_METHOD,
+    method: cli.OptionalMethod = None,
     solver: cli.Solver = None,
     path: cli.OptionalFile = None,
     gain: cli.Gain = None,
@@ -40,13 +47,18 @@ def run(
     program is not written then; another file is.
 
     Args:
+        method: Method name; if omitted, qp_gradient, and where it does not pass, qp_planned
+            (without --gain and --weight, which are the method's own).
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory; a
             ROS 2 bag (.mcap); a robot program (.script, .mod, .src, .ls). A missing folder is
             created, with a note.
         report: Folder for the motion's report, the page of qp-twist report.
     """
     path_task = load(task, path, feed, max_dip)
-    path_task = with_secondary(path_task, [check_method(method)], gain, weight)
+    stated = gain is not None or weight is not None
+    methods = [DEFAULT_METHOD, _OTHERWISE] if method is None else [method]
+    methods = methods[:1] if stated else methods
+    path_task = with_secondary(path_task, [check_method(methods[0])], gain, weight)
     cli.check_file(out)
     if report is not None:
         cli.check_folder(report, "--report")
@@ -58,21 +70,25 @@ def run(
     elif force:
         raise InvalidInput("--force is for programs; other files are always written.")
     cli.only_json(json_)
-    load_machine_code(path_task, [method], solver)
-    with method_progress([method], len(path_task.waypoints) - 1) as progress:
-        done = run_task(
-            path_task,
-            method,
-            out,
-            solver=solver,
-            joints=joints,
-            force=force,
-            progress=lambda waypoints: progress.done(method, waypoints),
-            planning=progress.planning,
-            timing=lambda: progress.says("timing and checking"),
-        )
+    load_machine_code(path_task, methods, solver)
+    with method_progress(methods, len(path_task.waypoints) - 1) as progress:
+
+        def followed(method: str) -> TaskRun:
+            return run_task(
+                path_task,
+                method,
+                out,
+                solver=solver,
+                joints=joints,
+                force=force,
+                progress=lambda waypoints: progress.done(method, waypoints),
+                planning=progress.planning,
+                timing=lambda: progress.says("timing and checking"),
+            )
+
+        done, before = _first_that_passes(methods, followed)
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
-    how = _how(trajectory, stated=gain is not None or weight is not None)
+    method, how = trajectory.method, [*before, *_how(trajectory, stated=stated)]
     if rows is None or check is None:
         cli.say(*how)
         cli.fail(f"{out}: not written: {method} {trajectory.ending}")
@@ -91,20 +107,45 @@ def run(
             made = write_report(trajectory.path_task, check, report, file=out.name)
         cli.say(*filter(None, (f"wrote {made.path}", made.remark)))
     if json_:
-        clocked = timed is not None and path_task.durations is not None
-        facts = {
-            "file": str(out),
-            "written": done.written,
-            "method": method,
-            "seconds": float(timed.motion.times[-1]) if clocked and timed else None,
-            "seconds_at_feed": path_task.feed_time if clocked else None,
-            "planning_interrupted": trajectory.interrupted_plan is not None,
-            "check": check.to_dict(),
-        }
-        cli.show_json(facts)
+        cli.show_json(_facts(out, done, check))
     if not check.passes:
         cli.fail(failure(out, check, done.written))
     cli.say(check.verdict)
+
+
+def _facts(out: Path, done: TaskRun, check: Check) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    trajectory, timed = done.trajectory, done.timed
+    at_feed = trajectory.path_task.feed_time if timed is not None else None
+    return {
+        "file": str(out),
+        "written": done.written,
+        "method": trajectory.method,
+        "seconds": float(timed.motion.times[-1]) if at_feed is not None and timed else None,
+        "seconds_at_feed": at_feed,
+        "planning_interrupted": trajectory.interrupted_plan is not None,
+        "check": check.to_dict(),
+    }
+
+
+def _first_that_passes(
+    methods: Sequence[str], followed: Callable[[str], TaskRun]
+) -> tuple[TaskRun, list[str]]:
+    """The run of the first method that passes, or else of the last; and a line for each before.
+
+    A method that refuses the task, or has no plan, is no reason to lose the run before.
+    """
+    done, lines = followed(methods[0]), list[str]()
+    for before, method in itertools.pairwise(methods):
+        if done.passes:
+            break
+        why = done.check.verdict if done.check else done.trajectory.ending
+        lines.append(f"{before}: {why}")
+        try:
+            done = followed(method)
+        except InvalidInput as error:
+            lines.append(f"{method}: {error}")
+    return done, lines
 
 
 def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:

@@ -100,6 +100,17 @@ def test_run_keeps_the_path_between_the_waypoints_too(
     assert len(json.loads(file.read_text("utf-8"))["points"]) > 101
 
 
+def test_run_plans_where_the_default_method_does_not_pass(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Steps pass the clamp only between two waypoints; a plan goes around it."""
+    main(["run", "deburring_cell", "--out", str(tmp_path / "cell.csv")])
+    out = capsys.readouterr().out
+    assert "401 waypoints, qp_planned:" in out
+    assert "\nqp_gradient: does not pass: " in out
+    assert out.splitlines()[-1].startswith("passes; ")
+
+
 def test_a_command_does_not_write_onto_what_it_reads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
