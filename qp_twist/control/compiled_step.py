@@ -16,6 +16,7 @@ from qp_twist.control.kernel_result import StepLabels, attribute_of
 from qp_twist.control.limit_tables import numbers_of_kinds
 from qp_twist.control.mink_costs import mink_costs
 from qp_twist.control.posing import Displacement, in_words
+from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Status, Step
 from qp_twist.control.step_arrays import StepArrays, is_soft
 from qp_twist.kernel import COMPILED
@@ -63,12 +64,12 @@ class CompiledStep:
         limits: The limits.
     """
 
-    def __init__(self, composed: Controller) -> None:
+    def __init__(self, composed: Controller, limits: SortedLimits) -> None:
         """Allocate the arrays for a composition that ``composition_known`` accepts."""
         self.free = threading.Lock()
-        self.limits = list(composed.limits)
+        self.limits = limits
         self._twist_space = twist_space(composed)
-        numbers, arrays = numbers_of_kinds(self.limits), StepArrays(composed)
+        numbers, arrays = numbers_of_kinds(limits.limits), StepArrays(composed)
         self._labels = StepLabels(
             tuple(task.projector.rank for task in composed.twist_tasks),
             int(arrays.views.arrays.ends[0]),
@@ -84,7 +85,7 @@ class CompiledStep:
         self._data: mujoco.MjData | None = None
         return arrays
 
-    def __call__(
+    def compute(
         self,
         composed: Controller,
         configuration: mink.Configuration,
@@ -115,16 +116,18 @@ class CompiledStep:
             known_task.write_jacobian(configuration)
         floats, integers = arrays.memory
         status = self._live_step(floats, integers, dt, use_secondary, self._twist_space)
-        if status in (AT_THE_EDGE, INFEASIBLE):
-            if composed.on_infeasible == "raise":
+        lost: Callable[[], tuple[LostDirection, ...]] = tuple
+        if status != DONE:  # seldom
+            if status in (AT_THE_EDGE, INFEASIBLE):
+                if composed.on_infeasible == "raise":
+                    return None
+                status = live_edge_step(
+                    floats, integers, dt, use_secondary, self._twist_space, status == INFEASIBLE
+                )
+            if status == REFUSED or (rows and self._relaxes_a_band(status, rows, composed)):
                 return None
-            status = live_edge_step(
-                floats, integers, dt, use_secondary, self._twist_space, status == INFEASIBLE
-            )
-        if status == REFUSED or (rows and self._relaxes_a_band(status, rows, composed)):
-            return None
+            lost = self._losses(composed, configuration)
         views, as_posed = arrays.views, status in _AS_POSED
-        lost = tuple if status == DONE else self._losses(composed, configuration)
         result = views.result.tobytes(), arrays.size, self._labels, rows, as_posed, lost
         step = Step.with_later(attribute_of, result)
         known = step.__dict__
@@ -154,9 +157,9 @@ class CompiledStep:
                 if not known.update():
                     return False
                 self._evaluates = arrays.evaluates
-            pose = task.target_wxyz_xyz
+            pose = task.target_floats
             if pose is not known.pose or pose is None:
-                known.aim()
+                known.aim(pose)
         return True
 
     def _evaluated(

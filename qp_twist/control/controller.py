@@ -216,7 +216,9 @@ class Controller(StepSettings):
         h = EVERYTHING  # nearly always
         if use_secondary is not True or displacement is not None:
             h = Displacement.of(use_secondary, displacement, self.model.nv)
-        limits = self._sorted_limits()
+        limits = self._seen
+        if self.limits != limits.limits:
+            limits = self._sorted_limits()
         if limits.clearances:
             solve = partial(self._solved, configuration, dt, h)
             step = step_clear(solve, limits, configuration, dt)
@@ -249,12 +251,12 @@ class Controller(StepSettings):
         # then the reference computes this step.
         prepared = self._prepared
         if prepared is not None and (
-            prepared.revision != self.revision or prepared.limits != self.limits
+            prepared.revision != self.revision or prepared.limits is not self._seen
         ):
             prepared = self._prepared = _compiled_step(self)
         if prepared is not None and prepared.free.acquire(False):
             try:
-                plain = prepared(self, configuration, dt, h)
+                plain = prepared.compute(self, configuration, dt, h)
                 if plain is not None:
                     return plain
             finally:
@@ -343,4 +345,4 @@ def _compiled_step(controller: Controller) -> CompiledStep | None:
         return None
     from qp_twist.control.compiled_step import CompiledStep  # numba takes half a second
 
-    return CompiledStep(controller)
+    return CompiledStep(controller, controller._sorted_limits())

@@ -101,9 +101,7 @@ def _write(row: Array, limit: Any) -> None:
 
 
 def _state(limit: Any) -> tuple[object, ...]:
-    """What of a limit may change between steps, in comparable form."""
-    if isinstance(limit, PositionLimit):
-        return (limit.revision,)
+    """What of a limit of mink's may change between steps, in comparable form."""
     about = limit.indices.tobytes(), limit.projection_matrix is None
     if isinstance(limit, mink.VelocityLimit):
         return (limit.limit.tobytes(), *about)
@@ -121,16 +119,25 @@ class LimitTables:
         """Take the tables of ``kernel.bounds``, a view (L, nv, 7), in which the limits stand."""
         both = list(zip(tables, limits, strict=False))
         self._windows = [(t, v) for t, v in both if isinstance(v, DisplacementWindow)]
-        self._known = [
-            [v, _state(v), t] for t, v in both if isinstance(v, PositionLimit) or is_mink_box(v)
+        self._own: list[list[Any]] = [
+            [v, v.revision, t, t[:, 6] if isinstance(v, MotionLimit) else None]
+            for t, v in both
+            if isinstance(v, PositionLimit)
         ]
-        self._motions = [(t[:, 6], v) for t, v in both if isinstance(v, MotionLimit)]
+        self._minks = [[v, _state(v), t] for t, v in both if is_mink_box(v)]
         self.evaluated = [(t, v) for t, v in both if type(v) not in BOXES and not is_mink_box(v)]
 
     def update(self) -> bool:
         """Write changed ranges, windows and last velocities; return whether ranges have changed."""
         changed = False
-        for known in self._known:
+        for known in self._own:
+            limit, revision, table, velocity = known
+            if limit.revision != revision:
+                known[1], changed = limit.revision, True
+                _write(table, limit)
+            if velocity is not None:
+                velocity[:] = limit.velocity
+        for known in self._minks:
             limit, before, table = known
             state = _state(limit)
             if state != before:
@@ -138,8 +145,6 @@ class LimitTables:
                 _write(table, limit)
         for table, window in self._windows:
             _write(table, window)
-        for velocity, motion in self._motions:
-            velocity[:] = motion.velocity
         return changed
 
     def rows(self, configuration: mink.Configuration, dt: float) -> list[LimitRows | None]:

@@ -174,7 +174,7 @@ class Servo:
             InvalidInput: If the controller has no such task.
         """
         task = _chosen(self._streams, task)
-        goal = checked_pose(task, pose)
+        goal = np.frombuffer(checked_pose(task, pose))
         velocity = None
         if twist is not None:
             velocity = finite_array(f"{task.name} twist", twist, (6,), error=InvalidTarget)

@@ -32,8 +32,8 @@ class SortedLimits:
     def note(self, velocity: Array) -> None:
         """Store the joint velocity (nv,) in the limits that have to know it."""
         for limit in self._following:
-            if type(limit) is MotionLimit:
-                limit.velocity = velocity.copy()  # its own method checks it once more
+            if type(limit) is MotionLimit:  # its own method checks it once more
+                limit.__dict__["_velocity"] = velocity.copy()
             else:
                 limit.note(velocity)
 

@@ -158,8 +158,9 @@ class StepArrays:
         """R_d, p_d and the twist of each task's target, (T, 18), in the arrays themselves."""
         targets = self.views.arrays.targets
         for row, known in zip(targets, self.tasks, strict=True):
-            pose = known.task.target_wxyz_xyz
+            pose = known.task.target_floats
             if pose is not None:
+                pose = np.frombuffer(pose)
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], known.task.feedforward
         return targets

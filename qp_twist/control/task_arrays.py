@@ -43,7 +43,9 @@ class TaskArrays:
         self._index = frame_id(model, *self._frame)
         self.rows = slice(first, first + task.projector.rank)
         self.in_python = not rows_known(task)
-        self.revision, self.pose, self._moves = -1, None, True
+        self.revision, self._moves = -1, True
+        self.pose: bytes | None = None
+        self._target = memoryview(s.target_poses[number]).cast("B")
         s.shapes[number] = shape_of(task.projector, *_step_sizes(task))
         s.links[number] = NO_EFFECT  # which joints move the frame: see ``live_step``
         self.jacobian_in_python = False
@@ -72,22 +74,21 @@ class TaskArrays:
         self.revision = -1 if self.in_python else task.revision
         return True
 
-    def aim(self) -> None:
+    def aim(self, pose: bytes | None) -> None:
         """Write the task's target.
 
         Raises:
             mink.TargetNotSet: If it has none.
         """
-        task, s = self.task, self._arrays
-        self.pose = pose = task.target_wxyz_xyz
+        task, self.pose = self.task, pose
         if pose is None:
             raise mink.TargetNotSet(task.name)
         if self.in_python:
             return
-        s.target_poses[self._number] = pose
+        self._target[:] = pose
         moves = task.feedforward is not AT_REST
         if moves or self._moves:
-            s.targets[self._number, 12:] = task.feedforward
+            self._arrays.targets[self._number, 12:] = task.feedforward
             self._moves = moves
 
     def bind(self, data: mujoco.MjData) -> None:

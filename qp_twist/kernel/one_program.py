@@ -69,11 +69,14 @@ def minimum(H, c, A, b, G, g, lower, upper):
         The status of the active-set method, the result, and J with JJᵀ = H⁻¹.
     """
     n, m, k = len(c), len(b), len(g)
-    J, R = np.empty((n, n)), np.empty((n, n))
-    x, u, active = np.zeros(n), np.zeros(n + 1), np.zeros(n, dtype=np.int64)
+    # Few allocations: each takes as long as a row of a small program.
+    factors, vectors = np.empty((2, n, n)), np.zeros((5, n + 1))
+    counts, lengths = np.zeros(m + k + 3 * n, dtype=np.int64), np.empty(k)
+    J, R, work, u, x = factors[0], factors[1], vectors[:3], vectors[3], vectors[4, :n]
+    active, held = counts[:n], counts[n:]
     if not cholesky_inverse(H, J):
-        return NOT_CONVEX, Result(FAILED, x, np.zeros(m), np.zeros(k), np.zeros(n)), J
-    lengths, held, work = np.empty(k), np.zeros(m + k + 2 * n, dtype=np.int64), np.zeros((3, n + 1))
+        y, lam, box = multipliers_of(active[:0], u, m, k, n)
+        return NOT_CONVEX, Result(FAILED, x, y, lam, box), J
     row_lengths(G, lengths)
     status, count = active_set(
         c, A, b, G, g, lengths, lower, upper, active, 0, x, u, J, R, held, work
@@ -109,7 +112,8 @@ def solve(H, c, A, b, G, g, lower, upper):
 @inner
 def multipliers_of(active, u, m, k, n):
     """y (m,), λ (k,) and μ (n,) of the active constraints."""
-    y, lam, box = np.zeros(m), np.zeros(k), np.zeros(n)
+    found = np.zeros(m + k + n)
+    y, lam, box = found[:m], found[m : m + k], found[m + k :]
     for place in range(len(active)):
         which = active[place]
         if which < m:
@@ -140,7 +144,8 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
     JJᵀ = H⁻¹ serves the duality gap.
     """
     n, hardest, steepest, furthest, left, held = len(x), 1e-300, 0.0, 0.0, 0.0, 0.0
-    slope, pull, push, most = c + box, np.zeros(n), np.zeros(n), 0.0
+    sums, most = np.zeros((3, n)), 0.0
+    slope, pull, push = sums[0], sums[1], sums[2]
     for i in range(n):
         steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
         most = max(most, abs(c[i]), abs(box[i]))
@@ -168,7 +173,7 @@ def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
             for i in range(n):
                 push[i] += lam[row] * G[row, i]
     for i in range(n):
-        slope[i] += pull[i] + push[i]
+        slope[i] += c[i] + box[i] + pull[i] + push[i]
         left, most = max(left, abs(slope[i])), max(most, abs(pull[i]), abs(push[i]))
     for column in range(n):
         along = 0.0

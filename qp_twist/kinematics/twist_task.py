@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -205,7 +206,7 @@ class TwistTask(Revised, mink.Task):
         super().__init__(cost=cost, gain=number("gain", gain))  # type: ignore[arg-type]
         self.bands = bands  # type: ignore[assignment]
         self.max_linear_step, self.max_angular_step = max_linear_step, max_angular_step
-        self._pose: Array | None = None
+        self._pose: bytes | None = None
         self._feedforward = AT_REST
         self._dt: float | None = None
 
@@ -280,7 +281,7 @@ class TwistTask(Revised, mink.Task):
     @property
     def target(self) -> mink.SE3 | None:
         """The target pose, as set; assigning a pose is :meth:`set_target` at rest."""
-        return None if self._pose is None else mink.SE3(self._pose)
+        return None if self._pose is None else mink.SE3(np.frombuffer(self._pose))
 
     @target.setter
     def target(self, target: mink.SE3) -> None:
@@ -291,8 +292,8 @@ class TwistTask(Revised, mink.Task):
         """Twist of the target, as set by :meth:`set_target`; read-only."""
         return self._feedforward
 
-    target_wxyz_xyz: Any = property(operator.attrgetter("_pose"))
-    """Unit quaternion and position of the target, (7,), a new array for each; ``None`` before."""
+    target_floats: Any = property(operator.attrgetter("_pose"))
+    """Unit quaternion and position of the target, a new ``bytes`` for each; ``None`` before."""
 
     def set_target(self, target: mink.SE3, twist: npt.ArrayLike | None = None) -> None:
         """Set the target pose, and the twist of a moving target.
@@ -306,11 +307,12 @@ class TwistTask(Revised, mink.Task):
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
         """
-        pose, feedforward = read_only(checked_pose(self, target)), AT_REST
+        pose, feedforward = checked_pose(self, target), AT_REST
         if twist is not None:
             name = f"{self.name} twist"
             feedforward = read_only(finite_array(name, twist, (6,), error=InvalidTarget))
-        self._pose, self._feedforward = pose, feedforward
+        kept = self.__dict__  # two assignments would take 1 µs, to count no revision
+        kept["_pose"], kept["_feedforward"] = pose, feedforward
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
         """Set the frame's present pose as the target, at rest."""
@@ -422,21 +424,28 @@ class TwistTask(Revised, mink.Task):
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
 
 
-def checked_pose(task: TwistTask, target: mink.SE3) -> Array:
-    """Unit quaternion and position of a target for a task, a copy, (7,)."""
+_SEVEN = struct.Struct("7d")
+
+
+def checked_pose(task: TwistTask, target: mink.SE3) -> bytes:
+    """Unit quaternion and position of a target for a task: seven floats."""
     if not isinstance(target, mink.SE3):
         raise InvalidTarget(
             f"{task.name}: the target must be a mink.SE3, got {type(target).__name__}."
         )
-    pose = np.array(target.wxyz_xyz)
-    if not are_floats(pose, 7) or not math.isfinite(math.hypot(*pose.tolist())):
+    pose = target.wxyz_xyz
+    if not are_floats(pose, 7):
         pose = finite_array(f"{task.name} target", pose, (7,), error=InvalidTarget)
-    length = math.hypot(*pose[:4].tolist())
+    found = pose.tobytes()  # a copy, which also another thread leaves as it is
+    numbers = _SEVEN.unpack(found)
+    if not math.isfinite(sum(numbers)):  # or too large: then all are looked at
+        finite_array(f"{task.name} target", np.frombuffer(found), (7,), error=InvalidTarget)
+    length = math.hypot(*numbers[:4])
     if not abs(length - 1.0) <= 1e-6:
         raise InvalidTarget(
             f"{task.name}: the target's quaternion has length {length:.6g}; normalise it."
         )
-    return pose
+    return found
 
 
 def frames_of(task: TwistTask, configuration: mink.Configuration) -> FramePair:

@@ -323,6 +323,23 @@ def test_a_target_is_copied_and_a_new_one_rests_again() -> None:
     np.testing.assert_array_equal(task.feedforward, np.zeros(6))
 
 
+@pytest.mark.parametrize(
+    "given",
+    [
+        np.array([1, 0, 0, 0, 1, 2, 3]),
+        np.repeat([1.0, 0, 0, 0, 1, 2, 3], 2)[::2],
+        np.array([1.0, 0, 0, 0, 1, 2, 3], dtype=">f8"),
+        np.array([1.0, 0, 0, 0, 1e308, 1.5e308, -1.0]),  # finite, though its sum is not
+    ],
+)
+def test_a_target_of_any_floats_is_kept_as_it_was_and_cannot_be_written_to(given: Any) -> None:
+    task = tool()
+    task.set_target(mink.SE3(wxyz_xyz=given))
+    np.testing.assert_array_equal(task.target.wxyz_xyz, given)
+    with pytest.raises(ValueError, match="read-only"):
+        task.target.wxyz_xyz[4] = 0.0
+
+
 def test_a_task_without_target_says_so_and_at_the_present_pose_has_nothing_to_do() -> None:
     configuration, task = regular(np.random.default_rng(18)), tool()
     for use in (task.compute_error, task.compute_jacobian, task.compute_qp_residual):
