@@ -3,6 +3,7 @@
     python benchmarks/placements.py [placements] [--placements 1000] [--methods a,b] [--starts 3]
         [--jobs 2] [--seed 0] [--keep DIR] [--write]
     python benchmarks/placements.py [placements_gains] [placements_gains_mink] [--write]
+    python benchmarks/placements.py best_placement [--objectives centering,travel] [--write]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
 follows the run with every method. A run is over at its first fault: a joint outside its range, an
@@ -12,6 +13,9 @@ branches of the inverse kinematics and all full turns decides. Needs py-opw-kine
 
 *placements_gains*: every method that has a secondary runs at each of some gains; the table has each
 at its default and at the best of them, held against ``qp_gradient`` placement by placement.
+
+*best_placement*: what ``qt.best_placement`` finds within a minute in a box around the part, beside
+the best whole plan of so many random placements in it.
 
 With ``--keep DIR`` each result is kept in a file of its own, and is not computed again.
 """
@@ -548,6 +552,38 @@ def at_gains(methods: Sequence[str], options: Options) -> str:
     )
 
 
+BOX = np.array([0.3, 0.15, 0.15])  # m, to either side of where the part is
+
+
+def best_placement(placements: int, seed: int, objectives: str) -> str:
+    """The best of a search within a minute beside the best of random placements."""
+    task, rows = qt.load_task("deburring"), []
+    for objective in objectives.split(","):
+        sign = -1.0 if objective == "margin" else 1.0
+        began = time.process_time()
+        found = qt.best_placement(task, -BOX, BOX, objective, seconds=60.0)
+        spent = [time.process_time() - began]
+        assert found.plan is not None and found.here is not None
+        rng, values = np.random.default_rng(seed), []
+        for shift in rng.uniform(-BOX, BOX, (placements, 3)):
+            there = at_shift(task, found.about, shift)
+            values.append(sign * qt.plan(there, objective).value)
+        spent.append(time.process_time() - began - spent[0])
+        best = sign * np.nanmin(values), sign * np.nanmedian(values)
+        row = (found.here.value, best[1], best[0], found.plan.value)
+        rows.append((objective, *(f"{v:.4g}" for v in row), *(f"{t:.0f}" for t in spent[::-1])))
+    head = (
+        "objective", "here", f"median of {placements} at random", "best of them", "the search",
+        "processor s of them", "of the search",
+    )  # fmt: skip
+    return markdown_table(head, rows)
+
+
+def at_shift(task: qt.PathTask, about: Array, shift: Array) -> qt.PathTask:
+    """The task with its path and its part's body shifted."""
+    return qt.paths.placed(task, mink.SO3.identity(), about, about + shift, "part")
+
+
 def pairs(mine: Array, reference: Array) -> str:
     """Placements that one finishes and the other does not; bold where that is no coincidence.
 
@@ -582,8 +618,10 @@ def faults(found: Iterable[str | None]) -> str:
 
 
 if __name__ == "__main__":
-    parts = {f.__name__: f for f in (placements, placements_gains, placements_gains_mink)}
+    made = placements, placements_gains, placements_gains_mink, best_placement
+    parts = {part.__name__: part for part in made}
     options = {
         "placements": 1000, "starts": STARTS, "seed": 0, "methods": "", "jobs": 2, "keep": "",
+        "objectives": "centering,travel,margin",
     }  # fmt: skip
     sys.exit(command(__doc__, parts, **options))

@@ -3,9 +3,10 @@
     python docs/make_figures.py [NAME ...] [--out FOLDER]
 
 A NAME is that of a table, a text or a figure below docs/generated or docs/figures, without its
-ending, or of a task; without one all are made, which takes about two minutes. Everything comes from
-the library: the comparisons that ``qp-twist compare`` makes, the same methods at other settings,
-and the printed output of the snippets. Wall times are left out: no two machines agree on them.
+ending, or of a task; without one all are made, which takes about three minutes. Everything comes
+from the library: the comparisons that ``qp-twist compare`` makes, the same methods at other
+settings, and the printed output of the snippets. Wall times are left out: no two machines agree on
+them.
 """
 
 from __future__ import annotations
@@ -74,6 +75,8 @@ def main() -> None:
                 out / "generated" / "benchmarks" / f"{name}.md",
                 settings_table(qt.load_task(task), runs),
             )
+    if wanted("placement_map"):
+        draw_placements(out / "figures" / "placement_map.png")
     if wanted("planar_line_gains"):
         draw_gains(out / "figures" / "planar_line_gains.svg")
     for snippet in snippets_with_output():
@@ -121,6 +124,16 @@ def save_small(drawn: Path, target: Path) -> None:
     """A picture with 128 colours: the repository keeps it."""
     with Image.open(drawn) as picture:
         picture.convert("RGB").quantize(128).save(target, optimize=True)
+
+
+def draw_placements(path: Path) -> None:
+    """Placements of the deburring run in a box that is larger than the reach of the arm."""
+    box = np.array([0.8, 0.6, 0.4])
+    found = qt.best_placement(qt.load_task("deburring"), -box, box, seconds=40.0)
+    with tempfile.TemporaryDirectory() as folder:
+        found.figure().savefig(drawn := Path(folder) / "map.png")
+        save_small(drawn, path)
+    print(f"wrote {path}")
 
 
 PASSING = 107

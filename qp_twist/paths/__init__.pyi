@@ -11,6 +11,7 @@ from .methods import MethodSettings as MethodSettings
 from .path_task import PathTask as PathTask
 from .path_task import check_method as check_method
 from .path_task import twist_task as twist_task
+from .placement import base_moved as base_moved
 from .placement import leaned as leaned
 from .placement import placed as placed
 from .read_toolpath import read_toolpath as read_toolpath

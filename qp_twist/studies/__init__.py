@@ -1,5 +1,7 @@
 """Studies: methods over thousands of samples of a task."""
 
+from .placement_search import BestPlacement as BestPlacement
+from .placement_search import best_placement as best_placement
 from .sample import Sample as Sample
 from .sample import Start as Start
 from .sample import draw_sample as draw_sample

@@ -374,13 +374,13 @@ def test_every_command_is_listed_with_its_options(capsys: pytest.CaptureFixture[
 
 
 NAMED_BY_THE_TASK = {
-    "out/TASK", "out/TASK/roadmap.png", "out/TASK_study", "out/NAME_report",
+    "out/TASK", "out/TASK/roadmap.png", "out/TASK_study", "out/TASK_place", "out/NAME_report",
 }  # fmt: skip
 """Defaults that a command works out; its help has to say the same words."""
 
 
 @pytest.mark.parametrize("command", [
-    "new", "starts", "compare", "run", "check", "report", "view", "roadmap", "study", "bench",
+    "new", "starts", "compare", "run", "check", "report", "view", "roadmap", "study", "place", "bench",
 ])  # fmt: skip
 def test_every_default_of_a_command_is_that_of_its_function(command: str) -> None:
     function = getattr(importlib.import_module(f"qp_twist.cli.{command}"), command)
