@@ -10,9 +10,10 @@ the velocity at the same configuration, with the same tasks, limits, constraints
 in turns one or the other first; then mink's is taken. *Default* leaves out ``limits=``, so that
 mink makes a ``ConfigurationLimit`` in each call; *passed* are ``ConfigurationLimit`` and
 ``VelocityLimit``, made once, *collisions* a ``CollisionAvoidanceLimit`` too; in *held*, feet or a
-hand are constraints. Rows are those of mink's program, at most. Times are of the wall clock, one
-thread, median and 99th percentile; *slowed down* counts steps where mink finds no solution, which
-are left out of the times. Half a minute.
+hand are constraints. Rows are those of mink's program, at most. Times are the processor's, of the
+one thread, which other processes of the machine do not lengthen: median and 99th percentile;
+*slowed down* counts steps where mink finds no solution, which are left out of the times. Half a
+minute.
 
 *drop_in_optimum*: both on every kind of mink task and limit, on the problems of
 ``tests/oracles/mink_problems.py`` (a cart with two arms, fingers, a neck, a drone and a crank) at
@@ -28,6 +29,7 @@ from page import command, markdown_table
 import contextlib
 import importlib.util
 import sys
+import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -300,7 +302,7 @@ def times_of(app: App, way: str, steps: int) -> Times:
         for solve_ik, who in order if step % 2 else reversed(order):
             with contextlib.suppress(mink.NoSolutionFound):
                 call = partial(solve_ik, c, tasks, DT, "daqp", **options)
-                took[who], velocities[who] = once(call)
+                took[who], velocities[who] = once(call, time.thread_time_ns)
         theirs, ours = velocities
         assert ours is not None
         if theirs is None:
