@@ -44,7 +44,9 @@ _FREE = Speed(1.0, float(np.radians(200.0)))
 """Speeds that do not count, as the move is slower by the other one: below those of all controllers.
 """
 _RESTS = 1e-6
-"""A point that goes less far, m, rests: the tool turns about it."""
+"""A point that goes less far, m, rests: the tool turns about it, or rests if it turns less, rad."""
+_DECIMALS = 7
+"""Of positions in m, as programs print them."""
 _DIGITS = 4
 """Significant digits of speeds, rounded down: moves take at most a thousandth longer."""
 
@@ -120,13 +122,13 @@ class LinearMotion(NamedTuple):
         straight = tuple(int(each) for each in line.straight)
         moves = replace(moves, straight=straight, stops=stops, tool=self.tool or 1)
         if points == "poses":
-            return self._with_poses(moves, line, joints)
+            return self._with_poses(moves, line, joints, dialect)
         if self.frame is not None:
             raise InvalidInput("a frame's number is of points that are poses (--points poses).")
         return moves
 
     def _with_poses(
-        self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints
+        self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints, dialect: Dialect
     ) -> JointMoves:
         arm, chain = joints.arm, joints.tool
         if arm is None or chain is None or moves.durations is None:
@@ -140,23 +142,32 @@ class LinearMotion(NamedTuple):
         frame = frame if self.frame is None else ProgramFrame(str(self.frame))
         q = line.rows.of_joints(chain.names).q
         R, p = chain.poses(q)
-        durations = moves.durations.copy()
+        shown = joints.positions(moves.angles / joints.scale(dialect.unit))
+        (R_shown, p_shown), p = chain.poses(shown), np.round(p, _DECIMALS)
+        durations, kept = moves.durations.copy(), [0] * len(line.straight)
         targets: list[Target | None] = [None]
         speeds: list[Speed | None] = []
         for k, straight in enumerate(line.straight, start=1):
-            pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
-            targets.append(Target(pose, tool, frame, arm.configuration(q[k])) if straight else None)
-            way, turn = _way(R[k - 1 : k + 1], p[k - 1 : k + 1])
-            speed = _slower(durations[k - 1], way, turn) if straight else None
+            begins = (R, p) if targets[-1] else (R_shown, p_shown)  # as printed
+            way, turn = _way(begins[0][k - 1], begins[1][k - 1], R[k], p[k])
+            target = speed = None
+            if straight and (way > _RESTS or turn > _RESTS):
+                pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
+                target = Target(pose, tool, frame, arm.configuration(q[k]))
+                speed = _slower(durations[k - 1], way, turn)
+                durations[k - 1], kept[k - 1] = speed.seconds(way, turn), 1
+            targets.append(target)
             speeds.append(speed)
-            durations[k - 1] = speed.seconds(way, turn) if speed else durations[k - 1]
-        return replace(moves, durations=durations, targets=tuple(targets), speeds=tuple(speeds))
+        return replace(
+            moves, durations=durations, straight=tuple(kept), targets=tuple(targets),
+            speeds=tuple(speeds),
+        )  # fmt: skip
 
 
-def _way(R: Array, p: Array) -> tuple[float, float]:
-    """How far a tool goes, m, and turns, rad, between two poses (2, 3, 3), (2, 3)."""
-    turn = rotation_vector(R[0].T @ R[1])
-    return float(np.linalg.norm(p[1] - p[0])), float(np.linalg.norm(turn))
+def _way(R: Array, p: Array, R_end: Array, p_end: Array) -> tuple[float, float]:
+    """How far a tool goes, m, and turns, rad, from a pose (3, 3), (3,) to another one."""
+    turn = rotation_vector(R.T @ R_end)
+    return float(np.linalg.norm(p_end - p)), float(np.linalg.norm(turn))
 
 
 def _slower(seconds: float, way: float, turn: float) -> Speed:
@@ -345,8 +356,8 @@ def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
             more = q_there
         speed = moves.speeds[k - 1] if k and moves.speeds else None
         if speed is not None and durations is not None and tool is not None:
-            between = tool.poses(np.concatenate([at, more[-1:]])[:, order])
-            durations[k - 1] = speed.seconds(*_way(*between))
+            R, p = tool.poses(np.concatenate([at, more[-1:]])[:, order])
+            durations[k - 1] = speed.seconds(*_way(R[0], p[0], R[1], p[1]))
         at = more[-1:]
         rows.append(more)
         shares.append(share)
