@@ -158,8 +158,9 @@ class LinearMotion(NamedTuple):
                 durations[k - 1], kept[k - 1] = speed.seconds(way, turn), 1
             targets.append(target)
             speeds.append(speed)
+        stops = moves.stops | (np.append(0, kept) != np.append(kept, 0))
         return replace(
-            moves, durations=durations, straight=tuple(kept), targets=tuple(targets),
+            moves, durations=durations, straight=tuple(kept), stops=stops, targets=tuple(targets),
             speeds=tuple(speeds),
         )  # fmt: skip
 

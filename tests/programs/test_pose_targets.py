@@ -10,12 +10,15 @@ import mink
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from oracles.data_sheets import about, data_of, links
 from oracles.pose_programs import (
     ROBOTS,
     Case,
     N,
     case_of,
+    krl_frame,
     on_path,
     rigid,
     site_of,
@@ -26,6 +29,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
 from qp_twist.programs import DIALECTS
+from qp_twist.programs.krl_values import pose_text
 from qp_twist.trajectories import (
     check_trajectory,
     read_trajectory,
@@ -283,3 +287,21 @@ def test_joint_moves_between_straight_ones(cases: dict[str, Case], tmp_path: Pat
             assert re.findall(r"^(PTP_SPLINE|TIME_BLOCK END = .*|SPTP|LIN)", text, re.M)[-5:] == [
                 "PTP_SPLINE", "SPTP", "SPTP", "TIME_BLOCK END = 2.00000", "LIN"
             ]  # fmt: skip
+
+
+@given(vector=st.tuples(*[st.floats(-4.0, 4.0)] * 3), bent=st.sampled_from([None, -90.0, 90.0]))
+@settings(max_examples=200, deadline=None)
+def test_a_position_of_krl_is_its_pose(
+    vector: tuple[float, float, float], bent: float | None
+) -> None:
+    """By the matrices of the test, also where two of the angles turn about one axis."""
+    turn = Rotation.from_rotvec(vector).as_matrix()
+    if bent is not None:
+        turn = (about("z", 30.0 * vector[0]) @ about("y", bent) @ about("x", 30.0 * vector[1]))[
+            :3, :3
+        ]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, vector
+    back = krl_frame(pose_text(mink.SE3.from_matrix(pose)))
+    assert np.abs(back[:3, :3] - turn).max() < 1e-7
+    assert np.abs(back[:3, 3] - vector).max() < 1e-7
