@@ -54,6 +54,7 @@ File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
 OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 External = Annotated[str | None, tyro.conf.arg(metavar="AXIS=JOINT,…")]
 RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
+Calls = Annotated[str | None, tyro.conf.arg(metavar="WORD=NAME,…")]
 FeedMode = Annotated[str | None, tyro.conf.arg(metavar="fastest|constant")]
 Share = Annotated[float | None, tyro.conf.arg(metavar="SHARE")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
@@ -88,6 +89,9 @@ SHARED = {
     "feed": "constant: the tool has the programmed speed but on ramps, and each dip is reported; "
     "if omitted, as the task file states it in [feed] mode.",
     "max_dip": "Largest dip of that speed that passes, e.g. 0.1 of it; likewise.",
+    "calls": "For a program: procedures of the controller that it calls for the toolpath's words "
+    "of the process, e.g. 'SPINDL ON=SpindleOn, SPINDL OFF=SpindleOff'; others are comments; if "
+    "omitted, as the task file states them in [program].",
     "force": "Write a program that does not pass, too; its first line stops a controller.",
     "json_": "Print one JSON document on standard output, and nothing else there.",
 }

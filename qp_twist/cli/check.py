@@ -20,13 +20,14 @@ def check(
     external: cli.External = None,
     feed: cli.FeedMode = None,
     max_dip: cli.Share = None,
+    calls: cli.Calls = None,
     json_: cli.Json = False,
 ) -> None:
     """Verify a joint trajectory, of this package or another tool, against a task.
 
     Exit code 0: it passes; 1: it fails, and the output says what and where; 2: it cannot be read.
     """
-    path_task = load(task, path, feed, max_dip)
+    path_task = load(task, path, feed, max_dip, calls)
     rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking"):
         found = check_trajectory(

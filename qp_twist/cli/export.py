@@ -43,6 +43,7 @@ def export(
     external: cli.External = None,
     feed: cli.FeedMode = None,
     max_dip: cli.Share = None,
+    calls: cli.Calls = None,
     path: cli.OptionalFile = None,
     force: cli.Flag = False,
     motion: MotionName = "joint",
@@ -87,7 +88,7 @@ def export(
         raise InvalidInput(
             f"{trajectory}: is a program already; export from the trajectory that it was made of."
         )
-    path_task = None if task is None else load(task, path, feed, max_dip)
+    path_task = None if task is None else load(task, path, feed, max_dip, calls)
     names = None if path_task is None else JointRanges.of(path_task.shown.model).names
     rows = read_trajectory(trajectory, names)
     joints = None

@@ -21,12 +21,16 @@ from qp_twist.trajectories import Check, TimedPath, joints_of, read_trajectory
 
 
 def load(
-    task: str, path: Path | None = None, feed: str | None = None, max_dip: float | None = None
+    task: str,
+    path: Path | None = None,
+    feed: str | None = None,
+    max_dip: float | None = None,
+    calls: str | None = None,
 ) -> PathTask:
     """Load a task; print on standard error what its robot's and toolpath's files leave out.
 
     A note follows there if the command has to compile kernels. ``feed`` and ``max_dip`` take the
-    place of ``mode`` and ``max_dip`` of the file's [feed].
+    place of ``mode`` and ``max_dip`` of the file's [feed], ``calls`` that of its [program].
     """
     if "numba" in sys.modules:  # a command that follows or plans loads it
         note_compiling()
@@ -37,6 +41,8 @@ def load(
         constant = path_task.constant_speed if feed is None else _is_constant(feed)
         most = path_task.max_dip if max_dip is None else max_dip
         path_task = replace(path_task, constant_speed=constant, max_dip=most)
+    if calls is not None:
+        path_task = replace(path_task, calls=dict(map(_call, filter(str.strip, calls.split(",")))))
     if path_task.clearances:  # their distances are kernels, too
         note_compiling()
     notes = [str(warning.message) for warning in caught]
@@ -46,6 +52,12 @@ def load(
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
     return path_task
+
+
+def _call(text: str) -> tuple[str, str]:
+    """A word and its procedure, of --calls."""
+    word, _, name = text.partition("=")
+    return word.strip(), name.strip()
 
 
 def _is_constant(feed: str) -> bool:
@@ -111,7 +123,8 @@ def read_motion(
 ) -> TimedPath:
     """A trajectory file or robot program of a task."""
     joints = program_joints(trajectory, path_task, robot, as_modelled, external)
-    return read_trajectory(trajectory, JointRanges.of(path_task.shown.model).names, joints)
+    names = JointRanges.of(path_task.shown.model).names
+    return read_trajectory(trajectory, names, joints, path_task.calls.values())
 
 
 def failure(file: Path, check: Check, written: bool) -> str:

@@ -22,6 +22,7 @@ def report(
     external: cli.External = None,
     feed: cli.FeedMode = None,
     max_dip: cli.Share = None,
+    calls: cli.Calls = None,
 ) -> None:
     """Write a page about one motion: it moves, whether it passes, its time, what it keeps.
 
@@ -36,7 +37,7 @@ def report(
 
     folder = out or Path("out") / f"{trajectory.stem}_report"
     cli.check_folder(folder)
-    path_task = load(task, path, feed, max_dip)
+    path_task = load(task, path, feed, max_dip, calls)
     rows = read_motion(trajectory, path_task, robot, as_modelled, external)
     with working("checking and drawing"):
         made = report_motion(

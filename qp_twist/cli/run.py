@@ -37,6 +37,7 @@ def run(
     external: cli.External = None,
     feed: cli.FeedMode = None,
     max_dip: cli.Share = None,
+    calls: cli.Calls = None,
     force: cli.Flag = False,
     json_: cli.Json = False,
 ) -> None:
@@ -54,7 +55,7 @@ def run(
             created, with a note.
         report: Folder for the motion's report, the page of qp-twist report.
     """
-    path_task = load(task, path, feed, max_dip)
+    path_task = load(task, path, feed, max_dip, calls)
     stated = gain is not None or weight is not None
     methods = [DEFAULT_METHOD, _OTHERWISE] if method is None else [method]
     methods = methods[:1] if stated else methods

@@ -44,6 +44,7 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
         "Path": f"{len(path_task.waypoints)} waypoints, {length:.4g} m",
         "Task file": "built in Python" if path_task.source is None else path_task.source.name,
         "Motion": f"{file + ', ' if file else ''}{check.rows} points",
+        "Program": check.program,
         "Tolerances": f"{1e3 * check.tolerances.position:.4g} mm, "
         f"{math.degrees(check.tolerances.axis):.4g}°",
         "Notes": "; ".join(check.notes),

@@ -27,6 +27,11 @@ class Statement(NamedTuple):
     rest: str
     arguments: list[str]
 
+    @property
+    def text(self) -> str:
+        """The whole statement."""
+        return f"{self.word}/{','.join(self.arguments)}" if self.arguments else self.word
+
 
 def statements(lines: Sequence[str]) -> Iterator[Statement]:
     """The statements, with the line that each begins in; ``$`` continues one, ``$$`` ends a line.

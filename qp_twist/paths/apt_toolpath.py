@@ -139,7 +139,7 @@ class _Reader:
         text = next((word for word in TEXT if first.startswith(word)), "")
         if of.word in self._acts:
             if of.word in HOLDING:
-                self.out.pass_over(of.word)
+                self.out.pass_over(of.word, of.text)
             self._acts[of.word](of)
         elif of.word in BREAKS or first in BREAKS:
             self.out.pass_over(first)
@@ -149,7 +149,7 @@ class _Reader:
             if first == "CALSUB":
                 self.out.note("CALSUB ({}) calls a routine of the machine, which is not run here.")
             if first not in ("END-OF-PATH", "FINI"):
-                self.out.pass_over(text or first)
+                self.out.pass_over(text or first, of.text)
         else:
             raise InvalidInput(
                 f"{shortened(of.word or '/' + of.rest)!r} is not known, and whether it changes the "

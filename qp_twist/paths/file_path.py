@@ -14,6 +14,7 @@ from qp_twist.geometry import TwistProjector
 from qp_twist.paths.file_path_schema import FilePath, LeadTable, WorkpieceTable
 from qp_twist.paths.orientation import lean_turns
 from qp_twist.paths.path_task import FromStart
+from qp_twist.paths.process_words import placed_words, stood_at
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
@@ -42,6 +43,7 @@ class PlacedPath:
         toolpath: The file as read, if the path is from one, and then
         lines, joint_moves: as in the task,
         parts: the part of the path that each waypoint belongs to,
+        process: what switches the process there, as in the task,
         feeds: of the file for the motion to each waypoint, m/s, (N,), NaN without one; ``None`` if
             the file has none, or they are not used.
     """
@@ -55,6 +57,7 @@ class PlacedPath:
     parts: tuple[Part, ...] = ()
     feeds: Array | None = None
     joint_moves: tuple[int, ...] = ()
+    process: tuple[tuple[int, str], ...] = ()
 
 
 def file_waypoints(
@@ -87,6 +90,13 @@ def file_waypoints(
         )
     placement = section.placement or WorkpieceTable()
     turn, origin = placement.rotation(), np.array(placement.position)
+    words = [
+        word._replace(position=tuple((origin + turn @ np.array(word.position)).tolist()))
+        if word.position
+        else word
+        for word in toolpath.words
+    ]
+    toolpath = replace(toolpath, words=tuple(words))
     pieces: list[Curve] = []
     before: Curve | None = None
     for read in toolpath.curves:
@@ -126,6 +136,7 @@ def file_waypoints(
         lines=curve.lines,
         parts=tuple(piece.role for piece in pieces for _ in range(len(piece))),
         feeds=curve.feeds if section.feeds == "file" else None,
+        process=placed_words(words, pieces),
         joint_moves=tuple(
             begin for begin, p in zip(begins, pieces, strict=False) if p.by_joint_move
         ),
@@ -236,7 +247,7 @@ def _ends_of_joint_move(before: Curve, curve: Curve) -> tuple[Curve | None, Curv
 
 def _sampled(curve: Curve, section: FilePath, toolpath: Toolpath) -> Curve:
     try:
-        return resampled(curve, section.sampling())
+        return resampled(curve, section.sampling(), stood_at(curve, toolpath.words))
     except InvalidInput as error:
         raise InvalidInput(f"{toolpath.source.name}: {error}") from error
 

@@ -176,8 +176,9 @@ class _Reader:
         if "L" in words and modes.cycle is None and 10 not in block.codes:
             raise InvalidInput("L calls or repeats a subprogram, which is not read")
         self.to.feed(block)
+        turns = f" S{words['S']:g}" if "S" in words else ""
         for word in [*(k for k in "STE" if k in words), *(f"M{code:g}" for code in block.switches)]:
-            self.out.pass_over(word)
+            self.out.pass_over(word, word + turns * (word in ("M3", "M4")))
         if "SUPA" in block.names or not tables.AWAY.isdisjoint(block.codes):
             named = set("XYZ") & words.keys()
             self.to.leave(named or ("" if set("ABC") & words.keys() else "XYZ"))

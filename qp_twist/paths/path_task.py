@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -37,6 +38,7 @@ from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose, together
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
+from qp_twist.paths.process_words import check_calls
 from qp_twist.paths.rerooted import OLD_WORLD, check_body, rerooted
 from qp_twist.paths.segment import (
     Segment,
@@ -104,6 +106,10 @@ class PathTask:
             scene's order, as the model counts.
         parts: Of a toolpath, the part that each waypoint belongs to: ``"approach"``, ``"contact"``,
             ``"retreat"`` or ``"transfer"``, (N,); empty without one.
+        process: What a toolpath switches, such as ``"SPINDL/ON"``, each with the index, from 0, of
+            the waypoint at which it stands, in the order of the path.
+        calls: Procedures of the controller that programs call for such words, by the words; others
+            are comments in programs.
         constant_speed: Whether the tool is to have the speed of the feed everywhere but on ramps:
             redundancy is spent on it, and each dip is reported.
         max_dip: Largest dip of its speed that passes, as a share of the programmed one; ``None``:
@@ -148,6 +154,8 @@ class PathTask:
     controller: str | None = None
     external: tuple[str, ...] = ()
     parts: tuple[Part, ...] = ()
+    process: tuple[tuple[int, str], ...] = ()
+    calls: Mapping[str, str] = field(default_factory=dict)
     constant_speed: bool = False
     max_dip: float | None = None
 
@@ -162,6 +170,7 @@ class PathTask:
         object.__setattr__(self, "constraints", _with_those_of_the_model(self))
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
+        check_calls(self.calls)
         if self.max_dip is not None:
             number("max_dip", self.max_dip, at_least=0.0, at_most=1.0)
         if self.max_dip is not None and not self.constant_speed:
@@ -288,8 +297,28 @@ class PathTask:
             joint_moves=tuple(moves.tolist()),
             lines=None if self.lines is None else self.lines[index],
             parts=tuple(self.parts[k] for k in index) if self.parts else (),
+            process=tuple(
+                (max(int(np.searchsorted(index, at, side="right")) - 1, 0), text)
+                for at, text in self.process
+            ),
             from_start="nothing" if index[0] else self.from_start,
         )
+
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """What each interval between two waypoints is, (N − 1,).
+
+        A part of the path (contact between two waypoints of contact), or ``"joint move"``; all of
+        them contact where the path has no parts.
+        """
+        parts = self.parts or ("contact",) * len(self.waypoints)
+        ways: list[str] = [
+            "transfer" if "transfer" in (a, b) else b if a == "contact" else a
+            for a, b in itertools.pairwise(parts)
+        ]
+        for k in self.joint_moves:
+            ways[k - 1] = "joint move"
+        return tuple(ways)
 
     @property
     def projectors(self) -> tuple[TwistProjector, ...]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.toolpath import Curve
 from qp_twist.paths.turning import (
@@ -48,14 +48,14 @@ class Sampling:
     max_spacing: float = 0.01
 
 
-def resampled(curve: Curve, sampling: Sampling) -> Curve:
+def resampled(curve: Curve, sampling: Sampling, stays: Mask | None = None) -> Curve:
     r"""The curve with other points on it.
 
     First, points are left out if they are nearer than ``chord_error`` to the chord between their
     kept neighbours, and the direction interpolated over the arc length differs there by less than
     ``axis_error``. The distance from a chord is a convex function along the path, so the whole path
     is as near. Ends, corners, points where the tool turns in place and points where the feed
-    changes are kept. Then every chord is divided into
+    changes are kept, as are those that ``stays`` (N,). Then every chord is divided into
 
     .. math:: \max\left(\left\lceil \frac{\ell}{\text{max\_spacing}} \right\rceil,
         \left\lceil \frac{\theta}{\text{max\_turn}} \right\rceil\right)
@@ -73,7 +73,7 @@ def resampled(curve: Curve, sampling: Sampling) -> Curve:
     _refuse_opposite(curve)
     kept = np.arange(len(curve))
     if sampling.chord_error is not None:
-        kept = np.flatnonzero(_kept(curve, sampling.chord_error, sampling.axis_error))
+        kept = np.flatnonzero(_kept(curve, sampling.chord_error, sampling.axis_error, stays))
     return _divided(curve, kept, sampling)
 
 
@@ -104,12 +104,12 @@ def _turns(curve: Curve, kept: npt.NDArray[np.intp]) -> Array:
     return apart(values[kept[:-1]], values[kept[1:]])
 
 
-def _kept(curve: Curve, chord_error: float, axis_error: float) -> npt.NDArray[np.bool_]:
+def _kept(curve: Curve, chord_error: float, axis_error: float, kept: Mask | None) -> Mask:
     """Which points are kept: a chord is split at its worst point until it fits."""
     steps = np.diff(curve.positions, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(lengths)])
-    stays = np.zeros(len(curve), dtype=np.bool_)
+    stays = np.zeros(len(curve), dtype=np.bool_) if kept is None else kept.copy()
     stays[[0, -1]] = True
     standing = lengths < 1e-9
     stays[:-1] |= standing

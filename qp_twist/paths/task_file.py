@@ -49,6 +49,7 @@ from qp_twist.paths.task_schema import (
     StartSection,
     TaskFile,
 )
+from qp_twist.paths.toolpath import Part
 from qp_twist.paths.turning import turns_between
 from qp_twist.robots import Robot, load_robot
 from qp_twist.shipped import shipped_folder as shipped_folder  # noqa: PLC0414 (the room has it)
@@ -240,6 +241,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         controller=stated,
         external=file.robot.external,
         parts=built.parts,
+        process=built.process,
+        calls=file.program.calls,
         constant_speed=file.feed is not None and file.feed.mode == "constant",
         max_dip=None if file.feed is None else file.feed.max_dip,
     )
@@ -314,7 +317,13 @@ def _waypoints(
     if not isinstance(section, FilePath):
         no_axis = isinstance(section, PolylinePath) and section.tool_axis is None
         whole: FromStart = "orientation" if no_axis else "nothing"
-        return PlacedPath(*_poses(file, held), from_start=whole), projector, segments
+        built = PlacedPath(*_poses(file, held), from_start=whole)
+        steps = section.steps_per_lead if isinstance(section, SphericalPatchPath) else None
+        if steps is not None:
+            parts: list[Part] = ["contact"] * len(built.positions)
+            parts[:steps], parts[-steps:] = ["approach"] * steps, ["retreat"] * steps
+            built = replace(built, parts=tuple(parts))
+        return built, projector, segments
     try:
         found = file_waypoints(path, section, held, reach)
     except InvalidInput as error:

@@ -240,6 +240,16 @@ class FeedSection(Section):
         return self
 
 
+class ProgramSection(Section):
+    """What robot programs of this path have around it."""
+
+    calls: dict[Name, Name] = Field(
+        default_factory=dict,
+        description="procedures of the controller by words of the toolpath that switch the "
+        'process, such as "SPINDL ON" = "SpindleOn"; other such words are comments',
+    )
+
+
 class LimitsSection(Section):
     """Limits that MJCF does not have. Position limits are the scene's."""
 
@@ -370,6 +380,7 @@ class TaskFile(Section):
     start: StartSection
     feed: FeedSection | None = None
     limits: LimitsSection = LimitsSection()
+    program: ProgramSection = ProgramSection()
     clearance: ClearanceSection | None = None
     iteration: IterationSection = IterationSection()
     methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,24 @@ SAME_DIRECTION = 1e-9
 """The same for directions, rad."""
 LARGEST_NUMBER = 1e12
 """Beyond it, a number of a program is a mistake: in inches its last digit is above a micrometre."""
+
+
+class ProcessWord(NamedTuple):
+    """A word of a toolpath that moves nothing and is about the process.
+
+    Attributes:
+        line: Its line of the file.
+        text: The statement.
+        after: Line of the motion before it; 0 without one.
+        position: Where that ends, in the frame of the toolpath, m; empty without one.
+    """
+
+    line: int
+    text: str
+    after: int = 0
+    position: tuple[float, ...] = ()
+
+
 _IN_PLACE = 1000.0
 """A tool that turns faster along its path, rad/m, turns in place."""
 
@@ -110,6 +128,7 @@ class Toolpath:
         passed_over: A sentence for what is in the file and not in the path.
         unit: Unit of the positions in the file.
         unit_in_file: Whether the file specifies it.
+        words: What switches the process on and off, in the order of the file.
     """
 
     source: Path
@@ -119,6 +138,7 @@ class Toolpath:
     passed_over: tuple[str, ...] = ()
     unit: LengthUnit = "m"
     unit_in_file: bool = True
+    words: tuple[ProcessWord, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -16,7 +17,8 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import LENGTHS, LengthUnit, Problems, of_lines
 from qp_twist.paths.arcs import MOST_POINTS, Arc
-from qp_twist.paths.toolpath import SAME_POINT, Toolpath
+from qp_twist.paths.process_words import PROCESS
+from qp_twist.paths.toolpath import SAME_POINT, ProcessWord, Toolpath
 from qp_twist.paths.toolpath_options import ReadingOptions
 from qp_twist.paths.toolpath_points import (
     LONGEST_REACH,
@@ -161,6 +163,7 @@ class ProgramBuilder:
         self._begins = False
         self._frame: object = None
         self._passed: dict[str, list[int]] = {}
+        self._process: list[ProcessWord] = []
         self._notes: dict[tuple[str, bool], list[int]] = {}
         self._rapids = self._arcs = 0
 
@@ -184,9 +187,14 @@ class ProgramBuilder:
         """Add what is wrong with the current line."""
         self.problems.add(self.line, error.sentence, options=error.options)
 
-    def pass_over(self, word: str) -> None:
-        """Count a word that moves nothing."""
+    def pass_over(self, word: str, text: str = "") -> None:
+        """Count a word that moves nothing; the statement is kept if it is about the process."""
         self._passed.setdefault(word, []).append(self.line)
+        if PROCESS.match(word):
+            last = self.rows[-1] if self.rows else None
+            end = () if last is None else tuple(last.positions[-1].tolist())
+            after = 0 if last is None else last.line
+            self._process.append(ProcessWord(self.line, text or word, after, end))
 
     def note(self, what: str, *, left_out: bool = False) -> None:
         """What was assumed in this line, or left out; ``{}`` in the text is replaced by lines."""
@@ -309,7 +317,7 @@ class ProgramBuilder:
             nothing = "there is no motion to a point with all coordinates in it."
             uncut = f"no two points without {self.words.rapid} between them; nothing is cut."
             raise InvalidInput(uncut if self.rows else nothing)
-        return toolpath_of(
+        found = toolpath_of(
             path,
             self.options.orientation or self.words.direction,
             curves,
@@ -323,6 +331,7 @@ class ProgramBuilder:
             unit=self.length_unit if self.rows else "m",
             unit_in_file=self.unit is not None,
         )
+        return replace(found, words=tuple(self._process))
 
     def _curves(self) -> list[PointsOfCurve]:
         rows = self.rows

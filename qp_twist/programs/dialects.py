@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from qp_twist.files import read_bytes
@@ -40,12 +40,14 @@ def files_beside(path: Path) -> Beside:
     return read
 
 
-def joint_moves(path: Path, dialect: Dialect, lines: Sequence[str]) -> JointMoves:
-    """The joint moves of a program, which has nothing else.
+def joint_moves(
+    path: Path, dialect: Dialect, lines: Sequence[str], calls: Collection[str] = ()
+) -> JointMoves:
+    """The joint moves of a program, which has nothing else but ``calls`` of these procedures.
 
     Raises:
         InvalidInput: At a statement that ``check`` does not vouch for.
     """
-    course = Course()
+    course = Course(calls)
     comments = dialect.execute(course, lines, path.stem, files_beside(path))
     return course.moves(read_header(comments))

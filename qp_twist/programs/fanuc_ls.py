@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import mink
+import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
@@ -78,6 +79,8 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         word = "L" if point > 1 and moves.straight and moves.straight[point - 2] else "J"
         text = f"{word} P[{{}}] {speed} {'FINE' if stops else 'CNT100'} ;"
         statements.append((text, moves.angles[point - 1].tolist()))
+        behind = moves.lines_behind(point - 1, "!{} ;", "CALL {} ;")
+        statements += [(line, []) for each in behind for line in _behind(each)]
     room = LONGEST - len(remarks)
     if len(statements) <= room:
         return {f"{name}.ls": _program(title, remarks, statements, moves)}
@@ -99,7 +102,9 @@ def _program(
     """The text of a program: statements, then moves and their points."""
     external = of.external
     groups = "1,1,*,*,*" if any(each.name.startswith(_GROUP) for each in external) else "1,*,*,*,*"
-    lines = [*first, *(text.format(k) for k, (text, _) in enumerate(moves, start=1))]
+    at = np.cumsum([bool(point) for _, point in moves]).tolist()
+    lines = [*first, *(text.format(k) for k, (text, _) in zip(at, moves, strict=True))]
+    moves = [each for each in moves if each[1]]
     text = _HEAD.format(name=title, count=len(lines), groups=groups)
     text += "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, start=1))
     text += "/POS\n"
@@ -123,6 +128,11 @@ def _time(seconds: float) -> str:
     if milliseconds <= _MS:
         return f"{milliseconds}msec"
     return f"{math.ceil(milliseconds / 100.0) / 10.0:.1f}sec"
+
+
+def _behind(line: str) -> list[str]:
+    """A line behind a point; a remark in lines short enough."""
+    return [line] if line[0] != "!" else [f"!{text} ;" for text in _remarks(line[1:-2])]
 
 
 def _remarks(line: str) -> list[str]:
@@ -303,6 +313,8 @@ class TpProgram(Program):
         """A call of a program beside this one."""
         name, key = match["called"], match["called"].lower()
         if not self._load(name):
+            if self.moves.called(line, name):
+                return None
             if self.moves.strict:
                 raise refuse(line, match[0], f"there is no {name}.ls beside the file.")
             self._forget_registers(f"{name} of line {line} may have changed it")
@@ -586,7 +598,8 @@ LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
     external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
-    of_parts=_GROUP, period=0.008, points=("joints",),
+    of_parts=_GROUP, period=0.008,
+    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"), points=("joints",),
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

@@ -30,6 +30,9 @@ WRITTEN_AS_MODELLED = (
 """What to do with a program whose header says so."""
 
 
+_UNSET = "Tool, base and load: none is set here."
+
+
 def header_lines(
     dialect: Dialect,
     moves: JointMoves,
@@ -62,6 +65,7 @@ def header_lines(
         f"seconds: {total:.{dialect.time_decimals}f}",
         *equations,
         *_about_frames(moves),
+        *(f"fill in: {statement}" for statement in dialect.to_fill_in),
         "No controller has run this.",
     )
 
@@ -71,7 +75,7 @@ def _about_frames(moves: JointMoves) -> list[str]:
     targets = [target for target in moves.targets if target is not None]
     of_number = f"Tool {moves.tool} has to have its TCP at the task's frame."
     if not targets:
-        return [*([of_number] if moves.straight else []), "Tool, base and load: none is set here."]
+        return [*([of_number] if moves.straight else []), _UNSET]
     tool, frame = targets[0].tool, targets[0].frame
     return [
         of_number if tool.pose is None else

@@ -79,6 +79,13 @@ class Speed(NamedTuple):
         return max(way / self.linear, turn / self.angular)
 
 
+class Around(NamedTuple):
+    """What stands behind a point of a program: a comment, or the name of a procedure to call."""
+
+    text: str
+    call: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class JointMoves:
     """Moves from point to point, straight in the axes, or of the tool.
@@ -102,6 +109,7 @@ class JointMoves:
         tool: Number of the tool of straight moves to joint angles.
         targets: The points that are poses, (N,), else ``None``; empty without.
         speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without.
+        around: What stands behind points, by their index from 0.
     """
 
     angles: Array
@@ -117,6 +125,14 @@ class JointMoves:
     tool: int = 1
     targets: tuple[Target | None, ...] = ()
     speeds: tuple[Speed | None, ...] = ()
+    around: Mapping[int, tuple[Around, ...]] = field(default_factory=dict)
+
+    def lines_behind(self, point: int, comment: str, call: str) -> list[str]:
+        """The lines behind a point, in the patterns of a language, with ``{}`` for the text."""
+        return [
+            (call if each.call else comment).format(each.text)
+            for each in self.around.get(point, ())
+        ]
 
     def __repr__(self) -> str:
         time = "" if self.durations is None else f", {float(self.durations.sum()):.6g} s"
@@ -146,6 +162,7 @@ class Dialect(NamedTuple):
         stopped: (text, line that is no statement) to a text at which a controller stops.
         external: Names of external axes.
         of_parts: What the names of those begin with that carry the part; empty: no matter.
+        to_fill_in: Statements with gaps, by which a person sets tool, base and load.
         period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
             the program itself divides time.
         zone: How far from a point the robot begins to round it, m; ``None``: half a move.
@@ -171,6 +188,7 @@ class Dialect(NamedTuple):
     external: tuple[str, ...] = ()
     of_parts: str = ""
     period: float = 0.0
+    to_fill_in: tuple[str, ...] = ()
     zone: float | None = None
     points: tuple[Literal["joints", "poses"], ...] = ()
     two_angles: bool = False

@@ -58,6 +58,11 @@ _FRAME = _START.rstrip("\n").split("\n")
 whose time does not count."""
 
 
+_BEHIND = "; {}", "{}( )"
+_WITHIN_SPLINE = "; {}", "TRIGGER WHEN PATH=0 ONSTART DELAY=0 DO {}( ) PRIO=-1"
+"""What stands behind a point: in a spline only a trigger calls."""
+
+
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
     decimals = KRL.decimals
@@ -71,6 +76,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     times = moves.durations.tolist()
     lines = [_TOP.format(name=name).rstrip("\n"), *(f"; {line}" for line in header)]
     lines += [_START.rstrip("\n"), *_stated(moves), f"PTP {target(first)}"]
+    lines += moves.lines_behind(0, *_BEHIND)
     targets = moves.targets[1:] or (None,) * len(others)
     for straight, places in itertools.groupby(range(len(others)), lambda k: bool(targets[k])):
         if straight:
@@ -81,8 +87,11 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         for k in block:
             lines.append(f"SPTP {target(others[k])}")
             lines.append(f"TIME_BLOCK PART = {times[k]:.{KRL.time_decimals}f}")
+            if k != block[-1]:
+                lines += moves.lines_behind(k + 1, *_WITHIN_SPLINE)
         whole = sum(times[k] for k in block)
         lines += [f"TIME_BLOCK END = {whole:.{KRL.time_decimals}f}", "ENDSPLINE"]
+        lines += moves.lines_behind(block[-1] + 1, *_BEHIND)
     return {f"{name}{KRL.suffix}": "\n".join([*lines, "END", ""])}
 
 
@@ -112,6 +121,7 @@ def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
         place = pose_text(target.pose, f"S {status},T {turns}")
         stops = moves.stops is None or moves.stops[k + 1]
         found.append(f"LIN {place}{'' if stops else ' C_DIS'}")
+        found += moves.lines_behind(k + 1, *_BEHIND)
         before = now
     return found
 
@@ -252,6 +262,8 @@ class KrlProgram(KrlFrames):
             (_ASSIGNMENT, self.assign, "assigns"),
             (r"\$\w+(?:\[[^\]]*\])?(?:\.\w+)?\s*=(?!=)[^{]*", self.skip, "skip"),
             (r"&.*", "", "silent"),
+            (r"TRIGGER\s+WHEN\s+PATH\s*=\s*0\s+ONSTART\s+DELAY\s*=\s*0\s+DO\s+(?P<called>(?P<beside>\w+))\s*"
+             r"\(\s*\)\s+PRIO\s*=\s*-?\d+", self.triggered, "call"),
             (r"(?:(?:GLOBAL\s+)?INTERRUPT|TRIGGER)\b.*\bDO\s+(?P<beside>\w+)\s*\(.*", self.beside,
              "skip"),
             (r"(?:ELSE|CASE|DEFAULT|CONTINUE|GLOBAL|INTERRUPT|DECL|STRUC|ENUM|BRAKE|EXT|ANOUT"
@@ -259,6 +271,18 @@ class KrlProgram(KrlFrames):
             (r"(?P<called>\w+)\s*(?:\((?P<arguments>.*)\))?", self.call, "call"),
             (r".*", self.refuse, "path"),
         )  # fmt: skip
+
+    def triggered(self, line: int, match: re.Match[str]) -> None:
+        """A call while the robot moves on: of a procedure of the process, or beside the program."""
+        name = match["called"]
+        if self.moves.called(line, name):
+            return
+        if self.moves.strict:
+            why = (
+                f"calls {name}; if it switches the process, state it in [program] calls (--calls)."
+            )
+            raise refuse(line, match[0], why)
+        self.beside(line, match)
 
     def first(self, uncalled: list[str]) -> list[str]:
         """The first program of a file is the one that a controller runs."""
@@ -475,6 +499,7 @@ KRL = Dialect(
     "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
     external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
+    to_fill_in=("$TOOL=TOOL_DATA[...]", "$BASE=BASE_DATA[...]", "$LOAD=LOAD_DATA[...]"),
     zone=0.3e-3, points=("poses",), two_angles=True,
 )  # fmt: skip
 """KRL; the length of a name as usually stated, not looked up in KUKA's manual. Its period is that

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
@@ -84,6 +84,10 @@ class Moves:
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """A statement that does not move the robot."""
 
+    def called(self, line: int, name: str) -> bool:
+        """Whether a procedure that the file does not have is one of the process."""
+        return False
+
     def note(self, text: str) -> None:
         """What was taken for granted, once."""
 
@@ -97,8 +101,11 @@ class Course(Moves):
 
     strict = True
 
-    def __init__(self) -> None:
+    def __init__(self, calls: Collection[str] = ()) -> None:
+        """``calls``: procedures that switch the process, and which the program may lack."""
         super().__init__()
+        self._calls = {name.lower() for name in calls}
+        self._called: dict[str, dict[int, None]] = {}
         self._points: list[list[float]] = []
         self._durations: list[float] = []
         self._velocities: list[list[float]] = []
@@ -195,6 +202,13 @@ class Course(Moves):
             self._without_time(line, word, "changes speeds or accelerations")
         self._noted[kind != "passed"].setdefault(word, {})[line] = None
 
+    def called(self, line: int, name: str) -> bool:
+        """A procedure that the task names is passed over, and noted."""
+        if name.lower() not in self._calls:
+            return False
+        self._called.setdefault(name, {})[line] = None
+        return True
+
     def note(self, text: str) -> None:
         """Add a note; the same one once."""
         self._notes[text] = None
@@ -227,6 +241,11 @@ class Course(Moves):
             notes.append(
                 f"positions are in {', '.join(unknown)}, which the program does not state: it has "
                 "to be the world of the task"
+            )
+        if self._called:
+            notes.append(
+                f"procedures of the process, which are not in the file: {_listed(self._called)}; "
+                "they must not move the robot, and the time that they take is not known"
             )
         untimed = None
         if self._untimed is not None:

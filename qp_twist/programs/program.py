@@ -202,8 +202,14 @@ class Program:
         key = self.values.key(name)
         if key in self.listing.procedures:
             return self._call(line, key, split(arguments) if arguments else [])
+        if self.moves.called(line, name) and not arguments:
+            return None
         if self.moves.strict:
-            raise refuse(line, match[0], f"calls {name}, which the file does not have.")
+            raise refuse(
+                line, match[0],
+                f"calls {name}, which the file does not have; if it switches the process, state it "
+                "in [program] calls (--calls).",
+            )  # fmt: skip
         if self.listing.has_coordinates(match[0]):
             raise refuse(line, match[0], "is not known here, and has coordinates.")
         for word in re.findall(r"[\w$]+", arguments):  # which it may set

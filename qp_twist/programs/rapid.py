@@ -71,7 +71,9 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     if stated := next(filter(None, targets), None):
         tool, frame, data = _stated(stated)
     lines = [f"MODULE {name}", *(f"  ! {line}" for line in header), *data]
+    behind = "    ! {}", "    {};"
     lines += [f"  PROC {_PREFIX}{name}()", f"{first}v50,fine,tool0;"]
+    lines += moves.lines_behind(0, *behind)
     times = [f"{seconds:.{RAPID.time_decimals}f}" for seconds in moves.durations.tolist()]
     for number, (to, seconds, at, speed) in enumerate(
         zip(others, times, targets, speeds, strict=True), start=1
@@ -88,6 +90,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
             lines.append(f"    MoveL CalcRobT({joints},{tool}),{end},{tool};")
         else:
             lines.append(f"{to}{end},tool0;")
+        lines += moves.lines_behind(number, *behind)
     lines += ["  ENDPROC", "ENDMODULE", ""]
     return {f"{name}{RAPID.suffix}": "\n".join(lines)}
 
@@ -478,6 +481,7 @@ RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
+    to_fill_in=("GripLoad ...;", "the tool of the moves, tool0"),
     zone=0.3e-3, points=("joints", "poses"),
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,

@@ -87,6 +87,23 @@ def _functions(kind: str) -> str:
     return _START + move.format(terms=terms, servo=_SERVO) + _FINISH
 
 
+def _behind(moves: JointMoves, point: int) -> list[str]:
+    """Comments and calls behind a point; a call has the robot wait there, so that it has to rest.
+
+    Raises:
+        InvalidInput: If it moves there.
+    """
+    calls = [each.text for each in moves.around.get(point, ()) if each.call]
+    inner = 0 < point < len(moves.angles) - 1
+    if calls and inner and (moves.velocities is None or moves.velocities[point].any()):
+        raise InvalidInput(
+            f"{calls[0]} would be called at point {point + 1}, where the robot moves: a script "
+            "waits until a function ends. Have the path begin or end there, or leave the call out "
+            "of [program] (--calls)."
+        )
+    return moves.lines_behind(point, "  # {}", "  {}()")
+
+
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
     assert moves.durations is not None
     decimals, time_decimals = URSCRIPT.decimals, URSCRIPT.time_decimals
@@ -100,9 +117,13 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     lines = [f"# {line}" for line in header]
     lines += [f"def {name}():", _functions(kind).rstrip("\n")]
     lines.append(f"  start({listed(q[0])}, {listed(w[0])})")
-    for point, rates, seconds in zip(q[1:], w[1:], moves.durations.tolist(), strict=True):
+    lines += _behind(moves, 0)
+    for k, (point, rates, seconds) in enumerate(
+        zip(q[1:], w[1:], moves.durations.tolist(), strict=True), start=1
+    ):
         rates_text = f"{listed(rates)}, " if kind == "cubic" else ""
         lines.append(f"  {kind}({listed(point)}, {rates_text}{seconds:.{time_decimals}f})")
+        lines += _behind(moves, k)
     lines += ["  finish()", "end", ""]
     return {f"{name}{URSCRIPT.suffix}": "\n".join(lines)}
 
@@ -302,6 +323,13 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
         if output and kind in expected and not re.search(r"\w\s*\(", output[2]):
             moves.noted(line, word, "passed")
             continue
+        own = kind in expected and word not in expected and text == f"{word}()"
+        if own and moves.called(line, word):
+            continue
+        setting = re.fullmatch(_NOTED["setting"][0], text, re.ASCII | re.DOTALL)
+        if setting and expected == ["start"] and not re.search(r"\w\s*\(", setting[2]):
+            moves.noted(line, word, "setting")
+            continue
         if word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
             what = f"{' or '.join(expected) or 'nothing'} with its arguments"
             raise refuse(line, text, f"is not read; in a script of export, here stands {what}.")
@@ -351,6 +379,7 @@ URSCRIPT = Dialect(
     "urscript", "URScript", ".script", "rad", 10, 11,
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     True, 64, "a function's name", _encode, _execute, _stopped,
+    to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"),
 )  # fmt: skip
 """URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4
 rad/s²; with 11 digits it is a hundredth of what `check` counts as rounding."""

@@ -280,12 +280,8 @@ def _begins(path_task: PathTask, of_path: Array) -> Mask:
     before, after = of_path[:-1], of_path[1:]
     changed = np.maximum(before, after) > _SAME * np.minimum(before, after)
     changed &= (before > 0.0) & (after > 0.0)
-    moves = in_joint_moves(path_task, len(of_path) + 1)
-    changed |= moves[:-1] != moves[1:]
-    if path_task.parts:
-        parts = np.array(path_task.parts[: len(of_path) + 1])
-        leads = np.where(parts[:-1] == "contact", parts[1:], parts[:-1])  # contact: between its own
-        changed |= leads[1:] != leads[:-1]
+    ways = np.array(path_task.ways[: len(of_path)])
+    changed |= ways[:-1] != ways[1:]
     return changed
 
 

@@ -71,6 +71,7 @@ class Check:
         errors: Its errors at and between the waypoints.
         astray: Where it ends before its path does, or leaves it for good, or begins late.
         limits: Speed and acceleration limits that it was checked against.
+        program: Lines and points of a program, in words; empty of other files.
         speed: The tool's speed against the programmed one; ``None`` without a feed or times.
         tolerances: Largest task errors that pass.
     """
@@ -88,6 +89,7 @@ class Check:
     errors: PathErrors
     astray: tuple[Astray, ...]
     limits: MotionLimits
+    program: str
     speed: ToolSpeed | None
     tolerances: Tolerances
 
@@ -260,6 +262,7 @@ def check_trajectory(
         errors,
         astray,
         limits,
+        rows.program,
         speed,
         tolerances,
     )

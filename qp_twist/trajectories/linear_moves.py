@@ -184,8 +184,9 @@ def _rounded_down(value: float) -> float:
 
 
 def straight_moves(
-    rows: TimedPath, path_task: PathTask, tool: ToolChain, *, two_angles: bool = False
-) -> StraightMoves:
+    rows: TimedPath, path_task: PathTask, tool: ToolChain, held: Mask | None = None, *,
+    two_angles: bool = False,
+) -> StraightMoves:  # fmt: skip
     """As few of the rows as keep the path if the tool moves straight from one to the next.
 
     Greedily, each move leads to the farthest row such that the tool is within a fifth of the
@@ -193,6 +194,7 @@ def straight_moves(
     those planned. Where no straight move does, and between the waypoints of
     the task's joint moves, a joint move leads to the next row. With ``two_angles`` it has to be so,
     too, if a controller swings an axis of the tool, whichever it is, and turns about it at once.
+    Rows that are ``held`` (N,) are points.
     """
     assert rows.times is not None
     q = rows.of_joints(tool.names).q
@@ -201,6 +203,8 @@ def straight_moves(
     tolerances, projector = path_task.tolerances, _rows_of(path_task)
 
     def fits(begin: int, end: int) -> bool:
+        if held is not None and held[begin + 1 : end].any():
+            return False
         R, p = planned.rotations[begin : end + 1], planned.positions[begin : end + 1]
         way, turn = p[-1] - p[0], rotation_vector(R[0].T @ R[-1])
         times = rows.times[begin : end + 1]  # type: ignore[index]

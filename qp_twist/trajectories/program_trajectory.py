@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -20,6 +20,7 @@ from qp_twist.programs import (
     DIALECTS,
     DOES_NOT_PASS,
     WRITTEN_AS_MODELLED,
+    Around,
     Dialect,
     ExternalColumn,
     JointMoves,
@@ -41,6 +42,7 @@ from qp_twist.robots import (
     stated_robot,
 )
 from qp_twist.robots.wording import listed
+from qp_twist.trajectories.around_moves import around_rows
 from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, followed, straight_moves
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
@@ -192,13 +194,16 @@ def encode(
     """
     dialect.check_name(name)
     check_language(dialect, joints)
-    spacing, line = "", None
+    spacing, line, original = "", None, rows
+    around = {} if path_task is None else around_rows(rows, path_task)
+    held = np.isin(np.arange(len(rows.q)), list(around))
     if linear is not None:
-        line = _straight(rows, dialect, joints, path_task)
-        rows = line.rows
+        line = _straight(rows, dialect, joints, path_task, held)
+        rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
+    kept = np.arange(len(rows.q))
     if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
         of = None if line is not None else path_task  # straight moves keep their points
-        rows, left_out, longer = spaced(rows, dialect.period, of)
+        rows, left_out, longer, kept = spaced(rows, dialect.period, of, held)
         if left_out or longer:
             spacing = (
                 f"{left_out} rows left out, {longer} moves longer: none is below the controller's "
@@ -219,6 +224,9 @@ def encode(
     moves = printed(JointMoves(shown, durations, velocities, external=external), dialect)
     if line is not None and path_task is not None and linear is not None:
         moves = linear.moves(moves, line, joints, dialect, path_task.tolerances.position)
+    if line is not None:  # with times of the rows that are kept
+        kept = np.searchsorted(original.motion.times, line.rows.motion.times)
+    moves = _with_around(moves, {int(np.searchsorted(kept, k)): v for k, v in around.items()})
     # In characters that every controller reads, and on one line.
     task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
     equations = joints.equations(names)
@@ -227,9 +235,21 @@ def encode(
     return dialect.encode(name, moves, lines)
 
 
+def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> JointMoves:
+    """The moves with what stands around them; the robot stops where a procedure is called."""
+    calls = [k for k, found in around.items() if any(each.call for each in found)]
+    if not calls:
+        return replace(moves, around=around)
+    stops = np.isin(np.arange(len(moves.angles)), [0, len(moves.angles) - 1])
+    stops = stops if moves.stops is None else moves.stops.copy()
+    stops[calls] = True
+    return replace(moves, around=around, stops=stops)
+
+
 def _straight(
-    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None
-) -> StraightMoves:
+    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
+    held: Mask,
+) -> StraightMoves:  # fmt: skip
     """The rows between which the tool moves straight.
 
     Raises:
@@ -245,11 +265,13 @@ def _straight(
             "straight moves need a trajectory with times and its task, in which the robot alone "
             "moves the tool: without external axes, and with the part at rest."
         )
-    return straight_moves(rows, path_task, joints.tool, two_angles=dialect.two_angles)
+    return straight_moves(rows, path_task, joints.tool, held, two_angles=dialect.two_angles)
 
 
-def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
-    """The rows of a program.
+def decode(
+    path: Path, dialect: Dialect, joints: ControllerJoints, calls: Collection[str] = ()
+) -> TimedPath:
+    """The rows of a program, which may call these procedures although it does not have them.
 
     Raises:
         InvalidInput: If the file cannot be read, has more than joint moves, or contradicts its
@@ -268,7 +290,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         lines = text_lines(content)
         if lines[0].startswith(DOES_NOT_PASS):
             raise InvalidInput(f"{lines[0]} (written all the same, by --force).", line=1)
-        moves = joint_moves(path, dialect, lines)
+        moves = joint_moves(path, dialect, lines, calls)
         claimed = moves.header.get("axes", "").split("\n")[AXES:]
         if joints.external and claimed and not any(each.axis for each in joints.external):
             joints = joints.with_external(as_stated(joints.external, claimed))
@@ -304,6 +326,7 @@ def decode(path: Path, dialect: Dialect, joints: ControllerJoints) -> TimedPath:
         notes=tuple(notes),
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
         own_ramps=rates is None,
+        program=f"{len(lines)} lines, {len(moves.angles)} points",
     )
 
 

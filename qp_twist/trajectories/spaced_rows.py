@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import rotation_vector
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask
@@ -22,14 +22,20 @@ _ROUNDING = 1e-9
 
 
 class Spaced(NamedTuple):
-    """Rows in the distance of a period, how many were left out, and how many moves take longer."""
+    """Rows in the distance of a period, how many were left out, how many moves take longer.
+
+    And the indices of the rows that are kept.
+    """
 
     rows: TimedPath
     left_out: int
     longer: int
+    kept: Indices
 
 
-def spaced(rows: TimedPath, period: float, path_task: PathTask | None) -> Spaced:
+def spaced(
+    rows: TimedPath, period: float, path_task: PathTask | None, held: Mask | None = None
+) -> Spaced:
     """The rows without those closer to each other than a period, s, as straight joint moves.
 
     A row is left out if the tool stays within a fifth of the task's tolerances of where it was at
@@ -40,21 +46,23 @@ def spaced(rows: TimedPath, period: float, path_task: PathTask | None) -> Spaced
         rows: With times.
         period: Of the controller, s.
         path_task: The task, whose tool and tolerances count.
+        held: Rows that are not left out, (N,).
     """
+    held = np.zeros(len(rows.q), dtype=bool) if held is None else held
     assert rows.times is not None
     kept: Indices = np.arange(len(rows.q))
     if path_task is not None and (np.diff(rows.times) < period - _ROUNDING).any():
-        kept = _kept(rows, rows.times, period, path_task)
+        kept = _kept(rows, rows.times, period, path_task, held)
     durations = np.diff(rows.times[kept])
     least = np.maximum(durations, period)
     times = rows.times[0] + np.append(0.0, np.cumsum(least))
     found = replace(rows, q=rows.q[kept], times=times, velocities=None, accelerations=None)
     longer = int((least > durations + _ROUNDING).sum())
     left_out = len(rows.q) - len(kept)
-    return Spaced(found if left_out or longer else rows, left_out, longer)
+    return Spaced(found if left_out or longer else rows, left_out, longer, kept)
 
 
-def _kept(rows: TimedPath, times: Array, period: float, path_task: PathTask) -> Indices:
+def _kept(rows: TimedPath, times: Array, period: float, path_task: PathTask, held: Mask) -> Indices:
     """The rows that are kept, from the first on each as soon as a period after the one before."""
     q = rows.of_joints(JointRanges.of(path_task.model).names).q
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
@@ -64,6 +72,8 @@ def _kept(rows: TimedPath, times: Array, period: float, path_task: PathTask) -> 
     def stays(begin: int, end: int) -> bool:
         """Whether the tool stays if the rows between two are left out."""
         inner = slice(begin + 1, end)
+        if held[inner].any():
+            return False
         share = (times[inner] - times[begin]) / (times[end] - times[begin])
         R, p = chain.poses(q[begin] + share[:, None] * (q[end] - q[begin]))
         turns = np.linalg.norm(rotation_vector(R @ rotations[inner].transpose(0, 2, 1)), axis=1)

@@ -82,6 +82,7 @@ class TimedPath:
         limits: The limits for which it was timed.
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate rows at which the joints rest.
+        program: Lines and points of the program that it was read from, in words; empty of others.
     """
 
     joint_names: tuple[str, ...]
@@ -97,6 +98,7 @@ class TimedPath:
     limits: MotionLimits | None = None
     slowed: tuple[Slowed, ...] = ()
     stops: tuple[int, ...] = ()
+    program: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)

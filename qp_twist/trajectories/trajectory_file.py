@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -169,10 +169,11 @@ def write_checked(
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
+    calls = path_task.calls.values()
     dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task, linear)
     with tempfile.TemporaryDirectory() as folder:
         file = _write(Path(folder) / path.name, files)
-        check = check_trajectory(read_trajectory(file, joint_names, joints), path_task)
+        check = check_trajectory(read_trajectory(file, joint_names, joints, calls), path_task)
     if dialect is not None and not check.passes:
         if not force:
             return CheckedFile(check, False)
@@ -188,6 +189,7 @@ def read_trajectory(
     path: str | Path,
     joint_names: Sequence[str] | None = None,
     joints: ControllerJoints | None = None,
+    calls: Collection[str] = (),
 ) -> TimedPath:
     """Read a trajectory file of this package or of another tool.
 
@@ -198,6 +200,8 @@ def read_trajectory(
             must not be axes that move. Without names every column that is not recognised as
             something else is a joint.
         joints: How the controller of a program counts the joints; required for a program.
+        calls: Procedures that a program may call although it does not have them
+            (``path_task.calls.values()``).
 
     Returns:
         The rows, in rad, m and s.
@@ -213,7 +217,7 @@ def read_trajectory(
                 f"{path}: a program's angles are the controller's; say how it counts the joints "
                 "(joints=qp_twist.trajectories.joints_of(…))."
             )
-        rows = program_trajectory.decode(path, dialect, joints)
+        rows = program_trajectory.decode(path, dialect, joints, calls)
         return rows if joint_names is None else rows.of_joints(joint_names)
     _, decode = _format(path)
     content = read_bytes(path, "trajectory file")
