@@ -13,7 +13,7 @@ from oracles.joint_paths import evenly, joint_path, short, slider
 import qp_twist as qt
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.referee import ToolSpeed, motion_limits, with_default_accelerations
-from qp_twist.trajectories import run_task
+from qp_twist.trajectories import run_task, steady_trajectory
 
 Array = np.ndarray
 SPEED = 0.1  # m/s
@@ -173,7 +173,7 @@ def test_only_what_leaves_something_free_is_moved_and_a_stated_start_stays(
     task = short(fast, 60)
     limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
     run = qt.follow(task, slow_down=True, fine=True)
-    steady = qt.steady_trajectory(run, limits)
+    steady = steady_trajectory(run, limits)
     assert (steady.q[0] == run.q[0]).all()
     assert np.abs(steady.position_error).max() < 1e-6
     assert np.abs(steady.axis_error).max() < 1e-6
@@ -182,7 +182,7 @@ def test_only_what_leaves_something_free_is_moved_and_a_stated_start_stays(
     whole = dataclasses.replace(
         held.path_task, projector=task.operational, waypoints=task.waypoints
     )
-    still = qt.steady_trajectory(dataclasses.replace(held, path_task=whole), limits)
+    still = steady_trajectory(dataclasses.replace(held, path_task=whole), limits)
     assert (still.q == held.q).all()
 
 
