@@ -168,7 +168,7 @@ def tool_speed(
     apart, none of them a row, at which a velocity may jump. Below 98 % of the task's the tool is
     slow. From the ends of curves, from rests of parts (approach, contact, retreat, transfer) and
     from changes of the feed on, a stretch is a ramp while the share rises away from them by 1 %
-    in 50 ms; what else is slow is a dip.
+    in 50 ms and no joint has used up its speed limit; what else is slow is a dip.
 
     Args:
         path_task: The task.
@@ -199,6 +199,8 @@ def tool_speed(
     run = np.cumsum(np.append(True, _begins(path_task, of_path)))[piece]
     rows = np.clip(np.searchsorted(motion.times, times) - 1, 0, len(motion.times) - 2)
     held = np.diff(motion.times)[rows] * (motion.degree == 1)
+    speeds = np.abs(motion.at(times).velocities)
+    spent: Mask = np.any(speeds >= _TIGHT * limits.velocity, axis=1)
     slow = _joined(share < AT_SPEED, run, times)
     edges = np.flatnonzero(np.diff(slow.astype(np.int8)) | (np.diff(run) != 0)) + 1
     for part in np.split(np.arange(len(times)), edges):
@@ -208,7 +210,9 @@ def tool_speed(
             part[0] == 0 or run[part[0] - 1] != run[part[0]],
             part[-1] == len(times) - 1 or run[part[-1] + 1] != run[part[-1]],
         ]
-        up, down = _ramps(times[part], share[part], held[part], begins=ends[0], ends=ends[1])
+        up, down = _ramps(
+            times[part], share[part], held[part], spent[part], begins=ends[0], ends=ends[1]
+        )
         for ramp in (part[:up], part[down:]):
             if len(ramp):
                 ramps += 1
@@ -295,23 +299,27 @@ def _joined(slow: Mask, run: Indices, times: Array) -> Mask:
     return found
 
 
-def _ramps(times: Array, share: Array, held: Array, *, begins: bool, ends: bool) -> tuple[int, int]:
+def _ramps(
+    times: Array, share: Array, held: Array, spent: Mask, *, begins: bool, ends: bool
+) -> tuple[int, int]:
     """Where the ramp at the begin of a slow stretch ends, and where that at its end begins.
 
-    ``held`` (K,) is the time for which the joints keep their speeds at each instant, s.
+    ``held`` (K,) is the time for which the joints keep their speeds at each instant, s; where a
+    joint has ``spent`` (K,) its speed limit, the tool is not on its way to a higher speed.
     """
+    count, within = len(times), _WITHIN + held
 
-    def rising(t: Array, x: Array, within: Array) -> int:
-        stays = (np.interp(t + within, t, x) - x < _RISES) & (t + within <= t[-1])
+    def rising(t: Array, x: Array, places: slice) -> int:
+        t, x, later = t[places], x[places], t[places] + within[places]
+        stays = (np.interp(later, t, x) - x < _RISES) & (later <= t[-1]) | spent[places]
         return int(np.argmax(stays)) if stays.any() else len(t)
 
-    count, within = len(times), _WITHIN + held
     top = int(np.argmax(share)) if begins and ends else count
-    up = rising(times[: top + 1], share[: top + 1], within[: top + 1]) if begins else 0
-    rest = slice(top if begins and ends else 0, count)
+    up = rising(times, share, slice(0, top + 1)) if begins else 0
     down = count
     if ends:
-        down -= rising(-times[rest][::-1], share[rest][::-1], within[rest][::-1])
+        last = top - 1 if begins and top > 0 else None
+        down -= rising(-times, share, slice(None, last, -1))
     return min(up, count), max(down, 0)
 
 
