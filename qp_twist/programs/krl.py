@@ -420,11 +420,13 @@ class KrlProgram(KrlFrames):
         """A target as ``check`` takes it, with S and T if it has them."""
         pose, found = self._target(line, text), self.values.value(text)
         data = tuple(found[key] for key in "st" if key in found)
+        if others := set(found) - {*POSE, *"st", *(key.lower() for key in KRL.external)}:
+            raise refuse(line, text, f"{min(others)} is no component of a position.")
         if len(data) == 1 or any(each != int(each) for each in data):
             raise refuse(line, text, "expected both S and T, whole numbers, or none.")
         frame = ProgramFrame(*self.moves.frame)
-        if not frame.name:
-            frame = frame._replace(name="$BASE")
+        if not frame.name or not self.tool[0]:
+            raise refuse(line, text, "expected $TOOL and $BASE before it; a line was lost.")
         return Target(pose, ProgramFrame(*self.tool), frame, tuple(map(int, data)), line)
 
     def _joint(self, line: int, text: str, *, relative: bool) -> None:

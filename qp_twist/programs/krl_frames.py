@@ -33,7 +33,7 @@ class KrlFrames(Program):
     def __init__(self, values: Values, moves: Moves) -> None:
         super().__init__(values, moves)
         self.frames: dict[str, dict[int | str, _Frame]] = {"base": {}, "tool": {}}
-        self.tool: _Frame = "$TOOL", None
+        self.tool: _Frame = "", None
         self.turns = {"1": math.nan, "2": math.nan}
         self.unread: dict[str, str] = {}
 

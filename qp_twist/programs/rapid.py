@@ -48,6 +48,7 @@ _SPEED = 4
 """Decimals of speeds, mm/s and degrees/s."""
 _TOOL = "tool0"
 _PREFIX = "run_"
+_WOBJ = "task_wobj"
 
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
@@ -119,7 +120,7 @@ def _stated(target: Target) -> tuple[str, str, list[str]]:
         value = f"[TRUE,[{_pose_text(target.tool.pose)}],{load}]"
         data.append(f"  LOCAL PERS tooldata {tool}:={value};")
     if target.frame.pose is not None:
-        frame = "task_wobj"
+        frame = _WOBJ
         own = "[[0,0,0],[1,0,0,0]]"
         value = f'[FALSE,TRUE,"",[{_pose_text(target.frame.pose)}],{own}]'
         data.append(f"  LOCAL PERS wobjdata {frame}:={value};")
@@ -364,6 +365,12 @@ class RapidModule(Program):
             speed=self._tool_speed(speed, options) if straight and seconds is None else None,
         ))  # fmt: skip
 
+    def _refuse_lost(self, name: str) -> None:
+        """Refuse data of the file, or of a program of this package, that state no pose."""
+        own = self.values.base(name) in self.values.names or name.lower() in ("task_tool", _WOBJ)
+        if self.moves.strict and own:
+            raise InvalidInput(f"the file does not state the pose of {name}; a line was changed.")
+
     def _tool(self, line: int, name: str) -> ProgramFrame:
         """A tool; its pose in the flange if the file states it."""
         if name.lower() == _TOOL:
@@ -372,6 +379,7 @@ class RapidModule(Program):
             held, pose, _ = self.values.value(name)
             place = pose_of(*pose)
         except (Unknown, TypeError, ValueError):
+            self._refuse_lost(name)
             return ProgramFrame(name)
         if held is not True:
             raise InvalidInput(CARRIES, line=line)
@@ -433,6 +441,7 @@ class RapidModule(Program):
             known = not held and fixed and not unit
             pose = pose_of(*user) @ pose_of(*own) if known else None
         except (Unknown, TypeError, ValueError):
+            self._refuse_lost(name)
             return name, None
         if self.moves.strict and not known:
             raise InvalidInput(f"{name} is moved by a unit, or held by the robot: it is not read.")
