@@ -70,7 +70,7 @@ def export(
         frame_number: With points that are poses: the controller's frame that is the world of the
             task; if omitted, its values in the robot's base.
         points: With --motion linear: joints or poses; if omitted, joints where the language has
-            them (rapid, ls), else poses (krl).
+            them (rapid, ls, urscript), else poses (krl).
     """
     linear = _linear(motion, tool_number, frame_number, points, checked=task is not None)
     named = out is not None

@@ -24,13 +24,29 @@ import numpy as np
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, text_lines
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
+from qp_twist.programs.joint_moves import (
+    AXES,
+    Beside,
+    Dialect,
+    JointMoves,
+    ProgramFrame,
+    Speed,
+    Target,
+)
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown
 from qp_twist.programs.syntax import Language, Rule
-from qp_twist.programs.values import Undecided, Unknown, Values, pose_of, zyx_quaternion
+from qp_twist.programs.values import (
+    Undecided,
+    Unknown,
+    Values,
+    fixed,
+    pose_of,
+    zyx_angles,
+    zyx_quaternion,
+)
 
 LONGEST = 9999
 """Lines of a program."""
@@ -40,6 +56,8 @@ _REMARK = 32
 """Characters of a remark."""
 _MORE = ".."
 """Mark of a remark that continues the one above."""
+_PLACES = ("FN", "DU", "BT")
+"""Letters of a configuration: flip or not, down or up, back or front (top)."""
 _MS = 32000
 """Largest time in milliseconds."""
 _HEAD = """\
@@ -70,17 +88,27 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     title = name.upper()
     remarks = [f"  !{text} ;" for line in header for text in _remarks(line)]
     if moves.straight:
-        remarks += ["  UFRAME_NUM=0 ;", f"  UTOOL_NUM={moves.tool} ;"]
-    last = len(moves.angles)
-    statements = []
-    for point, seconds in enumerate([None, *moves.durations.tolist()], start=1):
-        speed = "10%" if seconds is None else _time(seconds)
-        stops = point in (1, last) if moves.stops is None else moves.stops[point - 1]
-        word = "L" if point > 1 and moves.straight and moves.straight[point - 2] else "J"
-        text = f"{word} P[{{}}] {speed} {'FINE' if stops else 'CNT100'} ;"
-        statements.append((text, moves.angles[point - 1].tolist()))
-        behind = moves.lines_behind(point - 1, "!{} ;", "CALL {} ;")
-        statements += [(line, []) for each in behind for line in _behind(each)]
+        if moves.tcp is not None:
+            text = f"the task's frame in the flange: {', '.join(_pose_texts(moves.tcp))}"
+            remarks += [f"  !{part} ;" for part in _remarks(f"UTOOL {moves.tool} has to be {text}")]
+        remarks += [f"  UFRAME_NUM={_frame_of(moves)} ;", f"  UTOOL_NUM={moves.tool} ;"]
+    count = len(moves.angles) - 1
+    shares = np.array([0.0, *[1.0] * (count - 1), 0.0]) if moves.shares is None else moves.shares
+    speeds = zip(moves.speeds or [None] * count, moves.durations.tolist(), strict=True)
+    times = [_speed(speed.linear) if speed else _time(seconds) for speed, seconds in speeds]
+    words = ["L" if each else "J" for each in moves.straight or [0] * count]
+    ends = [f"CNT{share}" if share else "FINE" for share in (100.0 * shares).astype(int).tolist()]
+    targets = moves.targets or [None] * (count + 1)
+    points = [
+        _joint_text(angles, moves) if target is None else _cartesian_text(target, moves)
+        for angles, target in zip(moves.angles.tolist(), targets, strict=True)
+    ]
+    rows = zip(["J", *words], ["10%", *times], ends, points, strict=True)
+    statements = list[tuple[str, str]]()
+    for k, (word, how, end, point) in enumerate(rows):
+        statements.append((f"{word} P[{{}}] {how} {end} ;", point))
+        behind = moves.lines_behind(k, "!{} ;", "CALL {} ;")
+        statements += [(line, "") for each in behind for line in _behind(each)]
     room = LONGEST - len(remarks)
     if len(statements) <= room:
         return {f"{name}.ls": _program(title, remarks, statements, moves)}
@@ -96,8 +124,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 
 def _program(
-    title: str, first: Sequence[str], moves: Sequence[tuple[str, list[float]]],
-    of: JointMoves,
+    title: str, first: Sequence[str], moves: Sequence[tuple[str, str]], of: JointMoves,
 ) -> str:  # fmt: skip
     """The text of a program: statements, then moves and their points."""
     external = of.external
@@ -108,19 +135,51 @@ def _program(
     text = _HEAD.format(name=title, count=len(lines), groups=groups)
     text += "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, start=1))
     text += "/POS\n"
-    names = [*LS.axis_names, *(each.name for each in external)]
-    units = [LS.unit] * AXES + [each.unit for each in external]
-    for number, (_, angles) in enumerate(moves, start=1):
-        values = zip(names, angles, units, strict=True)
-        axes = [f"{name}= {value:.{LS.decimals}f} {unit}" for name, value, unit in values]
-        own = [axis for axis in axes if not axis.startswith(_GROUP)]
-        part = [axis.removeprefix(_GROUP) for axis in axes if axis.startswith(_GROUP)]
-        text += f"P[{number}]{{\n"
-        for group, found in enumerate(filter(None, (own, part)), start=1):
-            rows = [", ".join(found[k : k + 3]) for k in range(0, len(found), 3)]
-            text += f"   GP{group}:\n\tUF : 0, UT : {of.tool},\n\t" + ",\n\t".join(rows) + "\n"
-        text += "};\n"
+    text += "".join(f"P[{k}]{{\n{point}}};\n" for k, (_, point) in enumerate(moves, start=1))
     return text + "/END\n"
+
+
+def _joint_text(angles: Sequence[float], of: JointMoves) -> str:
+    """A point as joint angles, in its motion groups."""
+    names = [*LS.axis_names, *(each.name for each in of.external)]
+    units = [LS.unit] * AXES + [each.unit for each in of.external]
+    values = zip(names, angles, units, strict=True)
+    axes = [f"{name}= {value:.{LS.decimals}f} {unit}" for name, value, unit in values]
+    own = [axis for axis in axes if not axis.startswith(_GROUP)]
+    part = [axis.removeprefix(_GROUP) for axis in axes if axis.startswith(_GROUP)]
+    text = ""
+    for group, found in enumerate(filter(None, (own, part)), start=1):
+        rows = [", ".join(found[k : k + 3]) for k in range(0, len(found), 3)]
+        text += f"   GP{group}:\n\tUF : {_frame_of(of)}, UT : {of.tool},\n\t"
+        text += ",\n\t".join(rows) + "\n"
+    return text
+
+
+def _frame_of(moves: JointMoves) -> str:
+    """The number of the user frame; 0, the robot's base, where no other is stated."""
+    target = next(filter(None, moves.targets), None)
+    return target.frame.name if target and target.frame.pose is None else "0"
+
+
+def _cartesian_text(target: Target, of: JointMoves) -> str:
+    """A point as a pose with its configuration."""
+    own = target.frame.pose
+    letters = " ".join(
+        pair[not each] for pair, each in zip(_PLACES, target.configuration[:3], strict=True)
+    )
+    turns = ", ".join(map(str, target.configuration[len(_PLACES) :]))
+    x, y, z, *turned = _pose_texts(target.pose if own is None else own @ target.pose)
+    return (
+        f"   GP1:\n\tUF : {_frame_of(of)}, UT : {of.tool},\tCONFIG : '{letters}, {turns}',\n"
+        f"\t{x}, {y}, {z},\n\t{', '.join(turned)}\n"
+    )
+
+
+def _pose_texts(pose: mink.SE3) -> list[str]:
+    """X, Y, Z, W, P, R."""
+    values = [*(1e3 * pose.translation()), *zyx_angles(pose.rotation())[::-1]]
+    named = zip("XYZWPR", values, ["mm"] * 3 + ["deg"] * 3, strict=True)
+    return [f"{key}= {fixed(value, LS.decimals)} {unit}" for key, value, unit in named]
 
 
 def _time(seconds: float) -> str:
@@ -135,9 +194,15 @@ def _behind(line: str) -> list[str]:
     return [line] if line[0] != "!" else [f"!{text} ;" for text in _remarks(line[1:-2])]
 
 
+def _speed(speed: float) -> str:
+    """In the first unit in which it is whole."""
+    found = ((round(speed / _FEEDS[unit]), unit) for unit in _UNITS)
+    return next(f"{n}{unit}" for n, unit in found if math.isclose(n * _FEEDS[unit], speed))
+
+
 def _remarks(line: str) -> list[str]:
-    """A header line in remarks short enough."""
-    first, *others = textwrap.wrap(line, _REMARK - len(_MORE)) or [""]
+    """A header line in remarks short enough; a semicolon would end them."""
+    first, *others = textwrap.wrap(line.replace(";", ","), _REMARK - len(_MORE)) or [""]
     return [first, *(f"{_MORE}{text}" for text in others)]
 
 
@@ -150,11 +215,13 @@ _FIELD = re.compile(
 )
 _FEEDS = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0}
 """m/s in units of speeds."""
+_UNITS = ("mm/sec", "cm/min")
+"""Those of speeds that are written, which are whole numbers."""
 _NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>R\s*\[[^\]]*\]|\w+)[^\]]*\]"
 _NOTED: Mapping[Kind, Sequence[str]] = {
     "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
     "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),
-    "setting": (r"((?:UFRAME|UTOOL)_NUM)\s*=\s*\d+", r"(PAYLOAD)\s*\[\s*\d+\s*\]"),
+    "setting": (r"(PAYLOAD)\s*\[\s*\d+\s*\]",),
     # outputs, flags, timers and messages: no move that is read depends on them
     "passed": (
         r"(DO|RO|GO|AO|SO|F|M|SR|TIMER)\s*\[(?!.*\b(?:CALL|RUN|JMP)\b)[^\]]*\]\s*=.*",
@@ -180,12 +247,13 @@ def _translate(text: str) -> str:
 
 
 class _Point(NamedTuple):
-    """A point: its angles or its pose, its external axes, and the tool of angles."""
+    """A point: its angles or its pose, its external axes, its tool, and the target of a pose."""
 
     angles: list[float] | None = None
     pose: mink.SE3 | None = None
     external: Mapping[str, tuple[float, str]] = MappingProxyType({})
     tool: str = ""
+    target: Target | None = None
 
 
 class TpProgram(Program):
@@ -204,8 +272,8 @@ class TpProgram(Program):
         ),
         otherwise=r"ELSE(?P<condition>(?!))?",
         coordinates=r"\bPR?\s*\[",
-        reads="joint moves (J P[…] with a speed or time, FINE or CNT), and straight ones to joint "
-        "angles with a time (L P[…] …msec), one after the other,",
+        reads="joint moves (J P[…] with a speed or time, FINE or CNT), and straight ones (L P[…] "
+        "with a time, or in mm/sec, cm/min or inch/min), one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves, beside: Beside) -> None:
@@ -216,6 +284,7 @@ class TpProgram(Program):
         self._file = ""
         self._labels: set[str] = set()
         self._at_labels: dict[str, dict[str, Any]] = {}
+        self._numbers: dict[str, str] = {}
         self.last_line = 0
 
     def grammar(self) -> Sequence[Rule]:
@@ -240,6 +309,7 @@ class TpProgram(Program):
             (r"IF\b.*,\s*[JLCA]\s+PR?\s*\[.*", self.refuse, "path"),
             (rf"(WAIT)\s+({NUMBER})\s*\(sec\)", self.wait, "pause"),
             (r"WAIT\b.*\bTIMEOUT\s*,\s*LBL\b.*", self._wait_or_jump, "skip"),
+            (r"(?P<word>UFRAME_NUM|UTOOL_NUM)\s*=\s*(?P<number>\d+)", self._set_number, "setting"),
             *self.noting(_NOTED),
             (r"R\s*\[\s*\D.*?=.*", self._assign_some, "skip"),
             (r"(?P<name>R\s*\[.*?\])\s*=(?P<value>.*)", self.assign, "assigns"),
@@ -415,6 +485,10 @@ class TpProgram(Program):
         """A point that the program changes is one that the file does not state."""
         self._points[self._file][int(match[1])] = ""
 
+    def _set_number(self, line: int, match: re.Match[str]) -> None:
+        self.moves.noted(line, match["word"], "setting")
+        self._numbers[match["word"][:2].upper()] = match["number"]
+
     # ------------------------------------------------------------ moves
 
     def _check_options(self, line: int, match: re.Match[str]) -> None:
@@ -430,9 +504,13 @@ class TpProgram(Program):
         word, moves, zone = match["word"].upper(), self.moves, match["zone"] or ""
         self._check_options(line, match)
         timed = re.fullmatch(rf"({NUMBER})\s*(%|sec|msec)", match["speed"], re.I)
+        speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
         if moves.strict and not (
-            timed
-            and (word == "J" or timed[2] != "%")
+            (
+                (word == "J" or timed[2] != "%")
+                if timed
+                else word == "L" and speed and re.fullmatch(NUMBER, speed[1])
+            )
             and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
             and re.fullmatch(r"(\s*ACC\s*\d+)?", match["options"], re.I)
             and match["p"].upper() == "P"
@@ -443,16 +521,18 @@ class TpProgram(Program):
             moves.rounds(line, zone)
         if "ACC" in match["options"].upper():
             moves.noted(line, "ACC", "speed")
-        angles, pose, external, tool = self._point(line, match["p"], match["p_number"])
+        along = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
+        angles, pose, external, tool, target = self._point(line, match["p"], match["p_number"])
         if word == "J" or moves.strict:
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
             timing = None if math.isnan(seconds) else seconds
-            straight = tool if word == "L" else ""
-            moves.joint(JointMove(line, angles, pose, timing, None, external, straight))
+            moves.joint(JointMove(
+                line, angles, pose, timing, None, external, tool if word == "L" else "",
+                target, Speed(along) if speed else None,
+            ))  # fmt: skip
             return
-        speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
-        moves.feed = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
+        moves.feed = along
         if pose is None:
             raise refuse(line, match[0], "where this is in space is not in the file (joint angles, "
                          "or a register); write a position, X Y Z W P R.")  # fmt: skip
@@ -479,10 +559,18 @@ class TpProgram(Program):
         if not inside:
             return _Point()
         axes, frame, external = _fields(f"P[{number}]", inside, strict=self.moves.strict)
+        tool = (re.search(r"\bUT\s*:\s*(\w+)", inside) or ["", ""])[1]
+        for key, own in (("UF", frame), ("UT", tool)):
+            now = self._numbers.get(key, own)
+            if self.moves.strict and own.isdecimal() and int(now) != int(own):
+                raise InvalidInput(
+                    f"P[{number}] has {key} : {own}, but {key}{'RAME' if key == 'UF' else 'OOL'}"
+                    f"_NUM is {now}; the controller stops there.",
+                    line=line,
+                )
         if not {*"XYZ"} & axes.keys():
-            tool = re.search(r"\bUT\s*:\s*(\w+)", inside)
             angles = [value for _, value in sorted(axes.items())]
-            return _Point(angles, None, external, f"tool {tool[1]}" if tool else "")
+            return _Point(angles, None, external, f"tool {tool}" if tool else "")
         self.moves.external(line, external)
         if not {*"XYZWPR"} <= axes.keys():
             raise InvalidInput(f"P[{number}]: expected X, Y, Z in mm and W, P, R in deg", line=line)
@@ -490,7 +578,32 @@ class TpProgram(Program):
             raise InvalidInput(f"P[{number}] does not state its frame, UF", line=line)
         self.moves.frame = f"UFRAME {frame}", None
         x, y, z, w, p, r = (axes[key] for key in "XYZWPR")
-        return _Point(None, pose_of((x, y, z), zyx_quaternion(r, p, w)), external)
+        pose, target = pose_of((x, y, z), zyx_quaternion(r, p, w)), None
+        if self.moves.strict:
+            target = Target(
+                pose, _numbered("tool", tool), _numbered("UFRAME", frame),
+                _configuration(line, f"P[{number}]", inside), line,
+            )  # fmt: skip
+        return _Point(None, pose, external, f"tool {tool}" if tool else "", target)
+
+
+def _numbered(what: str, number: str) -> ProgramFrame:
+    """A tool or frame by its number; 0 is the flange, or the robot's base."""
+    is_none = number.isdecimal() and int(number) == 0
+    return ProgramFrame(f"{what} {number}", mink.SE3.identity() if is_none else None)
+
+
+def _configuration(line: int, point: str, inside: str) -> tuple[int, ...]:
+    """The numbers of a configuration, N U T, 0, 0, 0."""
+    text = (re.search(r"CONFIG\s*:\s*'([^']*)'", inside) or ["", ""])[1]
+    pattern = r"\s*([FN])\s*([DU])\s*([BT])\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(-?\d+)\s*"
+    found = re.fullmatch(pattern, text, re.ASCII)
+    if not found:
+        raise InvalidInput(
+            f"{point}: expected CONFIG : 'N U T, 0, 0, 0', got {text or 'none'!r}.", line=line
+        )
+    letters, turns = found.groups()[: len(_PLACES)], found.groups()[len(_PLACES) :]
+    return (*(int(a == b[0]) for a, b in zip(letters, _PLACES, strict=True)), *map(int, turns))
 
 
 def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]:
@@ -598,8 +711,9 @@ LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
     external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
-    of_parts=_GROUP, period=0.008,
-    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"), points=("joints",),
+    of_parts=_GROUP, period=0.008, points=("joints", "poses"),
+    speeds=tuple(_FEEDS[unit] for unit in _UNITS),
+    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"),
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

@@ -11,13 +11,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Dialect, JointMoves
 
 _TITLE = re.compile(r"qp_twist (\S+)")
 _KEYS = ("robot", "unit", "points", "seconds")
-_OF_SPEEDS = 1e-4
-"""Share of the time by which speeds on rounded positions may take longer or shorter."""
 DOES_NOT_PASS = "DOES NOT PASS ITS CHECK"
 """How a program begins that is written although its motion does not pass: no statement of any of
 the languages, so that a controller stops at it."""
@@ -63,17 +63,29 @@ def header_lines(
         f"unit: {dialect.unit}",
         f"points: {len(moves.angles)}",
         f"seconds: {total:.{dialect.time_decimals}f}",
+        *([f"speeds: {sums}"] if (sums := _sums(moves, dialect)) else []),
         *equations,
-        *_about_frames(moves),
+        *_about_frames(moves, dialect),
         *(f"fill in: {statement}" for statement in dialect.to_fill_in),
         "No controller has run this.",
     )
 
 
-def _about_frames(moves: JointMoves) -> list[str]:
+def _sums(moves: JointMoves, dialect: Dialect) -> str:
+    """The sums of the speeds and of the times that a program states; empty without speeds."""
+    speeds = [speed.linear for speed in moves.speeds if speed is not None]
+    if moves.durations is None or not speeds:
+        return ""
+    timed = np.array([speed is None for speed in moves.speeds])
+    seconds = moves.durations[timed].sum()
+    return f"{sum(speeds):.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s"
+
+
+def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:
     """What a person has to compare."""
     targets = [target for target in moves.targets if target is not None]
-    of_number = f"Tool {moves.tool} has to have its TCP at the task's frame."
+    tool_name = f"Tool {moves.tool}" if dialect.numbered else "The active tool"
+    of_number = f"{tool_name} has to have its TCP at the task's frame."
     if not targets:
         return [*([of_number] if moves.straight else []), _UNSET]
     tool, frame = targets[0].tool, targets[0].frame
@@ -99,7 +111,7 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
     equations = []
     for line in lines[starts[0] + 1 :]:
         key, colon, value = line.partition(":")
-        if colon and key in (*_KEYS, "task", "spacing") and key not in found:
+        if colon and key in (*_KEYS, "speeds", "task", "spacing") and key not in found:
             found[key] = value.strip()
         elif re.match(r"\w+ = \S", line):
             equations.append(line)
@@ -122,10 +134,11 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
     if not header:
         return
     total = math.nan if moves.durations is None else float(moves.durations.sum())
-    off = 0.6 * 10.0**-dialect.time_decimals + (_OF_SPEEDS * total if moves.speeds else 0.0)
+    sums = _sums(moves, dialect)
     try:
-        same = abs(float(header["seconds"]) - total) < off
-        same |= bool(moves.speeds) and moves.untimed is None and math.isnan(total)  # not yet
+        same = bool(sums) or (
+            abs(float(header["seconds"]) - total) < 0.6 * 10.0**-dialect.time_decimals
+        )
     except ValueError:
         same = False
     wait, untimed = next(iter(moves.waits), None), moves.untimed
@@ -135,13 +148,14 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
         ("robot", robot or AS_MODELLED, None, WRITTEN_AS_MODELLED if modelled
          else "export the trajectory for this robot."),
         ("points", str(len(moves.angles)), wait, "a line was lost or added."),
+        ("speeds", sums, untimed, "a speed or a time was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
     ):  # fmt: skip
-        if header[key] != there:
+        if (says := header.get(key, "")) != there:
             line, what = culprit or (None, "")
             raise InvalidInput(
-                f"{what}{what and '; '}the header says {key}: {header[key]}, but here it is "
-                f"{there}; {do}",
+                f"{what}{what and '; '}the header says {key}: {says or 'none'}, but here it is "
+                f"{there or 'none'}; {do}",
                 line=line,
             )
     claimed = header["axes"].split("\n") if header["axes"] else []

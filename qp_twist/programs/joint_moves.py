@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -68,11 +69,12 @@ class Target(NamedTuple):
 class Speed(NamedTuple):
     """Of a straight move: that of the tool's point, m/s, and of its turn, rad/s.
 
-    The move takes as long as the slower of both needs.
+    The move takes as long as the slower of both needs. Where languages do not state how fast the
+    tool turns, that counts as if it took no time.
     """
 
     linear: float
-    angular: float
+    angular: float = 1e3
 
     def seconds(self, way: float, turn: float) -> float:
         """Time of a move, s, whose point goes ``way`` m and whose tool turns by ``turn`` rad."""
@@ -106,10 +108,16 @@ class JointMoves:
         straight: Of each move the line of a program in which the tool moves straight, and 0 of
             joint moves, (N − 1,); ``None`` without straight moves.
         stops: Points at which the robot stops, (N,); ``None``: at both ends.
+        halves: Half of the shorter of the straight moves beside each point, m, the most that
+            controllers round, (N,); ``None`` without straight moves.
+        shares: Of ``halves`` what the robot may round, (N,), likewise.
         tool: Number of the tool of straight moves to joint angles.
         targets: The points that are poses, (N,), else ``None``; empty without.
         speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without.
         around: What stands behind points, by their index from 0.
+        constant: Whether moves are of those from one stop to the next at constant speed, (N − 1,);
+            empty without.
+        tcp: The task's frame in the flange of a known robot.
     """
 
     angles: Array
@@ -122,10 +130,14 @@ class JointMoves:
     external: tuple[ExternalColumn, ...] = ()
     straight: tuple[int, ...] | None = None
     stops: Mask | None = None
+    halves: Array | None = None
+    shares: Array | None = None
     tool: int = 1
     targets: tuple[Target | None, ...] = ()
     speeds: tuple[Speed | None, ...] = ()
     around: Mapping[int, tuple[Around, ...]] = field(default_factory=dict)
+    constant: tuple[bool, ...] = ()
+    tcp: mink.SE3 | None = None
 
     def lines_behind(self, point: int, comment: str, call: str) -> list[str]:
         """The lines behind a point, in the patterns of a language, with ``{}`` for the text."""
@@ -165,9 +177,14 @@ class Dialect(NamedTuple):
         to_fill_in: Statements with gaps, by which a person sets tool, base and load.
         period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
             the program itself divides time.
-        zone: How far from a point the robot begins to round it, m; ``None``: half a move.
+        zone: How far from a point the robot begins to round it, m, if that is always the same.
         points: What straight moves of the tool lead to, if they are written: ``"joints"``,
             ``"poses"``, the default first.
+        speeds: Units in which speeds of straight moves are whole numbers, m/s, of which the first
+            that is fine enough counts; where none is, the time is written. Empty: no matter.
+        constant: Largest acceleration of moves at constant speed of the tool, from stop to stop,
+            m/s²; 0 if it has none.
+        numbered: Whether tools have numbers.
         two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
             of turning about one axis.
     """
@@ -189,8 +206,11 @@ class Dialect(NamedTuple):
     of_parts: str = ""
     period: float = 0.0
     to_fill_in: tuple[str, ...] = ()
-    zone: float | None = None
+    zone: float = math.inf
     points: tuple[Literal["joints", "poses"], ...] = ()
+    speeds: tuple[float, ...] = ()
+    constant: float = 0.0
+    numbered: bool = True
     two_angles: bool = False
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:

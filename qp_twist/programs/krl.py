@@ -104,7 +104,6 @@ def _stated(moves: JointMoves) -> list[str]:
     for word, frame in (("TOOL", first.tool), ("BASE", first.frame)):
         value = f"{word}_DATA[{frame.name}]" if frame.pose is None else pose_text(frame.pose)
         found.append(f"${word}={value}")
-    assert KRL.zone is not None
     return [*found, "$IPO_MODE=#BASE", "$ORI_TYPE=#VAR", f"$APO.CDIS={1e3 * KRL.zone:g}"]
 
 

@@ -2,13 +2,17 @@
 
 URScript has no move along a cubic, so a program brings its own: the function ``cubic`` (or
 ``line``) evaluates the motion in every step of the controller and streams it by ``servoj``.
+Straight moves of the tool are ``movel``, or ``movep`` where the tool's speed is constant from stop
+to stop; of their joint positions the controller computes the poses.
 
 Source: Universal Robots, *The URScript Programming Language*, modules *motion*, *internals* and
-*urmath*: poses ``p[x, y, z, rx, ry, rz]`` are m and a rotation vector, in the robot's base.
+*urmath*: poses ``p[x, y, z, rx, ry, rz]`` are m and a rotation vector, in the robot's base. Moves
+whose blends overlap are left out with a warning.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -18,12 +22,27 @@ import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.joint_moves import AXES, Beside, Dialect, JointMoves
+from qp_twist.programs.joint_moves import (
+    AXES,
+    Beside,
+    Dialect,
+    JointMoves,
+    ProgramFrame,
+    Speed,
+    Target,
+)
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, by_name, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
-from qp_twist.programs.values import LARGEST_NUMBER, Pose, Unknown, Values, list_literal
+from qp_twist.programs.values import (
+    LARGEST_NUMBER,
+    Pose,
+    Unknown,
+    Values,
+    fixed,
+    list_literal,
+)
 
 _TERMS = {
     "cubic": "a * at_q[{0}] + b * q[{0}] + c * at_w[{0}] + d * w[{0}]",
@@ -81,6 +100,15 @@ _FINISH = f"""\
 """
 
 
+_ACCELERATION = 1.2
+"""Default of ``movel`` and ``movep``, m/s²."""
+_BLEND = 0.9
+"""Share of half of the shorter move at most for a blend, so that none overlap where the tool in the
+controller differs a little."""
+_MICRO = 1e-6
+"""Of which blend radii, m, and speeds, m/s, are whole numbers."""
+
+
 def _functions(kind: str) -> str:
     terms = ",\n              ".join(_TERMS[kind].format(axis) for axis in range(AXES))
     move = {"cubic": _CUBIC, "line": _LINE}[kind]
@@ -114,18 +142,52 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     kind = "line" if moves.velocities is None else "cubic"
     q = moves.angles.tolist()
     w = [[0.0] * AXES] * len(q) if moves.velocities is None else moves.velocities.tolist()
-    lines = [f"# {line}" for line in header]
-    lines += [f"def {name}():", _functions(kind).rstrip("\n")]
-    lines.append(f"  start({listed(q[0])}, {listed(w[0])})")
-    lines += _behind(moves, 0)
-    for k, (point, rates, seconds) in enumerate(
-        zip(q[1:], w[1:], moves.durations.tolist(), strict=True), start=1
-    ):
-        rates_text = f"{listed(rates)}, " if kind == "cubic" else ""
-        lines.append(f"  {kind}({listed(point)}, {rates_text}{seconds:.{time_decimals}f})")
-        lines += _behind(moves, k)
-    lines += ["  finish()", "end", ""]
-    return {f"{name}{URSCRIPT.suffix}": "\n".join(lines)}
+    times = [f"{seconds:.{time_decimals}f}" for seconds in moves.durations.tolist()]
+    straight = moves.straight or (0,) * len(times)
+    if moves.tcp is not None:
+        tcp = ", ".join(fixed(value, 6) for value in _pose(moves.tcp))
+        header = (*header, f"The task's frame in the flange: set_tcp(p[{tcp}]); compare it.")
+    lines = [f"# {line}" for line in header] + [f"def {name}():"]
+    if not all(straight):
+        lines.append(_functions(kind).rstrip("\n"))
+    if straight[0]:
+        lines.append(f"  movej({listed(q[0])}, a=0.5, v=0.25)")
+        lines += _behind(moves, 0)
+    ends = _straight_ends(moves, times)
+    for is_straight, places in itertools.groupby(range(len(times)), lambda k: bool(straight[k])):
+        if is_straight:
+            for k in places:
+                lines.append(f"  {ends[k][0]}({listed(q[k + 1])}, {ends[k][1]})")
+                lines += _behind(moves, k + 1)
+            continue
+        block = list(places)
+        lines.append(f"  start({listed(q[block[0]])}, {listed(w[block[0]])})")
+        lines += _behind(moves, 0) if block[0] == 0 else []
+        for k in block:
+            rates_text = f"{listed(w[k + 1])}, " if kind == "cubic" else ""
+            lines.append(f"  {kind}({listed(q[k + 1])}, {rates_text}{times[k]})")
+            lines += _behind(moves, k + 1)
+        lines.append("  finish()")
+    return {f"{name}{URSCRIPT.suffix}": "\n".join([*lines, "end", ""])}
+
+
+def _straight_ends(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, str]]:
+    """Of each straight move its word, and its arguments behind the joint positions."""
+    if moves.halves is None or moves.shares is None or moves.durations is None:
+        return []
+    radii = _MICRO * np.floor(np.minimum(_BLEND, moves.shares) * moves.halves / _MICRO)
+    v = np.array([each.linear if each else 0.0 for each in moves.speeds])
+    # Over the times between the middles of moves, from rest and to rest.
+    between = np.append(0.0, moves.durations) + np.append(moves.durations, 0.0)
+    planned = 2.0 * np.abs(np.diff(v, prepend=0.0, append=0.0)) / between
+    most = max(_ACCELERATION, float(planned.max()))
+    found = []
+    for k, speed in enumerate(moves.speeds):
+        how = f"a={most:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
+        blend = f", r={radii[k + 1]:.6f}" if radii[k + 1] else ""
+        word = "movep" if moves.constant and moves.constant[k] else "movel"
+        found.append((word, how + blend))
+    return found
 
 
 _NAME = r"[A-Za-z_]\w*"
@@ -151,6 +213,9 @@ _ARGUMENTS = {
     "movep": ("pose", "a", "v", "r"), "movec": ("pose_via", "pose_to", "a", "v", "r", "mode"),
     "servoj": ("q", "a", "v", "t", "lookahead_time", "gain"),
 }  # fmt: skip
+
+
+_BASE = ProgramFrame("the robot's base", mink.SE3.identity())
 
 
 def _se3(pose: Any) -> mink.SE3:
@@ -195,7 +260,8 @@ class Script(Program):
             (r"while\b(?P<condition>.*):", "end", "while"),
         ),
         otherwise=r"elif\b(?P<condition>.*):|else\s*:",
-        reads="joint moves (movej, servoj) to literals or constants, one after the other,",
+        reads="joint moves (movej, servoj) and straight ones (movel, movep) to literals or "
+        "constants, one after the other,",
         flags=re.ASCII | re.DOTALL,  # capitals count
     )  # fmt: skip
 
@@ -204,11 +270,14 @@ class Script(Program):
         self.values.names |= {"True": True, "False": False, "pi": math.pi}
         moves.frame = "the robot's base", mink.SE3.identity()
         self._blended = False
+        self._tool = ProgramFrame("the active TCP")
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, words that move nothing, variables, calls."""
         return (
             (r"(?P<word>movej|servoj)\s*\((?P<arguments>.*)\)", self._joint, "joint"),
+            (rf"(?P<word>{'movel|movep' if self.moves.strict else '(?!)'})"
+             r"\s*\((?P<arguments>.*)\)", self._straight, "joint"),
             (r"(?P<word>movel|movep|movec)\s*\((?P<arguments>.*)\)", self._move, "path"),
             (r"(?:move|servo|speed|force_mode|freedrive|teach|conveyor|path_offset|track|screw)\w*"
              r"\s*\(.*", self.refuse, "path"),
@@ -217,6 +286,7 @@ class Script(Program):
             (r"(?:else|elif)\b.*", self.skip, "skip"),
             (r"(sleep)\s*\((.*)\)", self.wait, "pause"),
             (r"(stopj)\s*\((.*)\)", self._stop, "passed"),
+            (r"(set_tcp)\s*\((.*)\)", self._set_tool, "setting"),
             *self.noting(_NOTED),
             (r"(?:.*=\s*)?run\s+(?P<beside>\w+)\s*\(.*", self.beside, "skip"),
             (_ASSIGNMENT, self.assign, "assigns"),
@@ -263,9 +333,43 @@ class Script(Program):
                 raise refuse(
                     line, match[0], "expected [q1, …, q6], numbers or constants."
                 ) from error
+        self._check_turns(line, match, angles)
+        self.moves.joint(JointMove(line, angles, pose, seconds if seconds > 0.0 else None))
+
+    def _straight(self, line: int, match: re.Match[str]) -> None:
+        """A straight move, for ``check``, in a time or at a speed of the tool."""
+        given = self._given(line, match)
+        try:
+            found = self.values.value(given.get("pose", ""))
+            angles = None if isinstance(found, Pose) else [float(x) for x in found]
+            target = Target(_se3(found), self._tool, _BASE) if angles is None else None
+            seconds, v = (
+                float(self.values.value(given.get(key, default)))
+                for key, default in (("t", "0"), ("v", "0.25"))
+            )
+        except (Unknown, TypeError, ValueError) as error:
+            raise refuse(
+                line, match[0], "expected [q1, …, q6] or a pose, numbers or constants."
+            ) from error
+        self._check_turns(line, match, angles)
+        timed = seconds > 0.0
+        self.moves.joint(JointMove(
+            line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,
+            speed=None if timed else Speed(v),
+        ))  # fmt: skip
+
+    def _check_turns(self, line: int, match: re.Match[str], angles: Sequence[float] | None) -> None:
         if self.moves.strict and max(map(abs, angles or []), default=0.0) > 4.0 * math.pi:
             raise refuse(line, match[0], "more than two turns; URScript takes rad, not degrees.")
-        self.moves.joint(JointMove(line, angles, pose, seconds if seconds > 0.0 else None))
+
+    def _set_tool(self, line: int, match: re.Match[str]) -> None:
+        """Where the tool is; joint positions are the same with all of them."""
+        self._note("setting", line, match)
+        try:
+            pose = _se3(self.values.value(match[2]))
+        except Unknown:
+            pose = None
+        self._tool = ProgramFrame(" ".join(match[0].split()), pose)
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         given = self._given(line, match)
@@ -312,10 +416,12 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
     name = define.removeprefix("def ").removesuffix("():")
     if name in ("start", "cubic", "line", "finish", "at_q", "at_w", "late", "movej", "servoj"):
         raise refuse(number, define, "a name of the functions below; export it under another.")
-    following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": ["end"],
+    straight, script = ["movel", "movep"], Script(moves)
+    following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": [*straight, "end"],
+                 "movej": straight, **{key: [*straight, "start", "end"] for key in straight},
                  "end": [name], name: []}  # fmt: skip
     counts = {"start": 2, "cubic": 3, "line": 2}
-    expected = ["start"]
+    expected, at = ["start", "movej"], list[float]()
     for line, text in others:
         match = re.fullmatch(r"(\w+)\s*(?:\((.*)\))?", text, re.ASCII | re.DOTALL)
         word, arguments = (match[1], split(match[2] or "")) if match else ("", [])
@@ -327,17 +433,26 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
         if own and moves.called(line, word):
             continue
         setting = re.fullmatch(_NOTED["setting"][0], text, re.ASCII | re.DOTALL)
-        if setting and expected == ["start"] and not re.search(r"\w\s*\(", setting[2]):
-            moves.noted(line, word, "setting")
-            continue
-        if word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
+        begins = setting and "movej" in expected and not re.search(r"\w\s*\(", setting[2])
+        if begins or (word in expected and word[:4] == "move"):
+            act, found, _ = script.listing.act(text)
+            assert not isinstance(act, str)
+            act(line, found)
+            if begins:
+                continue
+            at = _numbers(line, arguments[0])
+        elif word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
             what = f"{' or '.join(expected) or 'nothing'} with its arguments"
             raise refuse(line, text, f"is not read; in a script of export, here stands {what}.")
         expected = following[word]
         if word in counts:
             q, w = (_numbers(line, each) for each in (arguments[0], arguments[1]))
             seconds = None if word == "start" else _numbers(line, f"[{arguments[-1]}]")[0]
-            moves.joint(JointMove(line, q, None, seconds, w if kind == "cubic" else None))
+            if seconds is None and at not in ([], q):
+                raise refuse(line, text, "starts where the robot is not.")
+            if seconds or not at:
+                moves.joint(JointMove(line, q, None, seconds, w if kind == "cubic" else None))
+            at = q
     if expected not in ([name], []):
         raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
 
@@ -378,7 +493,8 @@ def _stopped(text: str, why: str) -> str:
 URSCRIPT = Dialect(
     "urscript", "URScript", ".script", "rad", 10, 11,
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
-    True, 64, "a function's name", _encode, _execute, _stopped,
+    True, 64, "a function's name", _encode, _execute, _stopped, points=("joints",),
+    speeds=(_MICRO,), constant=_ACCELERATION, numbered=False,
     to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"),
 )  # fmt: skip
 """URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4

@@ -21,11 +21,13 @@ FLANGES: dict[str, tuple[Sequence[float], bool]] = {
     "rapid": ((0.0, 90.0, 0.0), False),
     "krl": ((0.0, 90.0, 0.0), False),
     "ls": ((180.0, -90.0, 0.0), True),
+    "urscript": ((90.0, 0.0, 0.0), False),
 }
 """By language: the flange in the base where the controller shows zero for all axes, as roll, pitch,
 yaw, degrees, and whether the base's origin is at the height of the second axis: ``tool0`` and
-``base`` of ros-industrial's abb, kuka_experimental and fanuc. The flange's origin is the point of
-the last axis in the table."""
+``base`` of ros-industrial's abb, kuka_experimental and fanuc; of Universal Robots the last frame of
+Denavit and Hartenberg's parameters. The flange's origin is the point of the last axis in the table.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -76,14 +77,16 @@ class ToolChain(NamedTuple):
         rows[-1] = end
         return shares, rows
 
-    def straight_to(self, begin: Array, pose: Poses) -> tuple[Array, Array]:
+    def straight_to(
+        self, begin: Array, pose: Poses, point: mink.SE3 | None = None
+    ) -> tuple[Array, Array]:
         r"""Joint positions on the straight move of the tool to a pose (3, 3), (3,).
 
         .. math:: \mathbf p(\lambda) = (1-\lambda)\,\mathbf p_0 + \lambda\,\mathbf p_1, \qquad
             \mathbf R(\lambda) = \mathbf R_0 \exp(\lambda \log(\mathbf R_0^T \mathbf R_1))
 
         Newton's method follows it from ``begin`` on, in steps of the joints so small that the
-        branch stays.
+        branch stays. What moves straight is ``point``, another frame of the tool in its own one.
 
         Returns:
             λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin``.
@@ -93,11 +96,14 @@ class ToolChain(NamedTuple):
         """
         R, p = self.poses(begin[None])
         turn, way = rotation_vector(R[0].T @ pose.rotations), pose.positions - p[0]
+        arm = np.zeros(3) if point is None else point.translation()
+        way = way + (pose.rotations - R[0]) @ arm
         share, length = 0.0, 1.0
         shares, rows, slope = [0.0], [begin], np.zeros(len(begin))
         while share < 1.0:
             then = min(1.0, share + length)
-            there = Poses(R @ Rotation.from_rotvec(then * turn).as_matrix(), p + then * way)
+            turned = R @ Rotation.from_rotvec(then * turn).as_matrix()
+            there = Poses(turned, p + then * way - (turned - R) @ arm)
             found = self.beside((rows[-1] + (then - share) * slope)[None], there)
             step = np.inf if found is None else float(np.abs(found[0] - rows[-1]).max())
             if step > _STEP or found is None:

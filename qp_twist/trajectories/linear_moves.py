@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -36,10 +37,17 @@ _ASIDE = float(np.radians(1.0))
 """Largest difference of the joints from those planned, rad: the branch is the same, and limits and
 the roll are nearly kept as planned."""
 _ROUNDED = 0.25
-"""Share of the position tolerance by which a controller may round a point that it passes: a little
-more than that of a chord, so that the points of a smooth curve are passed without a stop."""
+"""Share of the tolerances by which a controller may round a point that it passes: a little more
+than that of a chord, so that the points of a smooth curve are passed without a stop."""
 
-
+_ROUNDED_UP = 1e-3
+"""Share by which a printed speed may be above the planned one: the chord of an arc that turns by θ
+is shorter by θ²/24, which is 1e-3 at 9°."""
+_PROCESS = 3
+"""Fewest moves at one speed between two ramps: with fewer there is nothing to hold."""
+_SHORTEST = 1e-4
+"""Length up to which a move has a time instead of a speed, m: that of points, so that the tool may
+turn there alone."""
 _FREE = Speed(1.0, float(np.radians(200.0)))
 """Speeds that do not count, as the move is slower by the other one: below those of all controllers.
 """
@@ -60,30 +68,21 @@ class StraightMoves(NamedTuple):
     Attributes:
         rows: Those that are kept.
         straight: Whether the move to each row but the first is straight, else a joint move.
-        corners: Angle between the moves before and after each row, rad, (N,); 0 at the ends.
-        lengths: Of the moves, m.
+        halves: Half of the shorter move beside each row, m, the most that controllers round; 0
+            where a joint move begins or ends, (N,).
+        shares: Of ``halves`` what may be rounded, so that the tool is within a quarter of the
+            tolerances; 0: the robot stops there, (N,).
     """
 
     rows: TimedPath
     straight: Mask
-    corners: Array
-    lengths: Array
+    halves: Array
+    shares: Array
 
-    def stops(self, zone: float | None, position_tolerance: float) -> Mask:
-        """Points at which the robot has to stop, since rounding them would leave the path, (N,).
-
-        A parabola that begins and ends ``zone`` from a corner of angle θ passes it at zone/2 sin
-        θ/2; ``None``: half of the shorter move, the most that controllers take. Where a joint move
-        begins or ends, the robot stops, too.
-        """
-        ways = np.concatenate([[0.0], self.lengths, [0.0]])
-        reach = 0.5 * np.minimum(ways[:-1], ways[1:])
-        if zone is not None:
-            reach = np.minimum(reach, zone)
-        off = 0.5 * reach * np.sin(0.5 * self.corners)
-        changes = np.append(False, self.straight) != np.append(self.straight, False)
-        stops: Mask = (off > _ROUNDED * position_tolerance) | changes
-        stops[[0, -1]] = True
+    def stops(self, zone: float) -> Mask:
+        """Points at which the robot has to stop if it rounds them from ``zone`` m on, (N,)."""
+        most = np.minimum(self.halves, zone)
+        stops: Mask = (self.shares * self.halves < most) | (self.shares == 0.0)
         return stops
 
 
@@ -103,10 +102,10 @@ class LinearMotion(NamedTuple):
     points: Literal["joints", "poses"] | None = None
 
     def moves(
-        self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints, dialect: Dialect,
-        position_tolerance: float,
+        self, moves: JointMoves, planned: JointMoves, line: StraightMoves,
+        joints: ControllerJoints, dialect: Dialect,
     ) -> JointMoves:  # fmt: skip
-        """The moves, in printed digits, with those that are straight.
+        """The moves, in printed digits, with those that are straight; ``planned``: in all digits.
 
         Raises:
             InvalidInput: If the language does not have such points, or the robot no such data.
@@ -118,14 +117,20 @@ class LinearMotion(NamedTuple):
                 + (f"write {dialect.points[0]}." if dialect.points else
                    "write joint moves (--motion joint).")
             )  # fmt: skip
-        stops = line.stops(dialect.zone, position_tolerance)
-        straight = tuple(int(each) for each in line.straight)
-        moves = replace(moves, straight=straight, stops=stops, tool=self.tool or 1)
+        if self.tool is not None and not dialect.numbered:
+            raise InvalidInput(
+                f"{dialect.title} has no tools by number; leave it out (--tool-number)."
+            )
+        moves = replace(
+            moves, straight=tuple(int(each) for each in line.straight), tool=self.tool or 1,
+            stops=line.stops(dialect.zone), halves=line.halves, shares=line.shares,
+            tcp=None if joints.arm is None else joints.arm.tool_in_flange,
+        )  # fmt: skip
         if points == "poses":
-            return self._with_poses(moves, line, joints, dialect)
-        if self.frame is not None:
+            moves = self._with_poses(moves, line, joints, dialect)
+        elif self.frame is not None:
             raise InvalidInput("a frame's number is of points that are poses (--points poses).")
-        return moves
+        return _with_speeds(moves, planned, line, joints, dialect) if dialect.speeds else moves
 
     def _with_poses(
         self, moves: JointMoves, line: StraightMoves, joints: ControllerJoints, dialect: Dialect
@@ -154,21 +159,89 @@ class LinearMotion(NamedTuple):
             if straight and (way > _RESTS or turn > _RESTS):
                 pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
                 target = Target(pose, tool, frame, arm.configuration(q[k]))
-                speed = _slower(durations[k - 1], way, turn)
-                durations[k - 1], kept[k - 1] = speed.seconds(way, turn), 1
+                kept[k - 1] = 1
+                if not dialect.speeds:
+                    speed = _slower(durations[k - 1], way, turn)
+                    durations[k - 1] = speed.seconds(way, turn)
             targets.append(target)
             speeds.append(speed)
-        stops = moves.stops | (np.append(0, kept) != np.append(kept, 0))
+        changes = np.append(0, kept) != np.append(kept, 0)
         return replace(
-            moves, durations=durations, straight=tuple(kept), stops=stops, targets=tuple(targets),
+            moves, durations=durations, straight=tuple(kept), stops=moves.stops | changes,
+            shares=np.where(changes, 0.0, line.shares), targets=tuple(targets),
             speeds=tuple(speeds),
         )  # fmt: skip
 
 
-def _way(R: Array, p: Array, R_end: Array, p_end: Array) -> tuple[float, float]:
-    """How far a tool goes, m, and turns, rad, from a pose (3, 3), (3,) to another one."""
-    turn = rotation_vector(R.T @ R_end)
-    return float(np.linalg.norm(p_end - p)), float(np.linalg.norm(turn))
+def _with_speeds(
+    moves: JointMoves,
+    planned: JointMoves,
+    line: StraightMoves,
+    joints: ControllerJoints,
+    dialect: Dialect,
+) -> JointMoves:
+    """Moves with the speeds, and so the times, that the dialect prints.
+
+    Moves of ``_SHORTEST`` or less, and those for which no unit is fine enough, keep their times. No
+    speed makes a joint faster than its fastest anywhere in ``planned``.
+    """
+    chain, durations = joints.tool, planned.durations
+    assert chain is not None and durations is not None and moves.durations is not None
+    steps = np.diff(chain.poses(line.rows.of_joints(chain.names).q).positions, axis=0)
+    ways = np.linalg.norm(steps, axis=1)
+    fastest = (np.abs(np.diff(planned.angles, axis=0)) / durations[:, None]).max(axis=0)
+    travel = np.abs(np.diff(moves.angles, axis=0))
+    needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
+    least = np.maximum(needed.max(axis=1), durations / (1.0 + _ROUNDED_UP))
+    speeds = np.full(len(ways), np.nan)
+    for unit in dialect.speeds:
+        found = unit * np.minimum(np.round(ways / durations / unit), np.floor(ways / least / unit))
+        fits = found >= (1.0 - _PACE) * ways / durations
+        speeds = np.where(np.isnan(speeds) & fits, found, speeds)
+    speeds[~line.straight | (ways <= _SHORTEST)] = np.nan
+    constant = np.zeros(len(ways), dtype=bool)
+    if dialect.constant:
+        # On the arc from d before a corner of angle θ to d behind it: v² tan(θ/2) / d.
+        units, reach = steps / np.maximum(ways, _RESTS)[:, None], line.shares * line.halves
+        apart, both = (
+            np.linalg.norm(x, axis=1) for x in (np.diff(units, axis=0), units[1:] + units[:-1])
+        )
+        fast = ways / np.maximum(needed.max(axis=1), 1e-12)
+        turns = np.sqrt(dialect.constant * both * reach[1:-1] / np.maximum(apart, 1e-12))
+        for begin, end in itertools.pairwise(np.flatnonzero(reach == 0.0).tolist()):
+            part = slice(begin, end)
+            most = min(fast[part].min(), turns[begin : end - 1].min(initial=np.inf))
+            if speed := _constant(speeds[part], most):
+                speeds[part], constant[part] = speed, True
+    return replace(
+        moves,
+        durations=np.where(np.isnan(speeds), moves.durations, ways / speeds),
+        speeds=tuple(None if np.isnan(speed) else Speed(speed) for speed in speeds.tolist()),
+        constant=tuple(constant.tolist()),
+    )
+
+
+def _constant(speeds: Array, most: float) -> float:
+    """The one speed of moves from stop to stop, m/s; 0 if it is above ``most``, or not one.
+
+    All but those of the ramps at both ends have it within 2 %.
+    """
+    if len(speeds) < _PROCESS or np.isnan(speeds).any():
+        return 0.0
+    full = np.flatnonzero(speeds >= (1.0 - _PACE) * speeds.max())
+    speed = float(speeds[full].min())
+    is_one = len(full) == full[-1] - full[0] + 1 >= _PROCESS and speed <= most
+    return speed if is_one else 0.0
+
+
+def _way(
+    R: Array, p: Array, R_end: Array, p_end: Array, point: mink.SE3 | None = None
+) -> tuple[float, float]:
+    """How far a point of a tool goes, m, which turns, rad, from a pose (3, 3), (3,) to another."""
+    turn, step = rotation_vector(R.T @ R_end), p_end - p
+    if point is not None:
+        step = step + (R_end - R) @ point.translation()
+    return float(np.linalg.norm(step)), float(np.linalg.norm(turn))
 
 
 def _slower(seconds: float, way: float, turn: float) -> Speed:
@@ -232,16 +305,40 @@ def straight_moves(
         return True
 
     kept, straight = _farthest(len(q), fits, follows, joint)
-    positions = planned.positions[kept]
-    ways = np.diff(positions, axis=0)
-    lengths = np.linalg.norm(ways, axis=1)
-    units = ways / np.maximum(lengths, 1e-12)[:, None]
-    between = np.arccos(np.clip((units[:-1] * units[1:]).sum(axis=1), -1.0, 1.0))
     assert rows.times is not None
     found = replace(
         rows, q=rows.q[kept], times=rows.times[kept], velocities=None, accelerations=None
     )
-    return StraightMoves(found, straight, np.concatenate([[0.0], between, [0.0]]), lengths)
+    corners = Poses(planned.rotations[kept], planned.positions[kept])
+    passed = np.concatenate([[False], straight[:-1] & straight[1:], [False]])
+    lengths = np.linalg.norm(np.diff(corners.positions, axis=0), axis=1)
+    halves, shares = np.zeros((2, len(kept)))
+    halves[1:-1] = 0.5 * np.minimum(lengths[:-1], lengths[1:])
+    linear, angular = _cut(corners, projector, tolerances.position)
+    most = np.maximum(linear / tolerances.position, angular / tolerances.axis)
+    shares[1:-1] = _ROUNDED / np.maximum(most, _ROUNDED)
+    return StraightMoves(found, straight, halves * passed, shares * passed)
+
+
+def _cut(corners: Poses, projector: TwistProjector, shortest: float) -> tuple[Array, Array]:
+    """How far the tool passes each inner point if half of the shorter move is rounded, m and rad.
+
+    An arc that begins and ends at the distance d from a corner of angle θ passes it at d tan θ/4; a
+    parabola, at d/2 sin θ/2, is nearer. With unit vectors u before and after it that is
+    d |u₂ − u₁| / (2 + |u₁ + u₂|), along u₂ − u₁. Where the turn per way changes from w₁ to w₂, the
+    orientation is off by d/4 (w₂ − w₁). Moves shorter than ``shortest`` count as turns alone.
+    """
+    R, p = corners
+    ways, turns = np.diff(p, axis=0), rotation_vector(R[:-1].transpose(0, 2, 1) @ R[1:])
+    lengths = np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), shortest)
+    units, rates = ways / lengths, turns / lengths
+    reach = 0.5 * np.minimum(lengths[:-1], lengths[1:])
+    both = np.linalg.norm(units[:-1] + units[1:], axis=1, keepdims=True)
+    at = p[1:-1] + reach * np.diff(units, axis=0) / (2.0 + both)
+    turned = R[1:-1] @ Rotation.from_rotvec(0.25 * reach * np.diff(rates, axis=0)).as_matrix()
+    _, error = resolved_twist_error(turned, at, R[1:-1], p[1:-1], projector)
+    linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
+    return linear, angular
 
 
 def _farthest(count: int, fits: Fits, follows: Fits, joint: Mask) -> tuple[Indices, Mask]:
@@ -362,7 +459,8 @@ def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
         speed = moves.speeds[k - 1] if k and moves.speeds else None
         if speed is not None and durations is not None and tool is not None:
             R, p = tool.poses(np.concatenate([at, more[-1:]])[:, order])
-            durations[k - 1] = speed.seconds(*_way(R[0], p[0], R[1], p[1]))
+            point = _point(joints.arm, target)
+            durations[k - 1] = speed.seconds(*_way(R[0], p[0], R[1], p[1], point))
         at = more[-1:]
         rows.append(more)
         shares.append(share)
@@ -382,10 +480,17 @@ def _line(
     else:
         pose = _in_world(arm, target)
         there = Poses(pose.rotation().as_matrix(), pose.translation())
-        shares, rows = tool.straight_to(begin, there)
+        shares, rows = tool.straight_to(begin, there, _point(arm, target))
         if target.configuration:
             _arm(arm).check_configuration(rows[-1], target.configuration)
     return shares[1:], rows[1:]
+
+
+def _point(arm: ControllerArm | None, target: Target | None) -> mink.SE3 | None:
+    """The program's tool in the task's frame; ``None``: it is that one."""
+    if target is None or target.tool.pose is None:
+        return None
+    return _arm(arm).tool_in_flange.inverse() @ target.tool.pose
 
 
 def _in_world(arm: ControllerArm | None, target: Target) -> mink.SE3:

@@ -221,9 +221,10 @@ def encode(
     columns = zip(names[AXES:], joints.external, strict=True)
     external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
     shown = scale * joints.shown(rows.q)
-    moves = printed(JointMoves(shown, durations, velocities, external=external), dialect)
-    if line is not None and path_task is not None and linear is not None:
-        moves = linear.moves(moves, line, joints, dialect, path_task.tolerances.position)
+    planned = JointMoves(shown, durations, velocities, external=external)
+    moves = printed(planned, dialect)
+    if line is not None and linear is not None:
+        moves = linear.moves(moves, planned, line, joints, dialect)
     if line is not None:  # with times of the rows that are kept
         kept = np.searchsorted(original.motion.times, line.rows.motion.times)
     moves = _with_around(moves, {int(np.searchsorted(kept, k)): v for k, v in around.items()})
@@ -243,7 +244,9 @@ def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> Jo
     stops = np.isin(np.arange(len(moves.angles)), [0, len(moves.angles) - 1])
     stops = stops if moves.stops is None else moves.stops.copy()
     stops[calls] = True
-    return replace(moves, around=around, stops=stops)
+    shares = np.where(stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
+    shares[calls] = 0.0
+    return replace(moves, around=around, stops=stops, shares=shares)
 
 
 def _straight(
