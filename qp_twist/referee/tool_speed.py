@@ -142,7 +142,7 @@ class ToolSpeed:
             "share_at_speed": self.at_speed,
             "ramps": self.ramps,
             "ramp_seconds": self.ramp_seconds,
-            "dips": [dip._asdict() for dip in self.dips],
+            "dips": [{**dip._asdict(), "causes": list(dip.causes)} for dip in self.dips],
         }
 
     def finding(self, max_dip: float | None) -> Finding:
