@@ -348,7 +348,8 @@ def causes(
 ) -> list[str]:
     """The limits that are used up between two times, s, the longest used one first, and stops.
 
-    If none is, the one of which most is used, with its share.
+    If none is, the times of the rows are what slows the tool: that is said, with the most used
+    limit and its share.
     """
     names = JointRanges.of(path_task.model).names
     spent: dict[str, float] = {}
@@ -376,5 +377,5 @@ def causes(
         if (rests & (motion.times > begin) & (motion.times < end)).any():
             found.append("a stop")
     if not found and most[0] > 0.0:
-        found = [f"{most[1]}, of which {100.0 * most[0]:.2g} % is used"]
+        found = [f"no joint's limit ({most[1]} is used to {100.0 * most[0]:.2g} %)"]
     return found
