@@ -42,7 +42,7 @@ def test_a_function_without_a_method_takes_the_default(function: Callable[..., A
     assert inspect.signature(function).parameters["method"].default == DEFAULT_METHOD
 
 
-@pytest.mark.parametrize("command", ["run", "view", "starts"])
+@pytest.mark.parametrize("command", ["view", "starts"])
 def test_a_command_without_a_method_takes_the_default(
     command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -50,6 +50,13 @@ def test_a_command_without_a_method_takes_the_default(
         main([command, "--help"])
     [default] = re.findall(r"--method NAME\s[^(]*\(default:\s+(\w+)\)", capsys.readouterr().out)
     assert default == DEFAULT_METHOD
+
+
+def test_a_run_without_a_method_takes_the_default_where_it_passes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["run", "planar_line", "--out", str(tmp_path / "line.csv")])
+    assert f"{DEFAULT_METHOD}: " in capsys.readouterr().out.splitlines()[0]
 
 
 def test_the_page_begins_with_the_same_numbers() -> None:
