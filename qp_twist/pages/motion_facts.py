@@ -33,7 +33,7 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
     length = float(steps[~in_joint_moves(path_task)].sum())
     held = dict.fromkeys(map(_held, path_task.projectors))
     toolpath = path_task.toolpath
-    told = check.speed.sentences if check.speed else ()  # the page has a section for them
+    elsewhere = check.speed.sentences if check.speed else ()  # in a section of their own
     found = {
         "Robot": _robot(path_task),
         "Moving frame": f"{path_task.frame_name} ({path_task.frame_type})",
@@ -48,7 +48,7 @@ def facts(path_task: PathTask, check: Check, file: str) -> dict[str, str]:
         "Program": check.program,
         "Tolerances": f"{1e3 * check.tolerances.position:.4g} mm, "
         f"{math.degrees(check.tolerances.axis):.4g}°",
-        "Notes": "; ".join(note for note in check.notes if note not in told),
+        "Notes": "; ".join(note for note in check.notes if note not in elsewhere),
         "Date": datetime.datetime.now().astimezone().strftime("%Y-%m-%d %H:%M"),
         "Made by": f"qp_twist {__version__}, MuJoCo {version('mujoco')}",
     }

@@ -96,7 +96,7 @@ def write_report(
     colours = np.where(bad, RED, np.where(slow, ORANGE, BLUE)).tolist()
     frames, seconds = _frames(path_task, check)
     speed = check.speed
-    dips = [] if speed is None else sorted(speed.dips, key=lambda dip: -dip.seconds)
+    dips = [] if speed is None else speed.longest_dips
     picture, remark = _picture(path_task, check, colours)
     page = fill_template(
         "motion",

@@ -125,11 +125,15 @@ class ToolSpeed:
         )
 
     @property
+    def longest_dips(self) -> list[Dip]:
+        """The dips, the longest first."""
+        return sorted(self.dips, key=lambda dip: -dip.seconds)
+
+    @property
     def sentences(self) -> list[str]:
         """What a person has to know: the share at speed with the ramps, then the longest dips."""
-        longest = sorted(self.dips, key=lambda dip: -dip.seconds)
-        more = len(longest) - _LISTED
-        listed = [f"dip: {dip}" for dip in sorted(longest[:_LISTED])]
+        more = len(self.dips) - _LISTED
+        listed = [f"dip: {dip}" for dip in sorted(self.longest_dips[:_LISTED])]
         return [
             self.whole,
             *listed,

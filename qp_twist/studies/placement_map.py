@@ -67,18 +67,18 @@ def _panel(
     """Placements over two of their coordinates, or their values over one."""
     values = found.values
     good = np.isfinite(values)
-    better = values if found.objective == "margin" else -values
+    most = found.objective == "margin"  # the larger, the better
+    better = values if most else -values
     order = np.flatnonzero(good)[np.argsort(better[good])]  # the best on top
     # A few very bad ones would leave one colour for all others.
-    ends = np.quantile(values[good], (0.0, 0.9)) if good.any() else (0.0, 1.0)
-    if found.objective == "margin":
-        ends = np.quantile(values[good], (0.1, 1.0)) if good.any() else (0.0, 1.0)
+    shares = (0.1, 1.0) if most else (0.0, 0.9)
+    ends = np.quantile(values[good], shares) if good.any() else shares
     y = values if up is None else shown[:, up]
     # Those of the descents, which crowd around the best, are small.
     sizes = np.where(np.arange(len(values)) < found.spread, 26.0, 7.0)
     image = panel.scatter(
         shown[order, across], y[order], c=values[order], s=sizes[order], zorder=3,
-        vmin=ends[0], vmax=ends[1], cmap="viridis" if found.objective == "margin" else "viridis_r",
+        vmin=ends[0], vmax=ends[1], cmap="viridis" if most else "viridis_r",
         label="has a plan (small: on a descent)",
     )  # fmt: skip
     if up is not None:

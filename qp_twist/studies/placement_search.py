@@ -17,6 +17,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following import plan
 from qp_twist.paths import PathTask, base_moved, placed
 from qp_twist.planning import Plan
+from qp_twist.studies.sample import with_largest_step
 from qp_twist.studies.workers import Rows, each
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def best_placement(
     number("best_placement(seconds=…)", seconds, above=0.0)
     place = _placing(path_task, moves, body, about)
     place(np.zeros(6))  # refuses a body that does not exist
-    search = _Search(place, path_task, box, objective, seconds, progress or (lambda what, at: None))
+    search = _Search(place, box, objective, seconds, progress or (lambda what, at: None))
     interrupted = False
     try:
         search.run(jobs, scheduler)
@@ -300,15 +301,12 @@ def _stations(task: PathTask) -> PathTask:
     ends = np.concatenate([moves, moves - 1, [segment.first for segment in task.segments]])
     chosen = np.concatenate([np.linspace(0, last, STATIONS).round(), ends])
     index = np.unique(chosen.astype(np.intp))
-    durations, speeds = task.durations, task.velocity_limits
-    if durations is None:  # a waypoint a second: speeds are steps
-        durations = np.append(0.0, np.ones(last))
-        speeds = np.full(task.model.nv, np.radians(_UNTIMED))
+    if task.durations is None:
+        task = with_largest_step(task, _UNTIMED)
+    assert task.durations is not None
     # The time from one to the next is that of all waypoints between them.
-    times = np.cumsum(durations)[index]
-    return replace(
-        task.part(index), durations=np.append(0.0, np.diff(times)), velocity_limits=speeds
-    )
+    times = np.cumsum(task.durations)[index]
+    return replace(task.part(index), durations=np.append(0.0, np.diff(times)))
 
 
 class _OutOfTime(Exception):
@@ -321,13 +319,12 @@ class _Search:
     def __init__(
         self,
         place: _Placing,
-        path_task: PathTask,
         box: Box,
         objective: str | Mapping[str, float],
         seconds: float,
         progress: Callable[[str, float], None],
     ) -> None:
-        self.place, self.path_task, self.box, self.objective = place, path_task, box, objective
+        self.place, self.box, self.objective = place, box, objective
         self.progress, self.seconds = progress, seconds
         #: Values by offset, in the order in which they were asked for.
         self.values: dict[tuple[float, ...], float] = {}

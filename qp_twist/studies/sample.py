@@ -141,7 +141,7 @@ def draw_sample(
     section = section_of(path_task)
     drawn: dict[str, Any] = {}
     if section.max_step_deg is not None:
-        path_task = _with_largest_step(path_task, section.max_step_deg)
+        path_task = with_largest_step(path_task, section.max_step_deg)
     path_task = dataclasses.replace(path_task, iteration=_tolerances(path_task, section))
     for factor, one_draw in _DRAWS.items():
         if factor in vary:
@@ -175,7 +175,7 @@ def _default_start(path_task: PathTask, vary: Collection[str]) -> Start:
     return "least_z" if _MOVED & set(vary) else "task"
 
 
-def _with_largest_step(path_task: PathTask, max_step_deg: float) -> PathTask:
+def with_largest_step(path_task: PathTask, max_step_deg: float) -> PathTask:
     """One waypoint per second, so that speeds equal steps."""
     return dataclasses.replace(
         path_task,

@@ -230,11 +230,11 @@ def check_trajectory(
         limits = with_default_accelerations(limits, ranges)
     speed = tool_speed(path_task, motion, passing, limits)
     findings = examine(path_task, motion, tolerances, passing, errors, limits, astray)
-    told: list[str] = []
+    of_speed: list[str] = []
     if speed is not None and path_task.constant_speed:
-        findings, told = (*findings, speed.finding(path_task.max_dip)), speed.sentences
+        findings, of_speed = (*findings, speed.finding(path_task.max_dip)), speed.sentences
     notes = [
-        *told,
+        *of_speed,
         *disagreements(rows.metadata, path_task, limits),
         *rows.notes,
         *_part_of_the_path(passing, motion, met),

@@ -241,8 +241,8 @@ def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> Jo
     calls = [k for k, found in around.items() if any(each.call for each in found)]
     if not calls:
         return replace(moves, around=around)
-    stops = np.isin(np.arange(len(moves.angles)), [0, len(moves.angles) - 1])
-    stops = stops if moves.stops is None else moves.stops.copy()
+    ends = np.isin(np.arange(len(moves.angles)), [0, len(moves.angles) - 1])
+    stops = ends if moves.stops is None else moves.stops.copy()
     stops[calls] = True
     shares = np.where(stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
     shares[calls] = 0.0
