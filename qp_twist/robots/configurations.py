@@ -16,7 +16,8 @@ ranges of single axes, and the two places:
 
 ============ ==================================================================================
 RAPID        ``[cf1, cf4, cf6, cfx]``: quadrants of axes 1, 4 and 6,
-             :math:`\lfloor\theta/90°\rfloor`; cfx = 4 behind + 2 folded + (θ₅ < 0)
+             :math:`\lfloor\theta/90°\rfloor`; cfx = 4 behind + 2 folded + (θ₅ < 0), and 0 of an
+             arm with parallel rods
 KRL          S = behind + 2 (not folded) + 4 (A5 < 0); bit i − 1 of T: Ai < 0
 LS           F (θ₅ > 0) or N, D (folded) or U, B (behind) or T, here as 1 or 0; then the turns
              of J4, J5 and J6, :math:`\lfloor(\theta + 180°)/360°\rfloor`
@@ -24,12 +25,16 @@ LS           F (θ₅ > 0) or N, D (folded) or U, B (behind) or T, here as 1 or 
 
 Sources. RAPID: ABB, *Technical reference manual, RAPID Instructions, Functions and Data types*
 (3HAC050917), confdata; its table of cfx as in ``AXIS_CONFIGURATION.md`` of CEAD-group's
-py-opw-kinematics. Arms with a parallel rod have another rule, and none here. KRL: bit 0 as KUKA's
-expert programming manual has it (quoted in robot-forum.com, thread 7173); bits 1 and 2 as Beckhoff
-states them for its own Status & Turn (TF5200, *Status & Turn (IS, IT)*), and as public programs
-have them: S 2 with T 2, 3, 10, 11, 34 and 35, all A5 ≥ 0, and S 6 with T 27, A5 < 0. LS: FANUC,
-*Operator's manual*, positional data; the sign of J5 is that of public programs, whose tools point
-downwards, J5 = −90°, as ``N U T``.
+py-opw-kinematics. Arms with parallel rods: the three quadrants of ABB's *RAPID Reference Manual* of
+the S4 controllers, confdata; many robots do not use cfx (ABB, *RobotStudio API*,
+``ConfigurationData.Cfx``, ``Mechanism.UsesCfx``). That these arms are among them, and that their
+rods keep them from folding, is assumed; then the quadrants tell the joints, since axis 1 differs by
+180° where the arm is behind it, and axis 4 with the sign of θ₅. KRL: bit 0 as KUKA's expert
+programming manual has it (quoted in robot-forum.com, thread 7173); bits 1 and 2 as Beckhoff states
+them for its own Status & Turn (TF5200, *Status & Turn (IS, IT)*), and as public programs have them:
+S 2 with T 2, 3, 10, 11, 34 and 35, all A5 ≥ 0, and S 6 with T 27, A5 < 0. LS: FANUC, *Operator's
+manual*, positional data; the sign of J5 is that of public programs, whose tools point downwards,
+J5 = −90°, as ``N U T``.
 """
 
 from __future__ import annotations
@@ -66,10 +71,10 @@ class ArmPlace(NamedTuple):
 
 
 class Meaning(NamedTuple):
-    """What configuration data say: the range of each axis, degrees, and the places."""
+    """What configuration data say: the range of each axis, degrees, and the places, if any."""
 
     ranges: tuple[Range, ...]
-    behind: bool
+    behind: bool | None
     folded: bool
 
 
@@ -105,6 +110,14 @@ def _rapid(data: Sequence[int]) -> Meaning:
     return Meaning(ranges, bool(x & 4), bool(x & 2))
 
 
+def _rods(data: Sequence[int]) -> Meaning:
+    one, four, six, x = data
+    if x:
+        raise InvalidInput(f"cfx is {x}; of an arm with parallel rods expected 0.")
+    less = (-180.0, 180.0)  # than half a turn to either side
+    return Meaning((_quadrant(one), less, less, _quadrant(four), less, _quadrant(six)), None, False)
+
+
 def _krl(data: Sequence[int]) -> Meaning:
     status, turn = data
     if not (0 <= status <= 31 and 0 <= turn <= 63):
@@ -131,6 +144,9 @@ RULES: dict[str, _Rule] = {
         ),
         _rapid,
     ),
+    "rapid, rods": _Rule(
+        4, lambda deg, behind, folded: (*(int(deg[k] // 90.0) for k in (0, 3, 5)), 0), _rods
+    ),
     "krl": _Rule(
         2,
         lambda deg, behind, folded: (
@@ -150,6 +166,12 @@ RULES: dict[str, _Rule] = {
 """By the language of the controller."""
 
 
+def _rule_of(robot: KnownRobot) -> _Rule:
+    refuse_without_rule(robot)
+    rods = robot.program == "rapid" and robot.coupling is not None
+    return RULES["rapid, rods" if rods else str(robot.program)]
+
+
 def refuse_without_rule(robot: KnownRobot) -> None:
     """Refuse an arm for which no rule is known.
 
@@ -159,8 +181,6 @@ def refuse_without_rule(robot: KnownRobot) -> None:
     lines = robot.lines
     if robot.program not in RULES:
         why = f"is programmed in {robot.program or 'none of the languages'}, which has none"
-    elif robot.program == "rapid" and robot.coupling is not None:
-        why = "moves its third axis by a parallel rod, for which ABB has another rule"
     elif len(lines) != 6 or _wrist(lines) is None or _sine(lines[1], lines[2]) > 1e-6:
         why = "is no arm of six axes with a spherical wrist, the second parallel to the third"
     else:
@@ -177,9 +197,7 @@ def configuration(robot: KnownRobot, theta: Array) -> tuple[int, ...]:
     Raises:
         InvalidInput: If no rule is known for the robot.
     """
-    refuse_without_rule(robot)
-    place = arm_place(robot, theta)
-    rule = RULES[str(robot.program)]
+    rule, place = _rule_of(robot), arm_place(robot, theta)
     return rule.of(np.degrees(theta), place.before_axis < 0.0, place.before_arm < 0.0)
 
 
@@ -230,8 +248,7 @@ def meaning_of(robot: KnownRobot, data: Sequence[int]) -> Meaning:
     Raises:
         InvalidInput: If no rule is known for it, or the data are none of its language.
     """
-    refuse_without_rule(robot)
-    rule = RULES[str(robot.program)]
+    rule = _rule_of(robot)
     if len(data) != rule.numbers:
         raise InvalidInput(f"expected {rule.numbers} numbers of a configuration, got {len(data)}.")
     return rule.meaning(data)
@@ -267,8 +284,8 @@ def arm_place(robot: KnownRobot, theta: Array) -> ArmPlace:
 
 def _is_placed(place: ArmPlace, meaning: Meaning) -> bool:
     """Whether the wrist's centre is where the data have it."""
-    signs = (-1.0 if meaning.behind else 1.0, -1.0 if meaning.folded else 1.0)
-    return all(sign * each >= -_NEAR for sign, each in zip(signs, place, strict=True))
+    pairs = zip((meaning.behind, meaning.folded), place, strict=True)
+    return all(wrong is None or (-each if wrong else each) >= -_NEAR for wrong, each in pairs)
 
 
 def _both(one: Range, other: Range) -> Range:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 Array = np.ndarray
+RODS = "ABB IRB 2400"
 # Heights and lengths of data sheets, mm: axis 2 (x, z), upper arm, offset of the forearm, forearm,
 # flange; then whether the controller's base is at the height of axis 2.
 SHEETS = {
     "ABB IRB 120": (0, 290, 270, 70, 302, 72, False),
     "ABB IRB 1600-6/1.2": (150, 486.5, 475, 0, 600, 65, False),
     "ABB IRB 4600-60/2.05": (175, 495, 900, 175, 960, 135, False),
+    RODS: (100, 615, 705, 135, 755, 85, False),
     "KUKA KR 16-2": (260, 675, 680, -35, 670, 158, False),
     "KUKA KR 6 R900 sixx": (25, 400, 455, 35, 420, 80, False),
     "Fanuc LR Mate 200iD": (50, 330, 330, 35, 335, 80, True),
@@ -69,7 +71,7 @@ def data_of(name: str, theta: Array) -> tuple[int, ...]:
     behind, folded, down = *(each < 0.0 for each in places(name, theta)), theta[4] < 0.0
     if name.startswith("ABB"):
         quadrants = (int(np.floor(theta[k] / 90.0)) for k in (0, 3, 5))
-        return (*quadrants, 4 * behind + 2 * folded + int(down))
+        return (*quadrants, 0 if name == RODS else 4 * behind + 2 * folded + int(down))
     if name.startswith("KUKA"):
         turns = sum(2**k for k in range(6) if theta[k] < 0.0)
         return behind + 2 * (not folded) + 4 * int(down), turns

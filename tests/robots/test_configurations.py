@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracles.data_sheets import SHEETS, data_of, links, places
+from oracles.data_sheets import RODS, SHEETS, data_of, links, places
 from oracles.remodelled import remodelled
 
 import qp_twist as qt
@@ -31,8 +31,19 @@ def arm_of(name: str, rng: np.random.Generator) -> tuple[ControllerArm, mujoco.M
     tool = ToolChain(chain, JointRanges.of(model).names, "tool")
     arm = joints.with_tool(tool, robot).arm
     assert arm is not None
-    low, high = np.array(robot.range_deg).T
-    return arm, model, rng.uniform(low, high)
+    return arm, model, drawn(name, rng)
+
+
+def drawn(name: str, rng: np.random.Generator) -> Array:
+    """Angles θ, degrees, inside the ranges of the robot; of rods those that ABB's sheet shows."""
+    if name != RODS:
+        low, high = np.array(named_robot(name).range_deg).T
+        return rng.uniform(low, high)
+    while True:
+        theta = rng.uniform([-180, -100, -60, -200, -120, -400], [180, 110, 65, 200, 120, 400])
+        theta[2] -= theta[1]  # shown is the forearm's angle to the floor
+        if places(name, theta)[1] > 0.0:  # what the rods forbid
+            return theta
 
 
 def site(model: mujoco.MjModel, q: Array) -> Array:
@@ -68,14 +79,13 @@ def test_from_joints_to_pose_and_configuration_and_back(name: str, seed: int) ->
 @pytest.mark.parametrize("name", SHEETS)
 def test_the_numbers_mean_what_the_makers_say(name: str) -> None:
     robot, rng = named_robot(name), np.random.default_rng(1)
-    low, high = np.array(robot.range_deg).T
     seen = set()
     for _ in range(300):
-        theta = rng.uniform(low, high)
+        theta = drawn(name, rng)
         data = configuration(robot, np.radians(theta))
         assert data == data_of(name, theta)
         seen.add(
-            data[-1]
+            data[-1 if name != RODS else 0]
             if robot.program == "rapid"
             else data[0]
             if robot.program == "krl"
@@ -97,7 +107,6 @@ def test_public_points_of_kuka() -> None:
 
 def test_what_no_rule_tells_is_refused() -> None:
     for name, words in (
-        ("ABB IRB 2400", "parallel rod"),
         ("Universal Robots UR5e", "urscript, which has none"),
         ("Franka Emika Panda", "none of the languages"),
     ):
@@ -120,6 +129,10 @@ def test_what_no_rule_tells_is_refused() -> None:
             arm.joints_at(pose, data)
     with pytest.raises(qt.InvalidInput, match=r"arrives with the configuration \[0, 0, 0, 0\]"):
         arm.check_configuration(q, (0, 0, 0, 1))
+    arm, _, theta = arm_of(RODS, np.random.default_rng(0))
+    with pytest.raises(qt.InvalidInput, match=r"cfx is 2; of an arm with parallel rods expected 0"):
+        arm.check_configuration((np.radians(theta) - arm.offsets) * arm.signs, (0, 0, 0, 2))
+    arm, _, _ = arm_of("ABB IRB 120", np.random.default_rng(0))
     far = mink.SE3.from_translation(np.array([9.0, 0.0, 0.0]))
     with pytest.raises(qt.InvalidInput, match="no joint position"):
         arm.joints_at(far, (0, 0, 0, 0))
