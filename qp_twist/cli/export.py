@@ -68,7 +68,8 @@ def export(
         tool_number: With --motion linear: the controller's tool whose TCP is the task's frame; if
             omitted, 1, or with points that are poses the tool's values.
         frame_number: With points that are poses: the controller's frame that is the world of the
-            task; if omitted, its values in the robot's base.
+            task; if omitted, its values in the robot's base. On a part that moves: that of a frame
+            on the part, in LS of the tool at rest; if omitted, 1 (of joints).
         points: With --motion linear: joints or poses; if omitted, joints where the language has
             them (rapid, ls, urscript), else poses (krl).
     """

@@ -5,8 +5,9 @@ points as joint angles. A program longer than :data:`LONGEST` lines is divided, 
 name calls the parts.
 
 Source: Fanuc, *R-30iA/R-30iB Operator's manual*, motion instructions and positional data:
-R = R_z(R) R_y(P) R_x(W); the number of lines: that at which RoboDK's public post processors for
-Fanuc divide programs.
+R = R_z(R) R_y(P) R_x(W); ``COORD``, motion relative to the leader's group, and ``RTCP``, to a tool
+that stands still, the user frame in force. The number of lines: that at which RoboDK's public post
+processors for Fanuc divide programs.
 """
 
 from __future__ import annotations
@@ -95,18 +96,20 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     count = len(moves.angles) - 1
     shares = np.array([0.0, *[1.0] * (count - 1), 0.0]) if moves.shares is None else moves.shares
     speeds = zip(moves.speeds or [None] * count, moves.durations.tolist(), strict=True)
+    option = {"positioner": " COORD", "hand": " RTCP"}.get(moves.part, "")
     times = [_speed(speed.linear) if speed else _time(seconds) for speed, seconds in speeds]
     words = ["L" if each else "J" for each in moves.straight or [0] * count]
     ends = [f"CNT{share}" if share else "FINE" for share in (100.0 * shares).astype(int).tolist()]
     targets = moves.targets or [None] * (count + 1)
     points = [
-        _joint_text(angles, moves) if target is None else _cartesian_text(target, moves)
+        _joint_text(angles, moves) if target is None else _cartesian_text(target, angles, moves)
         for angles, target in zip(moves.angles.tolist(), targets, strict=True)
     ]
     rows = zip(["J", *words], ["10%", *times], ends, points, strict=True)
     statements = list[tuple[str, str]]()
     for k, (word, how, end, point) in enumerate(rows):
-        statements.append((f"{word} P[{{}}] {how} {end} ;", point))
+        more = option if word == "L" else ""
+        statements.append((f"{word} P[{{}}] {how} {end}{more} ;", point))
         behind = moves.lines_behind(k, "!{} ;", "CALL {} ;")
         statements += [(line, "") for each in behind for line in _behind(each)]
     room = LONGEST - len(remarks)
@@ -141,10 +144,7 @@ def _program(
 
 def _joint_text(angles: Sequence[float], of: JointMoves) -> str:
     """A point as joint angles, in its motion groups."""
-    names = [*LS.axis_names, *(each.name for each in of.external)]
-    units = [LS.unit] * AXES + [each.unit for each in of.external]
-    values = zip(names, angles, units, strict=True)
-    axes = [f"{name}= {value:.{LS.decimals}f} {unit}" for name, value, unit in values]
+    axes = _axes(angles, of)
     own = [axis for axis in axes if not axis.startswith(_GROUP)]
     part = [axis.removeprefix(_GROUP) for axis in axes if axis.startswith(_GROUP)]
     text = ""
@@ -155,23 +155,34 @@ def _joint_text(angles: Sequence[float], of: JointMoves) -> str:
     return text
 
 
+def _axes(angles: Sequence[float], of: JointMoves) -> list[str]:
+    """The axes of a point, those of the robot first."""
+    names = [*LS.axis_names, *(each.name for each in of.external)]
+    units = [LS.unit] * AXES + [each.unit for each in of.external]
+    values = zip(names, angles, units, strict=True)
+    return [f"{name}= {value:.{LS.decimals}f} {unit}" for name, value, unit in values]
+
+
 def _frame_of(moves: JointMoves) -> str:
     """The number of the user frame; 0, the robot's base, where no other is stated."""
+    if moves.part == "hand":  # the frame of the tool that stands still
+        return str(moves.frame)
     target = next(filter(None, moves.targets), None)
     return target.frame.name if target and target.frame.pose is None else "0"
 
 
-def _cartesian_text(target: Target, of: JointMoves) -> str:
-    """A point as a pose with its configuration."""
+def _cartesian_text(target: Target, angles: Sequence[float], of: JointMoves) -> str:
+    """A point as a pose with its configuration, and the external axes of the robot."""
     own = target.frame.pose
     letters = " ".join(
         pair[not each] for pair, each in zip(_PLACES, target.configuration[:3], strict=True)
     )
     turns = ", ".join(map(str, target.configuration[len(_PLACES) :]))
+    end, own_axes = "\n\t", _axes(angles, of)[AXES:]
     x, y, z, *turned = _pose_texts(target.pose if own is None else own @ target.pose)
     return (
         f"   GP1:\n\tUF : {_frame_of(of)}, UT : {of.tool},\tCONFIG : '{letters}, {turns}',\n"
-        f"\t{x}, {y}, {z},\n\t{', '.join(turned)}\n"
+        f"\t{x}, {y}, {z},\n\t{', '.join(turned)}{''.join(f',{end}{axis}' for axis in own_axes)}\n"
     )
 
 
@@ -493,7 +504,7 @@ class TpProgram(Program):
 
     def _check_options(self, line: int, match: re.Match[str]) -> None:
         options = f"{match['speed']} {match['options']}".upper()
-        if re.search(r"\bRTCP\b", options):
+        if re.search(r"\bRTCP\b", options) and not self.moves.strict:
             raise refuse(line, match[0], CARRIES)
         if match["word"].upper() == "A" or re.search(
             r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)", options
@@ -512,7 +523,9 @@ class TpProgram(Program):
                 else word == "L" and speed and re.fullmatch(NUMBER, speed[1])
             )
             and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
-            and re.fullmatch(r"(\s*ACC\s*\d+)?", match["options"], re.I)
+            and re.fullmatch(
+                r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L"), match["options"], re.I
+            )
             and match["p"].upper() == "P"
         ):
             what = f"{word} is not read; only {self.language.reads} can be checked."
@@ -527,9 +540,10 @@ class TpProgram(Program):
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
             timing = None if math.isnan(seconds) else seconds
+            part = self._part(line, match, target) if word == "L" else ""
             moves.joint(JointMove(
                 line, angles, pose, timing, None, external, tool if word == "L" else "",
-                target, Speed(along) if speed else None,
+                target, Speed(along) if speed else None, part,
             ))  # fmt: skip
             return
         moves.feed = along
@@ -546,6 +560,16 @@ class TpProgram(Program):
                 self.refuse(line, match)
             else:
                 moves.arc(line, pose, end)
+
+    def _part(self, line: int, match: re.Match[str], target: Target | None) -> str:
+        """What moves the part on which a straight move is."""
+        options, own = match["options"].upper(), match[0]
+        part = "positioner" if "COORD" in options else "hand" if "RTCP" in options else ""
+        if part and target is not None:
+            raise refuse(line, own, "on a part that moves, points are read as joint angles alone.")
+        if part == "positioner":
+            self.moves.note("COORD: the leader of the robot has to be group 2, and carry the part")
+        return part
 
     def _point(self, line: int, kind: str, number: str) -> _Point:
         """The angles or the pose of a point, and its frame; none of a register."""
@@ -707,13 +731,17 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
     return program.comments
 
 
+_PARTS = {
+    "positioner joints": "COORD: group 2 has to be the leader of group 1 and carry the part.",
+    "hand joints": "RTCP: UFRAME {frame} has to be the task's frame, the tool that stands still.",
+}
 LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
     external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
     of_parts=_GROUP, period=0.008, points=("joints", "poses"),
     speeds=tuple(_FEEDS[unit] for unit in _UNITS),
-    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"),
+    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"), parts=_PARTS,
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

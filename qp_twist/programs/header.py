@@ -31,6 +31,9 @@ WRITTEN_AS_MODELLED = (
 
 
 _UNSET = "Tool, base and load: none is set here."
+_OF_VALUE = (
+    "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load."
+)
 
 
 def header_lines(
@@ -86,12 +89,17 @@ def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:
     targets = [target for target in moves.targets if target is not None]
     tool_name = f"Tool {moves.tool}" if dialect.numbered else "The active tool"
     of_number = f"{tool_name} has to have its TCP at the task's frame."
+    if moves.part:
+        on_part = dialect.parts[f"{moves.part} {'poses' if targets else 'joints'}"]
+        if targets and targets[0].tool.pose is not None:
+            of_number = _OF_VALUE
+        about = on_part.format(tool=moves.tool, frame=moves.frame)
+        return [*([] if moves.part == "hand" else [of_number]), about, _UNSET]
     if not targets:
         return [*([of_number] if moves.straight else []), _UNSET]
     tool, frame = targets[0].tool, targets[0].frame
     return [
-        of_number if tool.pose is None else
-        "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load.",
+        of_number if tool.pose is None else _OF_VALUE,
         f"Frame {frame.name} has to be the world of the task." if frame.pose is None else
         "Frame: the task's world in the model's base; compare it, and axis 1.",
     ]  # fmt: skip

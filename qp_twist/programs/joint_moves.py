@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import mink
@@ -41,10 +42,13 @@ class ProgramFrame(NamedTuple):
     Attributes:
         name: As the program calls it.
         pose: Its pose; ``None`` if the program does not state it.
+        part: What moves a frame, ``"positioner"`` or ``"hand"`` (the robot), empty: nothing;
+            ``None`` if the program does not state it.
     """
 
     name: str
     pose: mink.SE3 | None = None
+    part: str | None = ""
 
 
 class Target(NamedTuple):
@@ -118,6 +122,10 @@ class JointMoves:
         constant: Whether moves are of those from one stop to the next at constant speed, (N − 1,);
             empty without.
         tcp: The task's frame in the flange of a known robot.
+        part: What moves the part on which the tool of a written program moves straight, empty:
+            nothing.
+        frame: Number of the frame that is on such a part.
+        parts: Likewise of a program that is read, each with the line of the first such move.
     """
 
     angles: Array
@@ -138,6 +146,9 @@ class JointMoves:
     around: Mapping[int, tuple[Around, ...]] = field(default_factory=dict)
     constant: tuple[bool, ...] = ()
     tcp: mink.SE3 | None = None
+    part: str = ""
+    frame: int = 1
+    parts: Mapping[str | None, int] = field(default_factory=dict)
 
     def lines_behind(self, point: int, comment: str, call: str) -> list[str]:
         """The lines behind a point, in the patterns of a language, with ``{}`` for the text."""
@@ -185,6 +196,8 @@ class Dialect(NamedTuple):
         constant: Largest acceleration of moves at constant speed of the tool, from stop to stop,
             m/s²; 0 if it has none.
         numbered: Whether tools have numbers.
+        parts: Of straight moves on a part that moves (``"positioner joints"``, ``"positioner
+            poses"``, ``"hand joints"``), if they are written: what a person has to compare.
         two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
             of turning about one axis.
     """
@@ -212,6 +225,7 @@ class Dialect(NamedTuple):
     constant: float = 0.0
     numbered: bool = True
     two_angles: bool = False
+    parts: Mapping[str, str] = MappingProxyType({})
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

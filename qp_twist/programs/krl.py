@@ -103,6 +103,8 @@ def _stated(moves: JointMoves) -> list[str]:
     found = []
     for word, frame in (("TOOL", first.tool), ("BASE", first.frame)):
         value = f"{word}_DATA[{frame.name}]" if frame.pose is None else pose_text(frame.pose)
+        if moves.part and word == "BASE":
+            value = f"EK(MACHINE_DEF[2].ROOT,MACHINE_DEF[2].MECH_TYPE,{value})"
         found.append(f"${word}={value}")
     return [*found, "$IPO_MODE=#BASE", "$ORI_TYPE=#VAR", f"$APO.CDIS={1e3 * KRL.zone:g}"]
 
@@ -117,7 +119,9 @@ def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
         now = {"CP": f"{speed.linear:.7f}", "ORI1": turn, "ORI2": turn}
         found += [f"$VEL.{key}={value}" for key, value in now.items() if before[key] != value]
         status, turns = target.configuration
-        place = pose_text(target.pose, f"S {status},T {turns}")
+        axes = zip(moves.external, moves.angles[k + 1, AXES:].tolist(), strict=True)
+        more = "".join(f",{axis.name} {value:.{KRL.decimals}f}" for axis, value in axes)
+        place = pose_text(target.pose, f"S {status},T {turns}{more}")
         stops = moves.stops is None or moves.stops[k + 1]
         found.append(f"LIN {place}{'' if stops else ' C_DIS'}")
         found += moves.lines_behind(k + 1, *_BEHIND)
@@ -423,7 +427,8 @@ class KrlProgram(KrlFrames):
             raise refuse(line, text, f"{min(others)} is no component of a position.")
         if len(data) == 1 or any(each != int(each) for each in data):
             raise refuse(line, text, "expected both S and T, whole numbers, or none.")
-        frame = ProgramFrame(*self.moves.frame)
+        name = self.moves.frame[0]
+        frame = ProgramFrame(*self.moves.frame, "positioner" if name.startswith("EK(") else "")
         if not frame.name or not self.tool[0]:
             raise refuse(line, text, "expected $TOOL and $BASE before it; a line was lost.")
         return Target(pose, ProgramFrame(*self.tool), frame, tuple(map(int, data)), line)
@@ -502,6 +507,8 @@ KRL = Dialect(
     external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
     to_fill_in=("$TOOL=TOOL_DATA[...]", "$BASE=BASE_DATA[...]", "$LOAD=LOAD_DATA[...]"),
     zone=0.3e-3, points=("poses",), two_angles=True,
+    parts={"positioner poses": "BASE_DATA[{frame}] has to be the part's frame in the flange of the "
+                               "positioner, and MACHINE_DEF[2] that."},
 )  # fmt: skip
 """KRL; the length of a name as usually stated, not looked up in KUKA's manual. Its period is that
 of the controller's interpolation: 12 ms (the heartbeat of KUKA's RRS server, Dassault Systèmes,

@@ -18,6 +18,12 @@ from qp_twist.programs.statements import CARRIES, refuse
 from qp_twist.programs.values import Unknown, Values
 
 _Frame = tuple[str, mink.SE3 | None]
+_COUPLED = re.compile(
+    r"EK\(MACHINE_DEF\[(\d)\]\.ROOT,\s*MACHINE_DEF\[\1\]\.MECH_TYPE,\s*BASE_DATA\[\d+\]\)",
+    re.IGNORECASE,
+)
+"""A base that an external kinematic moves: in the flange of a positioner (RoboDK's public post
+processor for KUKA)."""
 
 
 class KrlFrames(Program):
@@ -49,7 +55,8 @@ class KrlFrames(Program):
             each |= {key: (f"{what} {key} that {why} (line {line})", None) for key in changed}
 
     def _stated(self, line: int, match: re.Match[str], kind: Kind = "setting") -> None:
-        self.listing.refuse_calls(line, match["value"])
+        coupled = match["word"].upper() == "$BASE" and _COUPLED.fullmatch(match["value"].strip())
+        self.listing.refuse_calls(line, "" if coupled else match["value"])
         if not (self.moves.strict and kind == "speed" and match["word"] != "LDAT_ACT"):
             self.moves.noted(line, match["word"], kind)
 
@@ -96,6 +103,9 @@ class KrlFrames(Program):
         text, what = match["value"].strip(), match["what"].lower()
         self._stated(line, match)
         number = re.fullmatch(rf"{what}_DATA\s*\[(.*)\]", text, re.IGNORECASE)
+        if what == "base" and _COUPLED.fullmatch(text):
+            self.moves.frame = text.upper(), None
+            return
         if match["word"].upper() == "BAS" or number:
             found = self._numbered(what, number[1] if number else text)
         else:

@@ -32,7 +32,8 @@ class JointMove(NamedTuple):
     With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
     given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
     of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
-    straight move is that has no time.
+    straight move is that has no time, ``part`` what moves the part on which the tool moves
+    straight to angles.
     """
 
     line: int
@@ -44,6 +45,7 @@ class JointMove(NamedTuple):
     tool: str = ""
     target: Target | None = None
     speed: Speed | None = None
+    part: str | None = ""
 
 
 class Moves:
@@ -121,10 +123,11 @@ class Course(Moves):
         self._targets: list[Target | None] = []
         self._speeds: list[Speed | None] = []
         self._rounded = False
+        self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool, target, speed = move
+        line, angles, _, seconds, rates, external, tool, target, speed, part = move
         if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         angles = [math.nan] * AXES if angles is None else angles
@@ -147,6 +150,8 @@ class Course(Moves):
         if tool and self._tool not in ("", tool):
             raise InvalidInput(f"moves the tool {tool} straight, before {self._tool}.", line=line)
         self._tool = tool or self._tool
+        if tool or target is not None:
+            self._parts.setdefault(target.frame.part if target else part, line)
         if self._points:
             self._straight.append(line if tool else 0)
         self._targets.append(target)
@@ -229,7 +234,13 @@ class Course(Moves):
             )
         notes = list(self._notes)
         targets = [target for target in self._targets if target is not None]
-        if self._tool:
+        if self._tool and "hand" in self._parts:
+            notes.append(
+                f"{np.count_nonzero(self._straight)} straight moves of the part along a tool at "
+                "rest, which has to be the task's frame; the part turns in proportion about a "
+                "fixed axis"
+            )
+        elif self._tool:
             stated = targets and all(target.tool.pose is not None for target in targets)
             where = "is where the program states it" if stated else "has to be the task's frame"
             notes.append(
@@ -240,7 +251,7 @@ class Course(Moves):
         if unknown := [name for name, pose in frames.items() if pose is None]:
             notes.append(
                 f"positions are in {', '.join(unknown)}, which the program does not state: it has "
-                "to be the world of the task"
+                "to be the world of the task, or the part's frame if that moves"
             )
         if self._called:
             notes.append(
@@ -274,7 +285,7 @@ class Course(Moves):
             header, tuple(notes), tuple(self._waits), untimed, tuple(self._columns.values()),
             tuple(self._straight) if self._tool else None,
             targets=tuple(self._targets) if targets else (),
-            speeds=tuple(self._speeds) if any(self._speeds) else (),
+            speeds=tuple(self._speeds) if any(self._speeds) else (), parts=self._parts,
         )  # fmt: skip
 
 

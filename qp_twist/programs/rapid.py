@@ -61,8 +61,8 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         external = ",".join(given.get(name, _NONE) for name in RAPID.external)
         return f"    MoveAbsJ [[{values}],[{external}]]\\NoEOffs,"
 
-    def pose(to: Target) -> str:
-        external = ",".join([_NONE] * len(RAPID.external))
+    def pose(to: Target, joints: str) -> str:
+        external = joints.partition("],[")[2].partition("]")[0]
         return f"[{_pose_text(to.pose)},{_json(to.configuration)},[{external}]]"
 
     first, *others = (target(point) for point in moves.angles.tolist())
@@ -71,6 +71,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     tool, frame, data = f"tool{moves.tool}", "", list[str]()
     if stated := next(filter(None, targets), None):
         tool, frame, data = _stated(stated)
+    on_part = f"\\WObj:=wobj{moves.frame}" if moves.part else ""
     lines = [f"MODULE {name}", *(f"  ! {line}" for line in header), *data]
     behind = "    ! {}", "    {};"
     lines += [f"  PROC {_PREFIX}{name}()", f"{first}v50,fine,tool0;"]
@@ -85,10 +86,11 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
         if at is not None and speed is not None:
             tcp, turn = 1e3 * speed.linear, math.degrees(speed.angular)
             fast = f"[{tcp:.{_SPEED}f},{turn:.{_SPEED}f},5000,1000]"
-            lines.append(f"    MoveL {pose(at)},{fast},{zone},{tool}\\WObj:={frame};")
+            lines.append(f"    MoveL {pose(at, to)},{fast},{zone},{tool}\\WObj:={frame};")
         elif moves.straight is not None and moves.straight[number - 1]:
             joints = to.strip().removeprefix("MoveAbsJ ").removesuffix("\\NoEOffs,")
-            lines.append(f"    MoveL CalcRobT({joints},{tool}),{end},{tool};")
+            place = f"CalcRobT({joints},{tool}{on_part})"
+            lines.append(f"    MoveL {place},{end},{tool}{on_part};")
         else:
             lines.append(f"{to}{end},tool0;")
         lines += moves.lines_behind(number, *behind)
@@ -193,6 +195,12 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
 
 
 _WORLD = "wobj0", mink.SE3.identity()
+_PARTS = {
+    "positioner joints": "wobj{frame} has to be on the part (ufprog FALSE, ufmec its unit).",
+    "positioner poses": "wobj{frame} has to be the part's frame (ufprog FALSE, ufmec its unit).",
+    "hand joints": "wobj{frame} has to be on the part (robhold TRUE), tool{tool} to stand still at "
+                   "the task's frame (robhold FALSE).",
+}  # fmt: skip
 
 
 class RapidModule(Program):
@@ -307,8 +315,8 @@ class RapidModule(Program):
 
     def _straight_rule(self) -> Sequence[Rule]:
         """A straight move to joint angles, which ``check`` reads."""
-        of = (rf"MoveL\s+CalcRobT\s*\((?P<target>\[\[[^()]*\]\])\s*,\s*(?P<of>{_NAME})\)"
-              r"(?P<arguments>\s*,.*)")  # fmt: skip
+        of = (rf"MoveL\s+CalcRobT\s*\((?P<target>\[\[[^()]*\]\])\s*,\s*(?P<of>{_NAME})\s*"
+              rf"(?:\\\s*WObj\s*:=\s*(?P<wobj>{_NAME})\s*)?\)(?P<arguments>\s*,.*)")  # fmt: skip
         to = r"Move(?P<kind>[LJ])\b(?P<arguments>.*)"
         rules: list[Rule] = [(of, self._move_straight, "joint"), (to, self._move_to_pose, "joint")]
         return rules if self.moves.strict else ()
@@ -319,10 +327,15 @@ class RapidModule(Program):
             r"MoveAbsJ(?P<arguments>.*)", f"MoveAbsJ {match['target']}{match['arguments']}", re.S
         )
         assert as_joints is not None
-        self._move_joints(line, as_joints, match["of"])
+        self._move_joints(line, as_joints, match["of"], match["wobj"] or "")
 
-    def _move_joints(self, line: int, match: re.Match[str], straight: str = "") -> None:
-        """MoveAbsJ; ``check`` knows all its arguments. ``straight``: the tool that moves so."""
+    def _move_joints(
+        self, line: int, match: re.Match[str], straight: str = "", wobj: str = ""
+    ) -> None:
+        """MoveAbsJ; ``check`` knows all its arguments.
+
+        ``straight``: the tool that moves so, in the work object ``wobj``.
+        """
         (target, *others), options = self._arguments(line, match, 1)
         if not self.moves.strict:
             self.moves.joint(JointMove(line, None))
@@ -331,8 +344,10 @@ class RapidModule(Program):
             raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
         if unknown := options.keys() - _OPTIONS:
             raise refuse(line, match[0], f"\\{unknown.pop()} is not read here.")
-        if straight and (others[2].lower() != straight.lower() or "wobj" in options):
-            raise refuse(line, match[0], f"expected the tool {straight} and no work object.")
+        of = others[2].lower(), options.get("wobj", "").lower()
+        if straight and of != (straight.lower(), wobj.lower()):
+            what = f"the work object {wobj}" if wobj else "no work object"
+            raise refuse(line, match[0], f"expected the tool {straight} and {what}.")
         if others[2].lower() != _TOOL and not straight:
             self.moves.noted(line, others[2], "setting")
         found = self.values.value(target)
@@ -345,7 +360,13 @@ class RapidModule(Program):
         given = zip(RAPID.external, external, strict=True)
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
-        self.moves.joint(JointMove(line, angles, None, seconds, None, moved, straight))
+        part = self._moved_by(wobj) if wobj else ""
+        if part is None:
+            self.moves.note(
+                f"straight moves are in {wobj}, which the program does not state: it has to be on "
+                "the part, and to be moved as the part is"
+            )
+        self.moves.joint(JointMove(line, angles, None, seconds, None, moved, straight, part=part))
 
     def _move_to_pose(self, line: int, match: re.Match[str]) -> None:
         """MoveL and MoveJ to a robtarget, for ``check``."""
@@ -357,7 +378,7 @@ class RapidModule(Program):
         data = tuple(map(int, found[2]))
         if list(data) != found[2]:
             raise refuse(line, match[0], "expected whole numbers cf1, cf4, cf6, cfx.")
-        frame = ProgramFrame(*self.moves.frame)
+        frame = ProgramFrame(*self.moves.frame, self._moved_by(options.get("wobj", "wobj0")))
         target = Target(pose, self._tool(line, name), frame, data, line)
         seconds = float(self.values.value(options["t"])) if "t" in options else None
         self.moves.joint(JointMove(
@@ -432,6 +453,16 @@ class RapidModule(Program):
         except (Unknown, TypeError):
             return math.nan
 
+    def _moved_by(self, name: str) -> str | None:
+        """What moves a work object; ``None`` if the file does not say so."""
+        if name.lower() == "wobj0":
+            return ""
+        try:
+            held, fixed, *_ = self.values.value(name)
+        except (Unknown, TypeError, ValueError):
+            return None
+        return "hand" if held else "" if fixed else "positioner"
+
     def _frame(self, name: str) -> tuple[str, mink.SE3 | None]:
         """A work object; its pose if the file states it, and no axis moves it."""
         if name.lower() == "wobj0":
@@ -443,8 +474,6 @@ class RapidModule(Program):
         except (Unknown, TypeError, ValueError):
             self._refuse_lost(name)
             return name, None
-        if self.moves.strict and not known:
-            raise InvalidInput(f"{name} is moved by a unit, or held by the robot: it is not read.")
         return name, pose
 
 
@@ -491,7 +520,7 @@ RAPID = Dialect(
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
     to_fill_in=("GripLoad ...;", "the tool of the moves, tool0"),
-    zone=0.3e-3, points=("joints", "poses"),
+    zone=0.3e-3, points=("joints", "poses"), parts=_PARTS,
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
 3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""

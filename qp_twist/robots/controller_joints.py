@@ -52,8 +52,9 @@ class ControllerJoints:
         source: Source of the figures.
         notes: Remarks about the model.
         external: The external axes.
-        tool: What moves the task's frame, if that is the arm alone; ``None`` where it is not known.
-        arm: Base, flange and configurations of a known robot, likewise.
+        tool: What moves the task's frame; ``None`` where it is not known.
+        arm: Base, flange and configurations of a known robot, with external axes at the model's
+            reference, in the frame in which the path is; ``None`` of one that holds the part.
     """
 
     joint_names: tuple[str, ...]
@@ -106,10 +107,10 @@ class ControllerJoints:
 
     def with_tool(self, tool: ToolChain, robot: KnownRobot | None) -> ControllerJoints:
         """The same with what moves the task's frame, and the robot if it is known."""
-        order = [self.joint_names.index(name) for name in tool.names]
-        arm = None
+        alone, arm = tool.arm, None
+        order = [self.joint_names.index(name) for name in alone.names]
         if robot is not None and order == list(range(len(robot.lines))):
-            arm = ControllerArm.of(robot, tool, self.signs[order], self.offsets[order])
+            arm = ControllerArm.of(robot, alone, self.signs[order], self.offsets[order])
         return replace(self, tool=tool, arm=arm)
 
     @property

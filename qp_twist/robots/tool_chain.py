@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import mink
 import numpy as np
@@ -27,6 +28,11 @@ _SAME = float(np.radians(1e-3))
 decimal of a degree, by which a pose near a singularity may turn two joints against each other."""
 
 
+Part = Literal["", "positioner", "hand"]
+"""What moves the part to which a path belongs: nothing, a positioner, or the robot itself, which
+moves it along a tool that stands still."""
+
+
 class Poses(NamedTuple):
     """Rotations (K, 3, 3) and positions (K, 3), m."""
 
@@ -38,14 +44,39 @@ class ToolChain(NamedTuple):
     """The chain of a tool, and the joints that move it.
 
     Attributes:
-        chain: From the world to the tool's frame.
-        names: Names of its joints, from the world on.
+        chain: From the world, or from a part that moves, to the tool's frame.
+        names: Names of its joints, in the order of the chain.
         tool: Name of the frame.
+        external: Places in ``names`` of external axes. On straight moves, on which the tool moves
+            straight on the part, each moves in proportion to the way.
+        part: What moves the part.
     """
 
     chain: SerialChain
     names: tuple[str, ...]
     tool: str
+    external: tuple[int, ...] = ()
+    part: Part = ""
+
+    @property
+    def own(self) -> list[int]:
+        """Places in ``names`` of the arm's joints."""
+        return [k for k in range(len(self.names)) if k not in self.external]
+
+    @property
+    def arm(self) -> ToolChain:
+        """The arm alone: external axes stand still at the model's reference."""
+        own, chain = self.own, self.chain
+        screws, qpos = (tuple(of[k] for k in own) for of in (chain.screws, chain.qpos))
+        alone = replace(chain, screws=screws, qpos=qpos)  # type: ignore[arg-type]
+        return ToolChain(alone, tuple(self.names[k] for k in own), self.tool, (), self.part)
+
+    def at_reference(self, pose: mink.SE3, q: Array) -> mink.SE3:
+        """Where a pose would be for the arm if the external axes of q (n,) were at reference."""
+        if not self.external:
+            return pose
+        (R, p), (R_arm, p_arm) = self.poses(q[None]), self.arm.poses(q[None, self.own])
+        return _se3(R_arm[0], p_arm[0]) @ _se3(R[0], p[0]).inverse() @ pose
 
     def poses(self, q: Array) -> Poses:
         """Poses of the tool for positions of its joints (K, n)."""
@@ -65,7 +96,7 @@ class ToolChain(NamedTuple):
             InvalidInput: If the joints do not follow, or arrive at other positions than ``end``.
         """
         R, p = self.poses(end[None])
-        shares, rows = self.straight_to(begin, Poses(R[0], p[0]))
+        shares, rows = self.straight_to(begin, Poses(R[0], p[0]), None, end)
         off = np.abs(rows[-1] - end)
         if off.max() > _SAME:
             joint = int(np.argmax(off))
@@ -78,7 +109,7 @@ class ToolChain(NamedTuple):
         return shares, rows
 
     def straight_to(
-        self, begin: Array, pose: Poses, point: mink.SE3 | None = None
+        self, begin: Array, pose: Poses, point: mink.SE3 | None = None, end: Array | None = None
     ) -> tuple[Array, Array]:
         r"""Joint positions on the straight move of the tool to a pose (3, 3), (3,).
 
@@ -87,6 +118,7 @@ class ToolChain(NamedTuple):
 
         Newton's method follows it from ``begin`` on, in steps of the joints so small that the
         branch stays. What moves straight is ``point``, another frame of the tool in its own one.
+        External axes move to those of ``end`` (n,).
 
         Returns:
             λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin``.
@@ -98,13 +130,17 @@ class ToolChain(NamedTuple):
         turn, way = rotation_vector(R[0].T @ pose.rotations), pose.positions - p[0]
         arm = np.zeros(3) if point is None else point.translation()
         way = way + (pose.rotations - R[0]) @ arm
+        external = list(self.external)
+        moved = (begin if end is None else end)[external] - begin[external]
         share, length = 0.0, 1.0
         shares, rows, slope = [0.0], [begin], np.zeros(len(begin))
         while share < 1.0:
             then = min(1.0, share + length)
             turned = R @ Rotation.from_rotvec(then * turn).as_matrix()
             there = Poses(turned, p + then * way - (turned - R) @ arm)
-            found = self.beside((rows[-1] + (then - share) * slope)[None], there)
+            near = rows[-1] + (then - share) * slope
+            near[external] = begin[external] + then * moved
+            found = self.beside(near[None], there)
             step = np.inf if found is None else float(np.abs(found[0] - rows[-1]).max())
             if step > _STEP or found is None:
                 length /= 2.0
@@ -122,8 +158,12 @@ class ToolChain(NamedTuple):
         return np.array(shares), np.array(rows)
 
     def beside(self, q: Array, poses: Poses) -> Array | None:
-        """Joint positions (K, n) near q (K, n) with these poses; ``None`` without."""
-        dofs = self._dofs
+        """Joint positions (K, n) near q (K, n) with these poses, and its external axes.
+
+        ``None`` without.
+        """
+        own, q = self.own, q.copy()
+        dofs = [self.chain.screws[k].dof for k in own]
         for _ in range(_NEWTON):
             now, at, J = self.chain.poses_and_jacobians(self._whole(q))
             turns = rotation_vector(poses.rotations @ now.transpose(0, 2, 1))
@@ -131,17 +171,17 @@ class ToolChain(NamedTuple):
             if np.abs(error).max() < _MET:
                 return q
             try:
-                q = q + np.linalg.solve(J[:, :, dofs], error[..., None])[..., 0]
+                q[:, own] += np.linalg.solve(J[:, :, dofs], error[..., None])[..., 0]
             except np.linalg.LinAlgError:
                 return None
         return None
-
-    @property
-    def _dofs(self) -> list[int]:
-        return [screw.dof for screw in self.chain.screws]
 
     def _whole(self, q: Array) -> Array:
         """Positions of all joints of the model, of which only those of the chain count."""
         whole = np.zeros((len(q), self.chain.nv))
         whole[:, list(self.chain.qpos)] = q
         return whole
+
+
+def _se3(rotation: Array, position: Array) -> mink.SE3:
+    return mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position)

@@ -34,8 +34,8 @@ _PACE = 0.02
 """Largest difference between the shares of time and of way on a move: the tool has constant speed
 on it, which would otherwise be another one than planned."""
 _ASIDE = float(np.radians(1.0))
-"""Largest difference of the joints from those planned, rad: the branch is the same, and limits and
-the roll are nearly kept as planned."""
+"""Largest difference of the joints from those planned, rad (17 mm of slides): the branch is the
+same, and limits and the roll are nearly kept as planned."""
 _ROUNDED = 0.25
 """Share of the tolerances by which a controller may round a point that it passes: a little more
 than that of a chord, so that the points of a smooth curve are passed without a stop."""
@@ -92,8 +92,10 @@ class LinearMotion(NamedTuple):
     Attributes:
         tool: Number of the tool in the controller, whose TCP is the task's frame; ``None``: of
             points that are joint angles 1, of poses its values are written.
-        frame: Number of the frame of poses in the controller, which is the world of the task;
-            ``None``: its values in the robot's base are written.
+        frame: Number of the frame of poses in the controller, which is the world of the task, or
+            the part's; ``None``: its values in the robot's base are written. On a part that moves
+            also of points that are joint angles: of a frame on the part, or of a tool that stands
+            still in LS; ``None``: 1.
         points: Joint angles or poses; ``None``: as the language prefers.
     """
 
@@ -121,14 +123,24 @@ class LinearMotion(NamedTuple):
             raise InvalidInput(
                 f"{dialect.title} has no tools by number; leave it out (--tool-number)."
             )
+        assert joints.tool is not None
+        part = joints.tool.part
+        if part and f"{part} {points}" not in dialect.parts:
+            where = "on a positioner" if part == "positioner" else "in the robot's hand"
+            others = [each.split()[1] for each in dialect.parts if each.startswith(part)]
+            raise InvalidInput(
+                f"straight moves to {points} on a part {where} are not written in {dialect.title}; "
+                f"write {' or '.join(others) or 'joint moves (--motion joint)'}."
+            )
         moves = replace(
             moves, straight=tuple(int(each) for each in line.straight), tool=self.tool or 1,
             stops=line.stops(dialect.zone), halves=line.halves, shares=line.shares,
             tcp=None if joints.arm is None else joints.arm.tool_in_flange,
+            part=part, frame=self.frame or 1,
         )  # fmt: skip
         if points == "poses":
             moves = self._with_poses(moves, line, joints, dialect)
-        elif self.frame is not None:
+        elif self.frame is not None and not part:
             raise InvalidInput("a frame's number is of points that are poses (--points poses).")
         return _with_speeds(moves, planned, line, joints, dialect) if dialect.speeds else moves
 
@@ -141,14 +153,20 @@ class LinearMotion(NamedTuple):
                 "poses need base, flange and configuration data of a known robot (--robot); as "
                 "modelled there are only joint angles."
             )
+        if self.frame is None and joints.external:
+            raise InvalidInput(
+                "where the controller has the world of a robot on a rail, or of a part on a "
+                "positioner, is not known here; state the number of the frame of the points "
+                "(--frame-number)."
+            )
         tool = ProgramFrame("", arm.tool_in_flange)
         frame = ProgramFrame("", arm.base.inverse())
         tool = tool if self.tool is None else ProgramFrame(str(self.tool))
         frame = frame if self.frame is None else ProgramFrame(str(self.frame))
         q = line.rows.of_joints(chain.names).q
         R, p = chain.poses(q)
-        shown = joints.positions(moves.angles / joints.scale(dialect.unit))
-        (R_shown, p_shown), p = chain.poses(shown), np.round(p, _DECIMALS)
+        R_shown, p_shown = chain.poses(_printed(moves, joints, chain, dialect))
+        p = np.round(p, _DECIMALS)
         durations, kept = moves.durations.copy(), [0] * len(line.straight)
         targets: list[Target | None] = [None]
         speeds: list[Speed | None] = []
@@ -158,7 +176,7 @@ class LinearMotion(NamedTuple):
             target = speed = None
             if straight and (way > _RESTS or turn > _RESTS):
                 pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
-                target = Target(pose, tool, frame, arm.configuration(q[k]))
+                target = Target(pose, tool, frame, arm.configuration(q[k, chain.own]))
                 kept[k - 1] = 1
                 if not dialect.speeds:
                     speed = _slower(durations[k - 1], way, turn)
@@ -187,7 +205,11 @@ def _with_speeds(
     """
     chain, durations = joints.tool, planned.durations
     assert chain is not None and durations is not None and moves.durations is not None
-    steps = np.diff(chain.poses(line.rows.of_joints(chain.names).q).positions, axis=0)
+    # Between close points, a printed digit counts.
+    places = chain.poses(_printed(moves, joints, chain, dialect)).positions
+    for k, target in enumerate(moves.targets):
+        places[k] = places[k] if target is None else target.pose.translation()
+    steps = np.diff(places, axis=0)
     ways = np.linalg.norm(steps, axis=1)
     fastest = (np.abs(np.diff(planned.angles, axis=0)) / durations[:, None]).max(axis=0)
     travel = np.abs(np.diff(moves.angles, axis=0))
@@ -219,6 +241,14 @@ def _with_speeds(
         speeds=tuple(None if np.isnan(speed) else Speed(speed) for speed in speeds.tolist()),
         constant=tuple(constant.tolist()),
     )
+
+
+def _printed(
+    moves: JointMoves, joints: ControllerJoints, chain: ToolChain, dialect: Dialect
+) -> Array:
+    """Positions of the chain's joints at the points as they are printed, (N, n)."""
+    order = [joints.joint_names.index(name) for name in chain.names]
+    return joints.positions(moves.angles / joints.scale(dialect.unit))[:, order]
 
 
 def _constant(speeds: Array, most: float) -> float:
@@ -294,7 +324,9 @@ def straight_moves(
             linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
             if not tolerances.met(linear / _SHARE, angular / _SHARE).all():
                 return False
-        found = tool.beside(q[begin : end + 1], Poses(line, p[0] + share[:, None] * way))
+        near, on = q[begin : end + 1].copy(), list(tool.external)
+        near[:, on] = q[begin, on] + share[:, None] * (q[end, on] - q[begin, on])
+        found = tool.beside(near, Poses(line, p[0] + share[:, None] * way))
         return found is not None and bool(np.abs(found - q[begin : end + 1]).max() <= _ASIDE)
 
     def follows(begin: int, end: int) -> bool:
@@ -410,6 +442,13 @@ class Followed(NamedTuple):
     durations: Array | None
 
 
+_ON = {
+    "": "in a frame that stands still", "positioner": "on a part that a positioner moves",
+    "hand": "on a part that the robot holds",
+}  # fmt: skip
+_MOVED = {"": "stands still", "positioner": "is on a positioner", "hand": "is in its hand"}
+
+
 def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
     """The motion of a program with joint positions q (N, n) at its points, nan where it has a pose.
 
@@ -429,10 +468,13 @@ def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
     targets = moves.targets or (None,) * len(q)
     tool = joints.tool
     if tool is None and (any(lines) or any(targets)):
-        raise InvalidInput(
-            "straight moves of the tool are read with a task of the robot alone, whose path is in "
-            "the world: without external axes, and with the part at rest."
-        )
+        raise InvalidInput("straight moves of the tool are read with the task of the robot.")
+    for part, number in moves.parts.items():
+        if tool is not None and part not in (None, tool.part):
+            raise InvalidInput(
+                f"the tool moves straight {_ON[part]}; the part of the task {_MOVED[tool.part]}.",
+                line=number,
+            )
     order = [] if tool is None else [joints.joint_names.index(name) for name in tool.names]
     durations = None if moves.durations is None else moves.durations.copy()
     at, q = q[:1], q.copy()
@@ -446,9 +488,10 @@ def followed(moves: JointMoves, q: Array, joints: ControllerJoints) -> Followed:
             elif line:
                 share, more = _line(tool, joints.arm, at[0, order], q[k, order], target)
             elif target is not None:
-                more = _arm(joints.arm).joints_at(
-                    _in_world(joints.arm, target), target.configuration, at[0, order] if k else None
-                )[None]
+                there, near = q[k, order], at[0, order][tool.own] if k else None
+                pose = tool.at_reference(_in_world(tool, joints.arm, target), np.nan_to_num(there))
+                there[tool.own] = _arm(joints.arm).joints_at(pose, target.configuration, near)
+                more = there[None]
         except InvalidInput as error:
             error.line = line or (target.line if target else None) or error.line
             raise
@@ -478,11 +521,11 @@ def _line(
     if target is None:
         shares, rows = tool.straight(begin, end)
     else:
-        pose = _in_world(arm, target)
+        pose = _in_world(tool, arm, target)
         there = Poses(pose.rotation().as_matrix(), pose.translation())
-        shares, rows = tool.straight_to(begin, there, _point(arm, target))
+        shares, rows = tool.straight_to(begin, there, _point(arm, target), end)
         if target.configuration:
-            _arm(arm).check_configuration(rows[-1], target.configuration)
+            _arm(arm).check_configuration(rows[-1, tool.own], target.configuration)
     return shares[1:], rows[1:]
 
 
@@ -493,10 +536,16 @@ def _point(arm: ControllerArm | None, target: Target | None) -> mink.SE3 | None:
     return _arm(arm).tool_in_flange.inverse() @ target.tool.pose
 
 
-def _in_world(arm: ControllerArm | None, target: Target) -> mink.SE3:
-    """The pose of the task's frame in the world at a target."""
+def _in_world(tool: ToolChain, arm: ControllerArm | None, target: Target) -> mink.SE3:
+    """The pose of the task's frame in the world, or on the part that moves, at a target."""
     if target.tool.pose is None and target.frame.pose is None:
         return target.pose
+    if target.frame.pose is not None and tool.external:
+        raise InvalidInput(
+            f"positions in {target.frame.name}, whose pose the program states, are not read of a "
+            "robot on a rail: where its controller has the world is not known. Use a frame by "
+            "number, which is the world of the task."
+        )
     return _arm(arm).world_pose(target.pose, target.tool.pose, target.frame.pose)
 
 

@@ -41,6 +41,7 @@ from qp_twist.robots import (
     known_robot,
     stated_robot,
 )
+from qp_twist.robots.tool_chain import Part
 from qp_twist.robots.wording import listed
 from qp_twist.trajectories.around_moves import around_rows
 from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, followed, straight_moves
@@ -89,17 +90,24 @@ def joints_of(
             )
         return joints
     axes = _external_axes(path_task, joints)
-    if not axes and path_task.relative_to is None:
-        frame = path_task.frame_name, path_task.frame_type
-        chain, names = (
-            SerialChain.of(path_task.model, *frame),
-            JointRanges.of(path_task.model).names,
-        )
-        own = tuple(names[screw.dof] for screw in chain.screws)
-        joints = joints.with_tool(ToolChain(chain, own, path_task.frame_name), known)
     if stated := tuple(external) or path_task.external:
         axes = as_stated(axes, stated)
-    return joints.with_external(axes)
+    return joints.with_external(axes).with_tool(_tool_of(path_task, axes), known)
+
+
+def _tool_of(path_task: PathTask, axes: Sequence[ExternalAxis]) -> ToolChain:
+    """What moves the task's frame on the part, with these external axes."""
+    chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
+    names = JointRanges.of(path_task.model).names
+    own = tuple(names[screw.dof] for screw in chain.screws)
+    external = tuple(own.index(axis.joint) for axis in axes)
+    held = path_task.relative_to is not None and path_task.arm[1:] == (
+        path_task.relative_to,
+        "body",
+    )
+    on_part = any(axis.on_part for axis in axes)
+    part: Part = "positioner" if on_part else "hand" if held else ""
+    return ToolChain(chain, own, path_task.frame_name, external, part)
 
 
 def _external_axes(path_task: PathTask, joints: ControllerJoints) -> tuple[ExternalAxis, ...]:
@@ -264,10 +272,7 @@ def _straight(
             "joint)."
         )
     if path_task is None or joints.tool is None or rows.times is None:
-        raise InvalidInput(
-            "straight moves need a trajectory with times and its task, in which the robot alone "
-            "moves the tool: without external axes, and with the part at rest."
-        )
+        raise InvalidInput("straight moves need a trajectory with times and its task.")
     return straight_moves(rows, path_task, joints.tool, held, two_angles=dialect.two_angles)
 
 

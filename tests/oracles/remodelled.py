@@ -18,8 +18,12 @@ def remodelled(
     offsets: Array,
     base: tuple[float, float, float],
     tip: str = "tip",
+    under: str = "",
+    beside: str = "",
 ) -> mujoco.MjModel:
     """A robot whose joint i is at q_i where its axis is at signs_i q_i + offsets_i, rad.
+
+    With MJCF in the body of its base, such as the joint of a rail, and beside it.
 
     Each body's frame is that of the world, turned with the links before it, at a point of its axis.
     """
@@ -43,8 +47,9 @@ def remodelled(
         closed += "</body>"
     return mujoco.MjModel.from_xml_string(
         '<mujoco><compiler angle="radian"/><worldbody>'
-        f'<body name="base" pos="1 2 3" euler="{_text(base)}">{opened}'
-        f'<site name="{tip}" pos="{_text(TIP)}"/>{closed}</body></worldbody></mujoco>'
+        f'<body name="base" pos="1 2 3" euler="{_text(base)}">{under}{opened}'
+        f'<site name="{tip}" pos="{_text(TIP)}"/>{closed}</body>{beside}'
+        "</worldbody></mujoco>"
     )
 
 

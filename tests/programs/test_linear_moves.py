@@ -169,7 +169,7 @@ def test_changed_straight_moves_are_refused_or_fail(
     path.write_text(with_values([shown[0], shown[1] + 0.5, shown[2]]))
     assert not check_trajectory(read_trajectory(path, None, joints), task).passes
     path.write_text(text)
-    with pytest.raises(qt.InvalidInput, match="read with a task of the robot alone"):
+    with pytest.raises(qt.InvalidInput, match="read with the task of the robot"):
         read_trajectory(path, None, dataclasses.replace(joints, tool=None))
     with pytest.raises(qt.InvalidInput, match="straight moves need a trajectory with times"):
         write_checked(

@@ -199,7 +199,7 @@ END
         ("ABB IRB 120", (r"tooldata task_tool:=\[TRUE", "tooldata task_tool:=[FALSE"),
          "carries the part"),
         ("ABB IRB 120", (r"wobj:=\[FALSE,TRUE", "wobj:=[FALSE,FALSE"),
-         "task_wobj is moved by a unit"),
+         r"line \d+: the tool moves straight on a part that a positioner moves; .* stands still"),
         ("ABB IRB 120", (r"fine,task_tool\\", r"fine,task_tool\\Corr\\"), "arguments that are not"),
         ("ABB IRB 120", (r"MoveAbsJ.*\n", ""), "a joint move first"),
         ("KUKA KR 16-2", ("S 2,T 2}", "S 2,T 3}"), r"line \d+: the robot arrives with .*\[2, 2\]"),

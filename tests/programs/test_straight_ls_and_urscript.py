@@ -439,5 +439,5 @@ def test_movep_holds_one_speed_from_stop_to_stop(cases: dict[str, Case], tmp_pat
     assert moves[0].speed == pytest.approx(SPEED[case.name], rel=0.02)
     assert "movep" not in program_of(cases["Universal Robots UR5e"], "joints", tmp_path).read_text()
     none = dataclasses.replace(cases["Universal Robots UR5e"].joints, tool=None, arm=None)
-    with pytest.raises(qt.InvalidInput, match="read with a task of the robot alone"):
+    with pytest.raises(qt.InvalidInput, match="read with the task of the robot"):
         read_trajectory(tmp_path / "round.script", None, none)
