@@ -4,6 +4,7 @@
         [--jobs 2] [--seed 0] [--keep DIR] [--write]
     python benchmarks/placements.py [placements_gains] [placements_gains_mink] [--write]
     python benchmarks/placements.py best_placement [--objectives centering,travel] [--write]
+    python benchmarks/placements.py part_tolerance [--placements 1000] [--write]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
 follows the run with every method. A run is over at its first fault: a joint outside its range, an
@@ -17,6 +18,9 @@ at its default and at the best of them, held against ``qp_gradient`` placement b
 *best_placement*: what ``qt.best_placement`` finds within a minute in a box around the part, beside
 the best whole plan of so many random placements in it.
 
+*part_tolerance*: the boxes of ``qt.part_tolerance``, and how many of so many random placements in
+each fail: none may in the proven one.
+
 With ``--keep DIR`` each result is kept in a file of its own, and is not computed again.
 """
 
@@ -28,6 +32,7 @@ from page import command, each, markdown_table
 import collections
 import dataclasses
 import functools
+import itertools
 import statistics
 import sys
 import time
@@ -45,6 +50,9 @@ import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.following.mink_step import posture
 from qp_twist.paths.orientation import roll_by_plane
+from qp_twist.studies.part_tolerance import Judge as PartJudge
+from qp_twist.studies.part_tolerance import half_widths
+from qp_twist.studies.placing import placing
 from qp_twist.studies.summary import Rate
 
 
@@ -584,6 +592,29 @@ def at_shift(task: qt.PathTask, about: Array, shift: Array) -> qt.PathTask:
     return qt.paths.placed(task, mink.SO3.identity(), about, about + shift, "part")
 
 
+def part_tolerance(placements: int, seed: int) -> str:
+    """Failures at random placements in the boxes that are proven, and that were sampled."""
+    rows, rng = [], np.random.default_rng(seed + 1)
+    for name, method in itertools.product(
+        ("deburring", "dome_seams"), ("qp_planned", "qp_gradient")
+    ):
+        run = qt.follow(qt.load_task(name), method)
+        began = time.process_time()
+        found = qt.part_tolerance(run)
+        spent, judge = time.process_time() - began, PartJudge(run, placing(run.path_task))
+        failed = []
+        for box in (found.proven, found.sampled):
+            drawn = rng.uniform(-box, box, (placements, 6))
+            failed.append(sum(bool(judge(x)) for x in drawn))
+        boxes = half_widths(found.proven), half_widths(found.sampled)
+        rows.append((name, method, *boxes, *map(str, failed), f"{spent:.0f}"))
+    head = (
+        "task", "method", "proven", "sampled", f"failed of {placements} in the proven box",
+        "in the sampled one", "processor s",
+    )  # fmt: skip
+    return markdown_table(head, rows)
+
+
 def pairs(mine: Array, reference: Array) -> str:
     """Placements that one finishes and the other does not; bold where that is no coincidence.
 
@@ -618,7 +649,7 @@ def faults(found: Iterable[str | None]) -> str:
 
 
 if __name__ == "__main__":
-    made = placements, placements_gains, placements_gains_mink, best_placement
+    made = placements, placements_gains, placements_gains_mink, best_placement, part_tolerance
     parts = {part.__name__: part for part in made}
     options = {
         "placements": 1000, "starts": STARTS, "seed": 0, "methods": "", "jobs": 2, "keep": "",

@@ -75,6 +75,7 @@ from .qp import SolverInaccurate as SolverInaccurate
 from .robots import load_robot as load_robot
 from .studies import Study as Study
 from .studies import best_placement as best_placement
+from .studies import part_tolerance as part_tolerance
 from .studies import study as study
 from .trajectories import TimedPath as TimedPath
 from .trajectories import check_trajectory as check_trajectory

@@ -20,7 +20,7 @@ from qp_twist.cli.app import app, quiet, typed
 # Each is a function in a module of its name; help lists them in this order.
 COMMANDS = (
     "bench", "check", "compare", "export", "new", "place", "report", "roadmap", "run", "show",
-    "starts", "study", "tasks", "view",
+    "starts", "study", "tasks", "tolerance", "view",
 )  # fmt: skip
 READS_NOTHING = "tasks"
 """A command without input files; it starts in the third of a second, as help does: mink, which the

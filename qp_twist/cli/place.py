@@ -108,10 +108,11 @@ def _box(path_task: PathTask, lower: str | None, upper: str | None) -> tuple[Arr
         return np.array(table.lower) - table.point, np.array(table.upper) - table.point
     if lower is None or upper is None:
         raise InvalidInput("give both --lower and --upper, or neither.")
-    return _corner("--lower", lower), _corner("--upper", upper)
+    return corner("--lower", lower), corner("--upper", upper)
 
 
-def _corner(option: str, text: str) -> Array:
+def corner(option: str, text: str) -> Array:
+    """Three or six numbers in m and degrees, as m and rad."""
     try:
         numbers = np.array([float(part) for part in text.split(",")])
     except ValueError:

@@ -1,5 +1,7 @@
 """Studies: methods over thousands of samples of a task."""
 
+from .part_tolerance import PartTolerance as PartTolerance
+from .part_tolerance import part_tolerance as part_tolerance
 from .placement_search import BestPlacement as BestPlacement
 from .placement_search import best_placement as best_placement
 from .sample import Sample as Sample

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import mink
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number
 from qp_twist.errors import InvalidInput
 from qp_twist.following import plan
-from qp_twist.paths import PathTask, base_moved, placed
+from qp_twist.paths import PathTask
 from qp_twist.planning import Plan
+from qp_twist.studies.placing import Placing, placing
 from qp_twist.studies.sample import with_largest_step
 from qp_twist.studies.workers import Rows, each
 
@@ -163,7 +163,7 @@ def best_placement(
     if moves not in ("part", "base"):
         raise InvalidInput(f"best_placement(moves=…): expected 'part' or 'base', got {moves!r}.")
     number("best_placement(seconds=…)", seconds, above=0.0)
-    place = _placing(path_task, moves, body, about)
+    place = placing(path_task, moves, body, about)
     place(np.zeros(6))  # refuses a body that does not exist
     search = _Search(place, box, objective, seconds, progress or (lambda what, at: None))
     interrupted = False
@@ -238,45 +238,10 @@ class Box(NamedTuple):
         return found
 
 
-class _Placing(NamedTuple):
-    """How an offset changes a task."""
-
-    path_task: PathTask
-    moves: Literal["part", "base"]
-    body: str | None
-    about: Array
-
-    def __call__(self, x: Sequence[float] | Array) -> PathTask:
-        """The task at an offset (6,)."""
-        shift, turn = np.array(x[:3]), mink.SO3.exp(np.array(x[3:]))
-        if self.moves == "base":
-            return base_moved(self.path_task, turn, shift)
-        return placed(self.path_task, turn, self.about, self.about + shift, self.body)
-
-
-def _placing(
-    task: PathTask, moves: Literal["part", "base"], body: str | None, about: npt.ArrayLike | None
-) -> _Placing:
-    """How an offset changes a task, with the body and the point of ``[study.placement]``."""
-    if moves == "base":
-        if body is not None or about is not None:
-            raise InvalidInput(
-                "best_placement(moves='base'): body and about are of the part; leave them out."
-            )
-        return _Placing(task, moves, None, np.zeros(3))
-    table = None if task.study is None else task.study.placement
-    if table is not None:
-        body = table.body if body is None else body
-        about = table.point if about is None else about
-    if about is None:
-        about = 0.5 * (task.positions.min(axis=0) + task.positions.max(axis=0))
-    return _Placing(task, moves, body, finite_array("best_placement(about=…)", about, (3,)))
-
-
 class _Screen(NamedTuple):
     """The job of one point: its value."""
 
-    place: _Placing
+    place: Placing
     objective: str | Mapping[str, float]
     points: list[tuple[float, ...]]
 
@@ -318,7 +283,7 @@ class _Search:
 
     def __init__(
         self,
-        place: _Placing,
+        place: Placing,
         box: Box,
         objective: str | Mapping[str, float],
         seconds: float,

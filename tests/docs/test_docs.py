@@ -381,7 +381,7 @@ NAMED_BY_THE_TASK = {
 
 @pytest.mark.parametrize("command", [
     "new", "starts", "compare", "run", "check", "report", "view", "roadmap", "study", "place",
-    "bench",
+    "tolerance", "bench",
 ])  # fmt: skip
 def test_every_default_of_a_command_is_that_of_its_function(command: str) -> None:
     function = getattr(importlib.import_module(f"qp_twist.cli.{command}"), command)
