@@ -18,6 +18,7 @@ from qp_twist.kinematics import SecondaryObjective
 from qp_twist.paths import (
     DEFAULT_METHOD,
     METHODS,
+    LiftOffs,
     MethodSettings,
     PathTask,
     check_method,
@@ -87,6 +88,7 @@ def follow(
     path_task = without_via_points(path_task)
     if plan is not None:
         instance("follow(plan=…)", plan, Plan)
+        path_task = _lifted(path_task, plan)
         planned = len(plan.at_waypoints)
         if planned != len(path_task.waypoints):
             raise InvalidInput(
@@ -109,6 +111,7 @@ def follow(
         plan = None
     elif plan is None:
         plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
+        path_task = _lifted(path_task, plan)
     motion = None if plan is None else plan.at_waypoints
     trajectory = follow_stretches(
         path_task,
@@ -123,6 +126,13 @@ def follow(
         stop=stop,
     )
     return replace(trajectory, plan=plan)
+
+
+def _lifted(path_task: PathTask, plan: Plan) -> PathTask:
+    """The task with the lift-offs of its plan."""
+    if plan.cuts == path_task.cuts or not plan.cuts:
+        return path_task
+    return LiftOffs.of(path_task, plan.cuts).task
 
 
 def with_options(

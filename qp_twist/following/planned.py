@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.following.lift_offs import plan_with_fewest_cuts
 from qp_twist.following.stretches import plan_stretches
 from qp_twist.following.walk import walk
 from qp_twist.kernel import COMPILED
-from qp_twist.kinematics import JointRanges
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
-from qp_twist.planning import Plan, central_starts, make_plan
-from qp_twist.planning.objective import Objective
+from qp_twist.planning import Plan, central_starts, make_plan, motion_limits
+from qp_twist.planning.fewest_cuts import FewestCuts
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.plan import stated_objective
+from qp_twist.planning.problem import Problem
 from qp_twist.planning.starts import corrected_start
 
 SEED_METHODS = (DEFAULT_METHOD, "qp_minimum_norm")
@@ -32,6 +36,7 @@ def plan(
     max_step_deg: float | None = None,
     *,
     joint_weights: Mapping[str, float] | None = None,
+    cuts: Literal["fewest"] | None = None,
     seeds: Sequence[str] = SEED_METHODS,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
@@ -67,6 +72,10 @@ def plan(
             slide counts as a radian.
         joint_weights: Weights w of joints by name, e.g. ``{"rail": 0.1}``; 1 for the others:
             z = ½ Σ w ((θ − θ̄)/(θ_max − θ_min))², travel Σ w ‖Δθ‖.
+        cuts: ``"fewest"``, which a task file may state, too: where no motion follows the whole path
+            inside all limits and constraints, the tool lifts off, as rarely as possible, and a
+            joint move leads to where it goes on. ``plan.cuts`` are the waypoints after which it
+            does; ``plan.path_task`` has the retreats, joint moves and approaches.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
         progress: Called with the current phase and its share done.
@@ -88,6 +97,8 @@ def plan(
         mean z 0.0522, bound 0.0522
     """
     instance("plan(path_task, …)", path_task, PathTask)
+    if cuts not in (None, "fewest"):
+        raise InvalidInput(f'plan(cuts=…): expected "fewest" or None, got {cuts!r}.')
     first: Array | None = None
     if start is not None:
         first = finite_array("start", start, (path_task.model.nq,))
@@ -101,13 +112,26 @@ def plan(
         return found if start is None else [np.vstack([start[None], run[1:]]) for run in found]
 
     def planned(task: PathTask, start: Array | None) -> Plan:
-        return make_plan(task, objective, start, max_step_deg, runs, progress, joint_weights)
+        return make_plan(
+            task, objective, start, max_step_deg, runs, progress, joint_weights, paced=paced
+        )
 
     path_task = without_via_points(path_task)
-    if path_task.joint_moves:
-        goal = Objective.of(JointRanges.of(path_task.model), objective, joint_weights)
+    paced = cuts is None and path_task.cuts != "fewest"
+    if paced:
+        goal = stated_objective(path_task, objective, joint_weights)
         return plan_stretches(path_task, goal, first, planned)
-    return planned(path_task, first)
+    if path_task.cuts not in ((), "fewest"):
+        raise InvalidInput(
+            f"plan(cuts={cuts!r}): {path_task.name} already lifts the tool off after waypoints "
+            f"{', '.join(map(str, path_task.cuts))}; leave out its cuts, or the argument."
+        )
+    goal = stated_objective(path_task, objective, joint_weights)
+    rows, ranges = PathRows(path_task), goal.ranges
+    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard)
+    problem = Problem(path_task, rows, limits, goal, first)
+    search = FewestCuts(problem, progress or (lambda what, share: None))
+    return plan_with_fewest_cuts(search, planned)
 
 
 def whole_plan(

@@ -160,14 +160,18 @@ def plan_stretches(
     start: Array | None,
     planned: Callable[[PathTask, Array | None], Plan],
 ) -> Plan:
-    """The plan of a task with joint moves, without via points; see :func:`qp_twist.plan`.
+    """The plan of a task, with joint moves or none, without via points; see :func:`qp_twist.plan`.
 
     ``planned`` plans a stretch from a start (nv,), or from any if it is ``None``.
 
     Raises:
         KeyboardInterrupt: On Ctrl-C before the last stretch has a motion.
     """
+    if not path_task.joint_moves:
+        return planned(path_task, start)
     moves, runs = JointMoves(path_task), stretches(path_task)
+    # After lift-offs, which may be anywhere, the best motion on the path is taken if it can be.
+    lifted = path_task.joint_moves if path_task.cuts else ()
     plans: list[Plan] = []
     found: list[_Move] = []
     for run in runs:
@@ -182,7 +186,7 @@ def plan_stretches(
             continue
         end, why = plans[-1].motion()[-1], ""
         candidates: Iterable[Plan] = itertools.chain([best], _other_plans(task, planned, end))
-        if goal.travel:  # the way to a stretch counts, too
+        if goal.travel and run.start not in lifted:  # the way to a stretch counts, too
             at_end = end[None]
             candidates = sorted(
                 candidates, key=lambda plan: goal.value(np.vstack([at_end, plan.motion()]))

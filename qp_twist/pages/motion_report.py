@@ -22,6 +22,7 @@ from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.trajectories import Check, TimedPath, check_trajectory
+from qp_twist.trajectories.metadata import with_lift_offs
 
 NAME = "report.html"
 """Name of the page in its folder."""
@@ -75,6 +76,7 @@ def report(
     Raises:
         InvalidInput: If the trajectory cannot be checked (:func:`~qp_twist.check_trajectory`).
     """
+    path_task = with_lift_offs(path_task, TimedPath.of(trajectory).metadata)
     check = check_trajectory(
         trajectory,
         path_task,

@@ -4,6 +4,7 @@ from .joint_moves import joint_move_ends as joint_move_ends
 from .joint_moves import refuse_joint_moves as refuse_joint_moves
 from .joint_moves import stretches as stretches
 from .joint_moves import without_via_points as without_via_points
+from .lift_offs import LiftOffs as LiftOffs
 from .methods import DEFAULT_METHOD as DEFAULT_METHOD
 from .methods import METHODS as METHODS
 from .methods import Method as Method

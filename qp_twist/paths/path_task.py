@@ -114,6 +114,9 @@ class PathTask:
             redundancy is spent on it, and each dip is reported.
         max_dip: Largest dip of its speed that passes, as a share of the programmed one; ``None``:
             any, reported.
+        cuts: ``"fewest"``: where no motion follows the whole path, a plan may lift the tool off, as
+            rarely as possible. Of a path with lift-offs (``paths.LiftOffs``) the waypoints, from 1,
+            after which they are, as counted without them.
 
     Raises:
         InvalidInput: If segments or joint moves do not fit, a constraint cannot be evaluated on a
@@ -158,6 +161,7 @@ class PathTask:
     calls: Mapping[str, str] = field(default_factory=dict)
     constant_speed: bool = False
     max_dip: float | None = None
+    cuts: Literal["fewest"] | tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, str):
@@ -171,6 +175,11 @@ class PathTask:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
         check_calls(self.calls)
+        if self.cuts != "fewest" and not isinstance(self.cuts, tuple):
+            raise InvalidInput(
+                f'cuts: expected "fewest" or a tuple of waypoints, got {self.cuts!r:.80}.',
+                key="plan.cuts",
+            )
         if self.max_dip is not None:
             number("max_dip", self.max_dip, at_least=0.0, at_most=1.0)
         if self.max_dip is not None and not self.constant_speed:

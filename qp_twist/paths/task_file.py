@@ -33,6 +33,7 @@ from qp_twist.kinematics import (
 )
 from qp_twist.paths.file_path import PlacedPath, file_segments, file_waypoints
 from qp_twist.paths.file_path_schema import FilePath
+from qp_twist.paths.lift_offs import LiftOffs
 from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
 from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
@@ -245,6 +246,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         calls=file.program.calls,
         constant_speed=file.feed is not None and file.feed.mode == "constant",
         max_dip=None if file.feed is None else file.feed.max_dip,
+        cuts="fewest" if file.plan.cuts == "fewest" else (),
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
@@ -253,7 +255,12 @@ def _build(path: Path, file: TaskFile) -> PathTask:
                 f"it would change nothing, since {unused[key]}; leave it out.",
                 key=f"methods.{name}.{key}",
             )
-    return task
+    if file.plan.cuts == "fewest":
+        return task
+    try:
+        return LiftOffs.of(task, file.plan.cuts).task
+    except InvalidInput as error:
+        raise InvalidInput(str(error), key="plan.cuts") from error
 
 
 def load_scene(

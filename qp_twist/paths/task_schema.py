@@ -240,6 +240,16 @@ class FeedSection(Section):
         return self
 
 
+class PlanSection(Section):
+    """What a plan of the whole path may do."""
+
+    cuts: Literal["fewest"] | tuple[Count, ...] = Field(
+        default=(),
+        description='"fewest": lift the tool off where no motion follows the whole path, as rarely '
+        "as possible; or the waypoints after which it does, counted from 1",
+    )
+
+
 class ProgramSection(Section):
     """What robot programs of this path have around it."""
 
@@ -381,6 +391,7 @@ class TaskFile(Section):
     feed: FeedSection | None = None
     limits: LimitsSection = LimitsSection()
     program: ProgramSection = ProgramSection()
+    plan: PlanSection = PlanSection()
     clearance: ClearanceSection | None = None
     iteration: IterationSection = IterationSection()
     methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)

@@ -35,12 +35,14 @@ class LayerPath:
     """A path through the layers, by the configuration in each layer; possibly incomplete.
 
     Then it ends before the first layer that cannot be reached, and its value is infinite; it was
-    searched from the layer ``first``, whatever comes before.
+    searched from the layer ``first``, whatever comes before. ``cuts`` are the layers before which
+    it is interrupted.
     """
 
     nodes: list[int]
     value: float
     first: int = 0
+    cuts: tuple[int, ...] = ()
 
 
 Connections = Callable[[int, Indices], Edges]
@@ -94,30 +96,104 @@ def cheapest_path(
     """
     least = [cost.min(initial=np.inf) for cost in node_costs]
     ahead = join.accumulate(np.array([*least, 0.0 if join is np.add else -np.inf])[:0:-1])[::-1]
+    graph = _Graph(node_costs, connections, edge_cost, allowed, valid, join)
     best = [_within(node_costs[0], join(node_costs[0], ahead[0]), at_most)]
     came: list[Indices] = []
     for layer in range(len(node_costs) - 1):
-        edge = connections(layer, np.flatnonzero(np.isfinite(best[-1])))
-        values = best[-1][edge.start]
-        if edge_cost is not None:
-            values = join(values, edge_cost(layer, edge))
-        costs = node_costs[layer + 1]
-        rest = join(costs, ahead[layer + 1])
-        kept = np.isfinite(_within(values, join(values, rest[edge.end]), at_most))
-        values, edge = values[kept], edge.at(kept)
-        if allowed is not None:
-            ends = np.zeros(len(costs), dtype=bool)
-            ends[edge.end] = True
-            nodes = np.flatnonzero(ends)
-            ends[nodes] = allowed(layer + 1, nodes)
-            kept = ends[edge.end]
-            values, edge = values[kept], edge.at(kept)
-        reached, before = _least(values, edge, len(costs), layer, valid)
+        values, before = graph.advanced(layer, best[-1], ahead[layer + 1], at_most)
         came.append(before)
-        best.append(np.where(np.isfinite(reached), join(reached, costs), np.inf))
+        best.append(values)
         if not np.isfinite(best[-1]).any():
             break
     return _traced(best, came, len(node_costs))
+
+
+def interrupted_path(
+    node_costs: Sequence[Array],
+    connections: Connections,
+    edge_cost: Callable[[int, Edges], Array] | None,
+    prices: Array,
+    alone: Mask,
+    *,
+    allowed: Allowed | None = None,
+    valid: Valid | None = None,
+) -> LayerPath:
+    """The path of least cost that may be interrupted, and then goes on from any allowed node.
+
+    As :func:`cheapest_path`. ``prices`` are those of an interruption between each layer and the
+    next, (layers − 1,), infinite where there may be none. Layers that are not ``alone`` (layers,)
+    are not between two interruptions, nor between one and an end of the path.
+    """
+    graph = _Graph(node_costs, connections, edge_cost, allowed, valid, np.add)
+    count = len(node_costs)
+    reached = node_costs[0] if alone[0] else np.full(len(node_costs[0]), np.inf)
+    here, left = node_costs[0], [reached]
+    came, entered = list[Indices](), [np.zeros(len(here), dtype=bool)]
+    for layer in range(count - 1):
+        reached, before = graph.advanced(layer, here)
+        costs = node_costs[layer + 1]
+        after = left[-1].min() + prices[layer] + costs
+        better = np.flatnonzero(after < reached)
+        if allowed is not None and len(better):
+            better = better[allowed(layer + 1, better)]
+        here = reached.copy()
+        here[better] = after[better]
+        came.append(before)
+        entered.append(here < reached)
+        left.append(here if alone[layer + 1] else reached)
+        if not np.isfinite(here).any():
+            return LayerPath([], np.inf)
+    value = float(left[-1].min())
+    if not np.isfinite(value):
+        return LayerPath([], np.inf)
+    nodes, cuts = [int(np.argmin(left[-1]))], list[int]()
+    by_edge = not alone[-1]
+    for layer in range(count - 1, 0, -1):
+        if entered[layer][nodes[-1]] and not by_edge:
+            cuts.append(layer)
+            nodes.append(int(np.argmin(left[layer - 1])))
+            by_edge = not alone[layer - 1]
+        else:
+            nodes.append(int(came[layer - 1][nodes[-1]]))
+            by_edge = False
+    return LayerPath(nodes[::-1], value, cuts=tuple(cuts[::-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Graph:
+    """Layers and what connects them, as :func:`cheapest_path` takes them."""
+
+    node_costs: Sequence[Array]
+    connections: Connections
+    edge_cost: Callable[[int, Edges], Array] | None
+    allowed: Allowed | None
+    valid: Valid | None
+    join: np.ufunc
+
+    def advanced(
+        self, layer: int, here: Array, ahead: float = 0.0, at_most: float = np.inf
+    ) -> tuple[Array, Indices]:
+        """Least values at the nodes of the next layer from those ``here`` (K,), and where from.
+
+        Those that exceed ``at_most`` with the least cost ``ahead`` are infinite.
+        """
+        join, costs = self.join, self.node_costs[layer + 1]
+        edge = self.connections(layer, np.flatnonzero(np.isfinite(here)))
+        values = here[edge.start]
+        if self.edge_cost is not None:
+            values = join(values, self.edge_cost(layer, edge))
+        rest = join(costs, ahead)
+        kept = np.isfinite(_within(values, join(values, rest[edge.end]), at_most))
+        values, edge = values[kept], edge.at(kept)
+        if self.allowed is not None:
+            ends = np.zeros(len(costs), dtype=bool)
+            ends[edge.end] = True
+            nodes = np.flatnonzero(ends)
+            ends[nodes] = self.allowed(layer + 1, nodes)
+            kept = ends[edge.end]
+            values, edge = values[kept], edge.at(kept)
+        reached, before = _least(values, edge, len(costs), layer, self.valid)
+        return np.where(np.isfinite(reached), join(reached, costs), np.inf), before
 
 
 def _within(values: Array, costs: Array, most: float) -> Array:

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges
+from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges, interrupted_path
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.levels import STAGES, Level, Levels, Progress
@@ -98,6 +98,30 @@ class LevelSearch:
             before = ended
         return way
 
+    def interrupted(self, prices: Array, blocked: Mask, alone: Mask) -> LayerPath:
+        """The best of the paths with the fewest interruptions (:func:`interrupted_path`).
+
+        Their number times ``prices`` counts: 1, 0 where there is one anyway, or infinite where
+        there may be none. Between ``blocked`` layers there is no motion, (layers − 1,) each.
+        """
+        objective, grid = self.problem.objective, self.level.grid.joints
+        longest = [
+            objective.travel * np.degrees(objective.joints @ (steps + grid))
+            + STRICTNESS[self.strict] * self._price * float((grid / steps).max())
+            for steps in itertools.compress(self._steps, ~blocked)
+        ]
+        # More than two paths with equally many of them can differ by.
+        one = 1.0 + sum(longest) + sum(float(cost[np.isfinite(cost)].max(initial=0.0))
+                                       for cost in self._centering)  # fmt: skip
+
+        def connections(number: int, alive: Indices) -> Edges:
+            return self._connections(number, alive[: 0 if blocked[number] else None])
+
+        return interrupted_path(
+            self._centering, connections, self._edge_cost, one * prices, alone,
+            allowed=self._allowed, valid=self._valid,
+        )  # fmt: skip
+
     def _ended_about(self, way: LayerPath, *, far: bool) -> LayerPath | None:
         """A path that ends around the place where another one has, from wherever it comes.
 
@@ -131,6 +155,11 @@ class LevelSearch:
             self.level.layers
         )
 
+    @property
+    def _price(self) -> float:
+        """Price of a step twice as long as allowed."""
+        return _PRICE * self._weight + _PRICE_OF_TRAVEL * self.problem.objective.travel
+
     @cached_property
     def _centering(self) -> list[Array]:
         ranges = self.problem.objective.ranges
@@ -156,12 +185,11 @@ class LevelSearch:
 
     def _edge_cost(self, number: int, edge: Edges) -> Array:
         objective, layers = self.problem.objective, self.level.layers
-        price = _PRICE * self._weight + _PRICE_OF_TRAVEL * objective.travel
         apart = layers[number + 1].q[edge.end] - layers[number].q[edge.start]
         apart = np.abs(self.problem.unwound(apart))
         share = (apart / self._steps[number]).T.copy()  # the largest of columns takes less time
         beyond = np.maximum(share.max(axis=0) - 1.0, 0.0)
-        cost: Array = STRICTNESS[self.strict] * price * beyond
+        cost: Array = STRICTNESS[self.strict] * self._price * beyond
         if objective.travel:
             cost += objective.travel * np.degrees(apart @ objective.joints)
         return cost

@@ -92,6 +92,11 @@ class Plan:
         return self.q
 
     @property
+    def cuts(self) -> tuple[int, ...]:
+        """The task's waypoints, from 1, after which the tool lifts off."""
+        return () if self.path_task.cuts == "fewest" else self.path_task.cuts
+
+    @property
     def at_waypoints(self) -> Array:
         """The configurations at the waypoints, (N, nq)."""
         q = self.motion()
@@ -192,28 +197,16 @@ def make_plan(
     runs: Trials,
     progress: Progress | None = None,
     joint_weights: Mapping[str, float] | None = None,
+    *,
+    paced: bool = True,
 ) -> Plan:
     """Search the best motion; see :func:`qp_twist.plan`.
 
     ``start`` is on the first waypoint. ``runs`` returns joint paths (N, nq) of other methods.
+    ``paced``: where the speed prevents a motion, how much slower there is one.
     """
-    instance("plan(path_task, …)", path_task, PathTask)
-    if len(path_task.waypoints) < 2:
-        raise InvalidInput(f"plan: {path_task.name} has one waypoint; a path has at least two.")
-    ranges = JointRanges.of(path_task.model)
-    if not ranges.only_hinges_and_slides:
-        raise InvalidInput(
-            f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
-            "planned. Take free bodies out of the scene, or follow the path with a method."
-        )
-    for clearance in path_task.clearances:
-        refuse_never_apart(path_task.name, clearance)
-    goal = Objective.of(ranges, objective, joint_weights)
-    if (goal.margin or goal.centering) and not ranges.limited.any():
-        raise InvalidInput(
-            f"plan: {path_task.name}'s joints have no ranges, so that objective {objective!r} says "
-            "nothing; use objective='travel'."
-        )
+    goal = stated_objective(path_task, objective, joint_weights)
+    ranges = goal.ranges
     rows = PathRows(path_task)
     limits = motion_limits(path_task, ranges, max_step_deg, rows.hard)
     first = None
@@ -233,7 +226,7 @@ def make_plan(
         Problem(path_task, rows, limits, goal, first),
         runs,
         progress or (lambda what, share: None),
-        None if path_task.durations is None else slower,
+        slower if paced and path_task.durations is not None else None,
     ).run()
     path = found.path
     return Plan(
@@ -246,6 +239,36 @@ def make_plan(
         dict(joint_weights or {}),
         found.interrupted,
     )
+
+
+def stated_objective(
+    path_task: PathTask,
+    objective: str | Mapping[str, float],
+    joint_weights: Mapping[str, float] | None = None,
+) -> Objective:
+    """The objective of a plan of a task, which has to be one that can be planned.
+
+    Raises:
+        InvalidInput: If it is not, or the objective is wrong or says nothing about its joints.
+    """
+    instance("plan(path_task, …)", path_task, PathTask)
+    if len(path_task.waypoints) < 2:
+        raise InvalidInput(f"plan: {path_task.name} has one waypoint; a path has at least two.")
+    ranges = JointRanges.of(path_task.model)
+    if not ranges.only_hinges_and_slides:
+        raise InvalidInput(
+            f"plan: {path_task.name}'s scene has ball or free joints; only hinges and slides are "
+            "planned. Take free bodies out of the scene, or follow the path with a method."
+        )
+    for clearance in path_task.clearances:
+        refuse_never_apart(path_task.name, clearance)
+    goal = Objective.of(ranges, objective, joint_weights)
+    if (goal.margin or goal.centering) and not ranges.limited.any():
+        raise InvalidInput(
+            f"plan: {path_task.name}'s joints have no ranges, so that objective {objective!r} says "
+            "nothing; use objective='travel'."
+        )
+    return goal
 
 
 def _check_start(ranges: JointRanges, rows: PathRows, start: Array) -> None:

@@ -257,8 +257,9 @@ class PathConstraints:
 
 def block_diagonal(blocks: Array) -> sparse.csr_matrix:
     """Blocks (K, m, n) as a block-diagonal matrix, (K·m, K·n)."""
-    at = np.arange(len(blocks) + 1)
-    return sparse.csr_matrix(sparse.bsr_matrix((blocks, at[:-1], at)))
+    count, rows, columns = blocks.shape
+    at, shape = np.arange(count + 1), (count * rows, count * columns)
+    return sparse.csr_matrix(sparse.bsr_matrix((blocks, at[:-1], at), shape=shape))
 
 
 def motion_limits(

@@ -33,7 +33,7 @@ from qp_twist.referee import (
     with_default_accelerations,
 )
 from qp_twist.trajectories.matching import times_at_waypoints
-from qp_twist.trajectories.metadata import disagreements
+from qp_twist.trajectories.metadata import disagreements, with_lift_offs
 from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
@@ -182,7 +182,8 @@ def check_trajectory(
     """Measure a trajectory against a task: errors at and between waypoints, limits, speeds.
 
     Everything is computed from the joint positions, and from times and velocities if there are any;
-    the trajectory's metadata only produce notes where they contradict the task. Limits of speed and
+    the trajectory's metadata only say where the tool lifts off, if the task leaves that open, and
+    produce notes where they contradict the task. Limits of speed and
     acceleration are the task's, else those of the robot's data sheet, else for accelerations the
     default (:func:`~qp_twist.referee.with_default_accelerations`), which the verdict names. As many
     rows as waypoints correspond one by one. With another number of rows, or if the motion between
@@ -210,6 +211,7 @@ def check_trajectory(
             "checked."
         )
     rows = TimedPath.of(trajectory).of_joints(ranges.names)
+    path_task = with_lift_offs(path_task, rows.metadata)
     motion, count, timed = rows.motion, len(path_task.waypoints), rows.times is not None
     passing = Passing(motion.times, timed, by_row=True)
     by_row = len(rows.q) == count
@@ -240,6 +242,11 @@ def check_trajectory(
         *_part_of_the_path(passing, motion, met),
         *_beside_the_path(path_task, passing, motion, met, tolerances),
     ]
+    if path_task.cuts == "fewest" and not all(finding.passes for finding in findings):
+        notes.append(
+            "the task lets the tool lift off, but the trajectory does not say where it does: state "
+            "the waypoints by cuts = [WAYPOINT, …] in [plan]"
+        )
     if motion.degree == 5:
         notes.append(
             "the trajectory has accelerations: its joints move on polynomials of degree five from "

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qp_twist import __version__
+from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask, joint_move_ends
+from qp_twist.paths import LiftOffs, PathTask, joint_move_ends
 from qp_twist.referee import JointMotion, MotionLimits
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ def metadata_of(
     if task.joint_moves:  # rows, from 1, where each begins and ends
         ends = [end for end in joint_move_ends(task) if end[1] <= rows.s[-1]]
         found["joint_moves"] = (np.searchsorted(rows.s, ends) + 1).tolist()
+    if task.cuts and task.cuts != "fewest":
+        found["cuts"] = list(task.cuts)
     if limits is not None and limits.accelerations_of:
         found["acceleration_limits"] = {
             name: float(limit)
@@ -58,6 +61,17 @@ def metadata_of(
             if np.isfinite(limit)
         }
     return found
+
+
+def with_lift_offs(path_task: PathTask, metadata: dict[str, Any]) -> PathTask:
+    """The task with the lift-offs that metadata state, if it leaves open where they are."""
+    cuts = metadata.get("cuts")
+    if path_task.cuts != "fewest" or not isinstance(cuts, list):
+        return path_task
+    try:
+        return LiftOffs.of(path_task, cuts).task
+    except InvalidInput:  # those of another path
+        return path_task
 
 
 def read_metadata(text: str) -> dict[str, Any]:

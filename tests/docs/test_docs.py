@@ -295,6 +295,7 @@ SECTIONS = {
     "[roll]": task_schema.RollSection,
     "[start]": task_schema.StartSection,
     "[feed]": task_schema.FeedSection,
+    "[plan]": task_schema.PlanSection,
     "[limits]": task_schema.LimitsSection,
     "[clearance]": task_schema.ClearanceSection,
     "[iteration]": task_schema.IterationSection,
