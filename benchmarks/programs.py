@@ -1,15 +1,15 @@
 """Random trajectories through every robot program: there, back, and through the check.
 
-python benchmarks/programs.py [COUNT] [--poses]
+python benchmarks/programs.py [COUNT] [--poses]; or grid (``program_grid.py``)
 
 For each of COUNT seeds (1,000) and each language: a trajectory of a random robot of the table, in a
 model with random zero positions and signs; written, read back, compared with the printed digit, and
 checked against a task whose waypoints are where the trajectory leads. Bags are read by rosbags.
 
-With --poses instead straight moves to poses, in RAPID and KRL: through the rows of COUNT random
-trajectories, there and back; and COUNT changed texts of one program each, by the changes of
-``toolpath_mutations.py``. What still passes is read once more by the expressions of the tests'
-simulator, which has to find every pose on the path.
+With --poses instead straight moves, to poses (URScript: to joint angles): through the rows of COUNT
+random trajectories, there and back; and COUNT changed texts of one program each, by the changes of
+``toolpath_mutations.py``. What still passes is read and moved once more by the tests' own simulator
+(``tests/oracles/program_simulator.py``): *off the path*, or *unread*, if it finds other moves.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 from oracles.joint_paths import joint_path
-from oracles.pose_programs import Case, case_of, on_path, written
+from oracles.program_cells import Job, job_of, measured
 from oracles.program_rows import DECIMALS, random_rows
+from oracles.program_simulator import Controller, read
 from oracles.remodelled import remodelled
+from program_grid import grid
 from toolpath_mutations import mutated
 
 from qp_twist.errors import InvalidInput
@@ -86,19 +88,23 @@ def _row(program: str, count: int, folder: Path) -> str:
     return f"| {program} | {count} | {recognised} | {equal} | {passed} | {worst:.2g} |"
 
 
-POSES = LinearMotion(points="poses")
+CHANGED = {
+    "ABB IRB 120": "poses", "KUKA KR 16-2": "poses", "Fanuc LR Mate 200iD": "poses",
+    "Universal Robots UR5e": "joints",
+}  # fmt: skip
+"""Robots whose programs are changed, and the points of their straight moves."""
 
 
 def poses(count: int) -> None:
     print("| language | trajectories | written | refused | points equal to 0.001° | largest, ° |")
     print("| :-- | --: | --: | --: | --: | --: |")
     with tempfile.TemporaryDirectory() as folder:
-        for program in ("rapid", "krl"):
+        for program in DIALECTS:
             print(_there_and_back(program, count, Path(folder)), flush=True)
-        print("\n| changed | texts | refused | fail | pass | of these off the path | traceback |")
-        print("| :-- | --: | --: | --: | --: | --: | --: |")
-        for name in ("ABB IRB 4600-60/2.05", "KUKA KR 16-2"):
-            print(_changed(case_of(name), count, Path(folder)), flush=True)
+        print("\n| changed | texts | refused | fail | pass | off the path | unread | traceback |")
+        print("| :-- | --: | --: | --: | --: | --: | --: | --: |")
+        for name, points in CHANGED.items():
+            print(_changed(job_of(name, "", 0.03, 31), points, count, Path(folder)), flush=True)
 
 
 def _there_and_back(program: str, count: int, folder: Path) -> str:
@@ -108,8 +114,6 @@ def _there_and_back(program: str, count: int, folder: Path) -> str:
         seed += 1
         rows, joints = random_rows(seed, program, step=0.002)
         robot = named_robot(joints.robot)
-        if robot.coupling is not None:  # for which there is no rule
-            continue
         model = remodelled(robot, joints.signs, joints.offsets, (0.1, 0.2, 0.3), "tool")
         chain = SerialChain.of(model, "tool", "site")
         tool = ToolChain(chain, JointRanges.of(model).names, "tool")
@@ -117,8 +121,9 @@ def _there_and_back(program: str, count: int, folder: Path) -> str:
         assert rows.times is not None
         task = joint_path(model, rows.q, np.append(0.0, np.diff(rows.times))).path_task
         path = folder / f"prog{DIALECTS[program].suffix}"
+        linear = LinearMotion(points="joints" if program == "urscript" else "poses")
         try:
-            _, was = write_checked(rows, path, task, found, linear=POSES, force=True)
+            _, was = write_checked(rows, path, task, found, linear=linear, force=True)
             back = read_trajectory(path, rows.joint_names, found) if was else rows
         except InvalidInput as refusal:
             refused += 1
@@ -131,17 +136,18 @@ def _there_and_back(program: str, count: int, folder: Path) -> str:
     return f"| {program} | {count} | {done} | {refused} | {equal} | {worst:.2g} |"
 
 
-def _changed(case: Case, count: int, folder: Path) -> str:
-    path = folder / f"loop{case.suffix}"
-    write_checked(case.rows, path, case.task, case.joints, linear=POSES)
+def _changed(job: Job, points: str, count: int, folder: Path) -> str:
+    path = folder / f"loop{job.suffix}"
+    linear = LinearMotion(points=points)  # type: ignore[arg-type]
+    write_checked(job.rows, path, job.task, job.joints, linear=linear)
     text, rng = path.read_text(), random.Random(0)
-    right = written(text)
-    refused = fails = passes = off = wrong = 0
+    whole = len(read(text, job.suffix).moves)
+    refused = fails = passes = off = unread = wrong = 0
     for _ in range(count):
         changed = mutated(text, [text], rng)
         path.write_text(changed)
         try:
-            check = check_trajectory(read_trajectory(path, None, case.joints), case.task)
+            check = check_trajectory(read_trajectory(path, None, job.joints), job.task)
         except InvalidInput:
             refused += 1
             continue
@@ -153,22 +159,21 @@ def _changed(case: Case, count: int, folder: Path) -> str:
             fails += 1
             continue
         passes += 1
+        # What passes is moved once more, as the tests' own simulator reads the text.
         try:
-            now = written(changed)
-            assert right.tool is not None and right.frame is not None
-            assert now.tool is not None and now.frame is not None
-            # Poses of the task's frame in the world, if base and tool are those of the first text.
-            points = np.array([
-                (now.frame @ pose @ np.linalg.inv(now.tool) @ right.tool)[:3, 3]
-                for pose in now.poses
-            ])  # fmt: skip
-            world = np.linalg.inv(right.frame)
-            on_path(case.task, points @ world[:3, :3].T + world[:3, 3])
-        except Exception as error:
+            program = read(changed, job.suffix)
+            if len(program.moves) != whole:
+                raise ValueError("other moves")
+            found = measured(job, Controller(job.cell, program).run())
+            assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05), found
+        except AssertionError as error:
             off += 1
             print(f"passes: {error!r}", *difference(text, changed), sep="\n", file=sys.stderr)
-    name = case.joints.robot
-    return f"| {name} | {count} | {refused} | {fails} | {passes} | {off} | {wrong} |"
+        except Exception as error:
+            unread += 1
+            print(f"unread: {error!r}", *difference(text, changed), sep="\n", file=sys.stderr)
+    counts = (count, refused, fails, passes, off, unread, wrong)
+    return f"| {job.cell.name} | {' | '.join(map(str, counts))} |"
 
 
 def difference(text: str, changed: str) -> list[str]:
@@ -188,5 +193,8 @@ def _as_rosbags_reads(path: Path, q: np.ndarray) -> bool:
 
 
 if __name__ == "__main__":
-    number = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    poses(number) if "--poses" in sys.argv else main(number)
+    if "grid" in sys.argv:
+        grid()
+    else:
+        number = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
+        poses(number) if "--poses" in sys.argv else main(number)

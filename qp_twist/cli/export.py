@@ -14,7 +14,8 @@ from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file
 from qp_twist.kinematics import JointRanges
-from qp_twist.programs import DIALECTS, dialect_of
+from qp_twist.paths import PathTask
+from qp_twist.programs import DIALECTS, Dialect, dialect_of
 from qp_twist.trajectories import (
     Check,
     joints_of,
@@ -29,6 +30,8 @@ OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar
 PointsName = Annotated[str | None, tyro.conf.arg(metavar="joints|poses")]
 MotionName = Annotated[str, tyro.conf.arg(metavar="joint|linear")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
+_MS = 3
+"""Decimals of seconds in whole milliseconds."""
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": ".mcap"}
 
 
@@ -133,7 +136,7 @@ def export(
         cli.say(*(f"  {axis}" for axis in axes))
         if written:
             cli.say("no controller has run it: try it slowly, without a tool, first")
-    cli.say(*(["not checked: no task given"] if found is None else found.notes))
+    cli.say(*_notes(found, path_task, None if linear else dialect))
     if json_:
         facts = {
             "file": str(out),
@@ -147,6 +150,24 @@ def export(
         if not found.passes:
             cli.fail(failure(out, found, written))
         cli.say(found.verdict)
+
+
+def _notes(found: Check | None, path_task: PathTask | None, of_joints: Dialect | None) -> list[str]:
+    """The notes of the check; before them what whole milliseconds make of a constant speed.
+
+    ``of_joints``: the language of joint moves. LS has nothing finer for them: tenths of a second,
+    or whole percents of the largest speed of the slowest axis.
+    """
+    if found is None or path_task is None:
+        return ["not checked: no task given"]
+    constant = found.speed if path_task.constant_speed else None
+    if constant is None or of_joints is None or of_joints.time_decimals > _MS:
+        return [*found.notes]
+    return [
+        f"{constant.at_speed:.1%} of the path at its speed, since joint moves have times in whole "
+        "milliseconds; straight moves state the speed of the tool (--motion linear)",
+        *found.notes,
+    ]
 
 
 def _linear(

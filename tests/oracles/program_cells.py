@@ -47,7 +47,9 @@ class Job(NamedTuple):
     limits: Array
 
 
-def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POINTS) -> Job:
+def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POINTS,
+    acceleration: float = np.inf,
+) -> Job:  # fmt: skip
     """A wave whose axis leans by up to 30° per m, with ``"rail"`` or ``"positioner"``."""
     maker, robot = name.split(maxsplit=1)[0], named_robot(name)
     rng = np.random.default_rng(len(name) + len(extra))
@@ -91,7 +93,7 @@ def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POIN
         frame_name="tool", frame_type="site", projector=AXIS, operational=FULL,
         waypoints=tuple(waypoints), flipped_waypoints=None, start=at,
         durations=np.append(0.0, ways / SPEED), velocity_limits=fast,
-        acceleration_limits=np.full(model.nv, np.inf),
+        acceleration_limits=np.full(model.nv, acceleration),
         relative_to="plate" if part == "plate" else None,
     )  # fmt: skip
     trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
@@ -100,19 +102,20 @@ def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POIN
     suffix = SUFFIX[maker]
     degrees = float(np.degrees(1.0))
     of = {"rail": (("rail", 1e3),), "positioner": (("tilt", degrees), ("turn", degrees))}
-    external = dict(zip(AXES.get(suffix, {}).get(extra, ()), of.get(extra, ()), strict=True))
+    external = dict(zip(AXES.get(suffix, {}).get(extra, ()), of.get(extra, ()), strict=False))
     arm = tuple(f"joint_{k}" for k in range(1, 7))
     cell = Cell(name, model, arm, signs, offsets, external, part)
     return Job(task, rows, joints_of(task, names, robot=name), cell, suffix, fast)
 
 
 class Found(NamedTuple):
-    """Largest errors of a motion: m, rad, and shares of the joints' speed limits."""
+    """Largest errors of a motion: m, rad, shares of the joints' speed limits, and rad/s²."""
 
     off_path: float
     off_axis: float
     off_ends: float
     speed: float
+    acceleration: float
 
 
 def measured(job: Job, motion: Motion) -> Found:
@@ -133,9 +136,10 @@ def measured(job: Job, motion: Motion) -> Found:
     axis = (1.0 - u)[:, None] * own[k] + u[:, None] * own[k + 1]
     sines = np.linalg.norm(np.cross(axis / np.linalg.norm(axis, axis=1)[:, None], axes), axis=1)
     ends = np.linalg.norm(points[[0, -1]] - places[[0, -1]], axis=1)
-    rates = np.abs(np.diff(motion.q, axis=0)) / np.diff(motion.times)[:, None]
-    limits = job.limits
+    spans = np.diff(motion.times)[:, None]
+    rates = np.diff(motion.q, axis=0) / spans
+    accelerations = np.diff(rates, axis=0) / (0.5 * (spans[:-1] + spans[1:]))
     return Found(
         float(apart[rows, k].max()), float(np.arcsin(sines.max())), float(ends.max()),
-        float((rates / limits).max()),
+        float((np.abs(rates) / job.limits).max()), float(np.abs(accelerations).max()),
     )  # fmt: skip

@@ -117,7 +117,7 @@ def _rapid(text: str) -> Text:
             v, w = numbers(groups[4])[:2]
             speeds = MS * v, np.radians(w)
         given = zip("abcdef", others.split(","), strict=True)
-        external = {f"eax_{key}": float(value) for key, value in given if value != "9E9"}
+        external = {f"eax_{key}": float(value) for key, value in given if value.strip() != "9E9"}
         found.append(
             Move(word == "MoveL", None if theta is None else np.array(numbers(theta)), pose,
                  external, data, seconds, speeds, None, "WObj" in rest and "task_wobj" not in rest)

@@ -1,4 +1,7 @@
-"""Straight moves of robots on a rail, on parts on a positioner and in the hand, simulated here."""
+"""Programs of robots on a rail, with parts on a positioner and in the hand, simulated here.
+
+The whole grid, six robots of each language, is ``benchmarks/programs.py grid``.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.data_sheets import RODS
 from oracles.program_cells import Job, job_of, measured
 from oracles.program_simulator import Cell, Controller, read
 
@@ -22,14 +26,17 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.linear_moves import LinearMotion
 
 ABB, KUKA, FANUC = "ABB IRB 4600-60/2.05", "KUKA KR 16-2", "Fanuc M-20iA"
+UR, MOST = "Universal Robots UR5e", 20.0
+"""Limit of its joints' acceleration, rad/s²."""
 JOBS: dict[tuple[str, str], Job] = {}
-TEXTS: dict[tuple[int, LinearMotion], str] = {}
+TEXTS: dict[tuple[int, LinearMotion | None], str] = {}
 DATA = ',TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n  PROC'
 
 
 def job(name: str, extra: str) -> Job:
     if (name, extra) not in JOBS:
-        JOBS[name, extra] = in_hand() if extra == "hand" else job_of(name, extra, 0.03, 31)
+        most, length = MOST if name == UR else np.inf, 0.06 if name == RODS else 0.03
+        JOBS[name, extra] = in_hand() if extra == "hand" else job_of(name, extra, length, 31, most)
     return JOBS[name, extra]
 
 
@@ -45,7 +52,7 @@ def in_hand() -> Job:
     return Job(task, rows, joints_of(task, names), cell, ".ls", limits)
 
 
-def program(of: Job, linear: LinearMotion, folder: Path) -> Path:
+def program(of: Job, linear: LinearMotion | None, folder: Path) -> Path:
     path, key = folder / f"wave{of.suffix}", (id(of), linear)
     if key not in TEXTS:
         check, done = write_checked(of.rows, path, of.task, of.joints, linear=linear)
@@ -95,6 +102,26 @@ def test_the_tool_moves_straight_on_the_part_and_axes_in_proportion(
     if extra in ("rail", "positioner"):
         moved = [of.cell.model.joint(joint).qposadr[0] for joint, _ in of.cell.external.values()]
         assert (np.ptp(motion.q[:, moved], axis=0) > 1e-3).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "extra", "linear"),
+    [
+        (ABB, "rail", None), (KUKA, "positioner", None), (FANUC, "positioner", None),
+        (UR, "", None), (UR, "", LinearMotion()), (RODS, "", None),
+        (RODS, "", LinearMotion(points="poses")),
+    ],
+)  # fmt: skip
+def test_joint_moves_and_robots_alone_keep_path_and_limits(
+    name: str, extra: str, linear: LinearMotion | None, tmp_path: Path
+) -> None:
+    of = job(name, extra)
+    steps = read(program(of, linear, tmp_path).read_text(), of.suffix)
+    found = measured(of, Controller(of.cell, steps).run())
+    assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05)
+    assert found.off_ends <= 1e-5 and found.speed <= 1.0
+    if name == UR and linear is None:  # whose program has its own curves between points
+        assert found.acceleration <= 1.01 * MOST
 
 
 @pytest.mark.parametrize(
