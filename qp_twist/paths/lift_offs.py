@@ -11,8 +11,9 @@ import numpy as np
 
 from qp_twist.checks import Indices, Mask, instance
 from qp_twist.errors import InvalidInput
+from qp_twist.paths.chosen_waypoints import with_waypoints
+from qp_twist.paths.joint_moves import without_via_points
 from qp_twist.paths.path_task import PathTask
-from qp_twist.paths.segment import Segment
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,7 @@ class LiftOffs:
     where the path has no retreat or approach, the joint move begins or ends at the waypoint.
 
     Attributes:
-        path_task: The task without them.
+        path_task: The task without them, and without via points of its joint moves.
         after: The waypoints after which the tool lifts off, counted from 1, ascending.
         source: The waypoint that each one of the new path is made of, from 0, (M,).
         beside: The waypoint to which it belongs: itself, or that of which it is a retreat or an
@@ -43,6 +44,7 @@ class LiftOffs:
         Raises:
             InvalidInput: If a waypoint is not one after which the path goes on along itself.
         """
+        path_task = without_via_points(path_task)
         count = len(path_task.waypoints)
         for k in after:
             instance("cuts", k, int)
@@ -72,17 +74,6 @@ class LiftOffs:
         task, source, own = self.path_task, self.source, np.flatnonzero(~self.added)
         if not self.after:
             return task
-        # A joint move leads to the first approaching waypoint, or to the next one of the path.
-        moves = [int(np.searchsorted(self.beside, k)) for k in (*task.joint_moves, *self.after)]
-        firsts = np.array([segment.first for segment in task.segments], dtype=np.intp)
-        number = np.searchsorted(firsts, source, side="right") - 1
-        segments = [
-            Segment(j, task.projector) if n < 0 else replace(
-                task.segments[n], first=j,
-                blend=task.segments[n].blend if source[j] == task.segments[n].first else 0,
-            )
-            for j, n in enumerate(number.tolist()) if j and n != number[j - 1]
-        ]  # fmt: skip
         durations = task.durations
         if durations is not None:
             # From a copied approach to the path in the time of the approach it is copied from.
@@ -90,16 +81,18 @@ class LiftOffs:
             of = source.copy()
             of[arrives] = np.minimum(source[arrives - 1] + 1, len(durations) - 1)
             durations = durations[of]
+        # A joint move leads to the first approaching waypoint, or to the next one of the path.
+        moves = [int(np.searchsorted(self.beside, k)) for k in (*task.joint_moves, *self.after)]
         flipped = task.flipped_waypoints
         return replace(
-            task,
+            with_waypoints(task, source),
             waypoints=self._placed(task.waypoints),
             flipped_waypoints=None if flipped is None else self._placed(flipped),
+            best_start=task.best_start,
+            starts=task.starts,
             durations=durations,
-            segments=tuple(segments),
             joint_moves=tuple(sorted(moves)),
             lines=None if task.lines is None else task.lines[self.beside],
-            parts=tuple(task.parts[k] for k in source) if task.parts else (),
             process=tuple((int(own[at]), text) for at, text in task.process),
             cuts=self.after,
         )

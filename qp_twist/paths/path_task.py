@@ -36,6 +36,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose, together
+from qp_twist.paths.chosen_waypoints import with_waypoints
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
 from qp_twist.paths.process_words import check_calls
@@ -281,37 +282,10 @@ class PathTask:
     def part(self, index: npt.ArrayLike | slice) -> PathTask:
         """The task of some of its waypoints (K,), in their order; others are left out.
 
-        It begins at its own first waypoint, from the same start.
+        It begins at its own first waypoint, from the same start, and takes the time of those that
+        are left out, too.
         """
-        index = np.arange(len(self.waypoints))[index]  # type: ignore[index]
-        segments: list[Segment] = []
-        projector = self.projector
-        for segment in self.segments:
-            first = int(np.searchsorted(index, segment.first))
-            if first == 0:
-                projector = segment.projector
-            elif first < len(index):
-                segments.append(replace(segment, first=first))
-        flipped, durations = self.flipped_waypoints, self.durations
-        moves = np.flatnonzero(np.isin(index[1:], self.joint_moves)) + 1
-        return replace(
-            self,
-            waypoints=tuple(self.waypoints[k] for k in index),
-            flipped_waypoints=None if flipped is None else tuple(flipped[k] for k in index),
-            best_start=False,
-            starts={},
-            durations=None if durations is None else np.append(0.0, durations[index[1:]]),
-            projector=projector,
-            segments=tuple(segments),
-            joint_moves=tuple(moves.tolist()),
-            lines=None if self.lines is None else self.lines[index],
-            parts=tuple(self.parts[k] for k in index) if self.parts else (),
-            process=tuple(
-                (max(int(np.searchsorted(index, at, side="right")) - 1, 0), text)
-                for at, text in self.process
-            ),
-            from_start="nothing" if index[0] else self.from_start,
-        )
+        return with_waypoints(self, np.arange(len(self.waypoints))[index])  # type: ignore[index]
 
     @property
     def ways(self) -> tuple[str, ...]:

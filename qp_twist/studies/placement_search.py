@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -268,10 +268,7 @@ def _stations(task: PathTask) -> PathTask:
     index = np.unique(chosen.astype(np.intp))
     if task.durations is None:
         task = with_largest_step(task, _UNTIMED)
-    assert task.durations is not None
-    # The time from one to the next is that of all waypoints between them.
-    times = np.cumsum(task.durations)[index]
-    return replace(task.part(index), durations=np.append(0.0, np.diff(times)))
+    return task.part(index)
 
 
 class _OutOfTime(Exception):
