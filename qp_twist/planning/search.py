@@ -19,6 +19,7 @@ from qp_twist.planning.certificate import (
 )
 from qp_twist.planning.graph import LayerPath
 from qp_twist.planning.impossible import find_impossible, prove_gaps
+from qp_twist.planning.kept_paths import KeptPaths
 from qp_twist.planning.layer import Layer, forbidding_bands
 from qp_twist.planning.level_search import ABOUT, STRICTNESS, LevelSearch, search_windows
 from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
@@ -104,9 +105,7 @@ class PlanSearch:
         """
         self.problem, self.runs, self.slower, self.progress = problem, runs, slower, progress
         self.levels = Levels(problem.free, progress)
-        #: Paths that may be the best when the search is interrupted: the last that a program ended
-        #: with, and the best.
-        self._kept: dict[str, Array] = {}
+        self._kept = KeptPaths(problem)
         #: The last level without gaps.
         self._level: Level | None = None
         #: First and last waypoints of stretches that no path passes on a coarser grid.
@@ -177,10 +176,10 @@ class PlanSearch:
         best: JudgedPath | None = None
         if problem.start is not None:
             for trial in self._tried(problem, problem.start):
-                best = self._better(best, trial)
+                best = self._kept.better(best, trial)
         for stage in (COARSE, *STAGES) if problem.freedom >= COVERED else STAGES:
             found = self._stage(problem, stage, best)
-            best = self._better(best, found.path)
+            best = self._kept.better(best, found.path)
             if found.path is not None and not _is_long_detour(problem, found):
                 break
             if best is None and found.level.has_gaps:
@@ -194,7 +193,7 @@ class PlanSearch:
         if problem.start is None and not settled:
             for trial in self._tried(problem, None if best is None else best.q[0], best):
                 if best is None or _may_become(problem, trial, best):
-                    best = self._better(best, self._smooth(problem, trial.q))
+                    best = self._kept.better(best, self._smooth(problem, trial.q))
         if best is None:
             return SearchResult(None, found.certificate, _stated(problem, bound))
         if best is not first:
@@ -307,8 +306,7 @@ class PlanSearch:
             most = _HOPELESS_CLEARANCE if of.has_clearance else _HOPELESS
             if only_near and of.judged(q).excess > most:
                 continue
-            keep = lambda path: self._kept.update(last=path)  # noqa: E731
-            path = smooth(of, q, iterations=iterations, progress=progress, keep=keep)
+            path = smooth(of, q, iterations=iterations, progress=progress, keep=self._kept.last)
             if of is problem:
                 return path
             found = problem.judged(path.q)
@@ -364,23 +362,11 @@ class PlanSearch:
                     tried.append(self._smooth(problem, trial.q, _TRIAL))
         return tried
 
-    def _better(self, a: JudgedPath | None, b: JudgedPath | None) -> JudgedPath | None:
-        if b is None or not b.feasible:
-            return a
-        best = b if a is None or self.problem.objective.better(b.value, a.value) else a
-        self._kept["best"] = best.q
-        return best
-
     def _by_now(self) -> SearchResult | None:
         """The best motion of an interrupted search that satisfies all constraints."""
-        best, problem = None, self.problem
-        for q in list(self._kept.values()):
-            path = problem.judged(q)
-            if path.feasible and not (problem.limits.beyond_between(q)[0] > 0.0).any():
-                best = self._better(best, path)
+        best, problem, level = self._kept.best(), self.problem, self._level
         if best is None:
             return None
-        level = self._level
         grid = self.levels.grid(STAGES[0], problem.limits.steps) if level is None else level.grid
         detail = "the search was interrupted: this is the best motion by then"
         certificate = Certificate("path", grid, bands=problem.rows.hard.names, detail=detail)
