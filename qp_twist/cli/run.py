@@ -182,7 +182,7 @@ def _how(trajectory: Trajectory, *, stated: bool) -> list[str]:
     lines = [f"{method}: {path_task.settings(method)} ({source})"]
     if (plan := trajectory.interrupted_plan) is not None:
         lines.insert(0, f"{method}: planning was interrupted; the best plan by then: {plan.result}")
-    elif trajectory.plan is not None and trajectory.plan.cuts:
-        lines.append(f"{method}: {trajectory.plan.certificate}")
+    elif (plan := trajectory.plan) is not None and (plan.cuts or plan.certificate.slower > 1.0):
+        lines.append(f"{method}: {plan.certificate}")
     status = metrics(trajectory)["status"]
     return lines if status == "ok" else [*lines, f"{method}: {status}"]

@@ -106,15 +106,20 @@ def follow(
     settings = path_task.settings(method)
     if method in path_task.starts:
         path_task = replace(path_task, start=path_task.starts[method], best_start=False)
-    path_task = with_start(path_task, planning)
+    path_task = with_start(path_task, planning, slow_down=slow_down)
     if settings.secondary != "plan" or METHODS[method].peer:  # these refuse it
         plan = None
     elif plan is None:
-        plan = plan_path(path_task, settings.objective, path_task.start, progress=planning)
+        plan = plan_path(
+            path_task, settings.objective, path_task.start, slow_down=slow_down, progress=planning
+        )
         path_task = _lifted(path_task, plan)
     motion = None if plan is None else plan.at_waypoints
+    paced = path_task
+    if plan is not None and plan.is_slower:
+        paced = replace(path_task, durations=plan.pace)
     trajectory = follow_stretches(
-        path_task,
+        paced,
         method,
         settings,
         start=None if motion is None else motion[0],
@@ -125,7 +130,7 @@ def follow(
         progress=progress,
         stop=stop,
     )
-    return replace(trajectory, plan=plan)
+    return replace(trajectory, path_task=path_task, plan=plan)
 
 
 def _lifted(path_task: PathTask, plan: Plan) -> PathTask:

@@ -37,6 +37,7 @@ def plan(
     *,
     joint_weights: Mapping[str, float] | None = None,
     cuts: Literal["fewest"] | None = None,
+    slow_down: bool = False,
     seeds: Sequence[str] = SEED_METHODS,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
@@ -65,8 +66,9 @@ def plan(
         path_task: The task, from :func:`~qp_twist.load_task`.
         objective: ``"centering"``: the least mean z; ``"travel"``: the least sum of all joint
             displacements; ``"margin"``: the largest distance from the limits, in the worst joint at
-            the worst waypoint; or weights of the first two, e.g.
-            ``{"centering": 1.0, "travel": 0.001}``.
+            the worst waypoint; ``"time"``: the least time inside the speed limits, the feed a cap,
+            so that it is slower where the joints cannot keep it; or weights of all but the margin,
+            e.g. ``{"centering": 1.0, "travel": 0.001}``.
         start: The first configuration, (nq,), corrected onto the first waypoint; free if ``None``.
         max_step_deg: Largest displacement of a joint between two waypoints, degrees; a metre of a
             slide counts as a radian.
@@ -76,6 +78,8 @@ def plan(
             inside all limits and constraints, the tool lifts off, as rarely as possible, and a
             joint move leads to where it goes on. ``plan.cuts`` are the waypoints after which it
             does; ``plan.path_task`` has the retreats, joint moves and approaches.
+        slow_down: Whether to plan a motion that is as little slower as possible where none keeps
+            the feed; ``plan.certificate`` says where, and why there is none at the feed.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
         progress: Called with the current phase and its share done.
@@ -113,8 +117,9 @@ def plan(
 
     def planned(task: PathTask, start: Array | None) -> Plan:
         return make_plan(
-            task, objective, start, max_step_deg, runs, progress, joint_weights, paced=paced
-        )
+            task, objective, start, max_step_deg, runs, progress, joint_weights,
+            paced=paced, slow_down=slow_down and paced,
+        )  # fmt: skip
 
     path_task = without_via_points(path_task)
     paced = cuts is None and path_task.cuts != "fewest"
@@ -128,8 +133,8 @@ def plan(
         )
     goal = stated_objective(path_task, objective, joint_weights)
     rows, ranges = PathRows(path_task), goal.ranges
-    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard)
-    problem = Problem(path_task, rows, limits, goal, first)
+    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard, slow_down=bool(goal.time))
+    problem = Problem(path_task, rows, limits, goal.along(path_task), first)
     search = FewestCuts(problem, progress or (lambda what, share: None))
     return plan_with_fewest_cuts(search, planned)
 
@@ -139,6 +144,7 @@ def whole_plan(
     objective: str | Mapping[str, float] = "centering",
     start: npt.ArrayLike | None = None,
     *,
+    slow_down: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> Plan:
     """As :func:`plan`, for searches of which the plan is a part: Ctrl-C ends them.
@@ -147,7 +153,7 @@ def whole_plan(
         InvalidInput: As :func:`plan`.
         KeyboardInterrupt: On Ctrl-C.
     """
-    found = plan(path_task, objective, start, progress=progress)
+    found = plan(path_task, objective, start, slow_down=slow_down, progress=progress)
     if found.interrupted:
         raise KeyboardInterrupt
     return found
@@ -176,12 +182,15 @@ def _run(
 
 
 def with_start(
-    path_task: PathTask, progress: Callable[[str, float], None] | None = None
+    path_task: PathTask,
+    progress: Callable[[str, float], None] | None = None,
+    *,
+    slow_down: bool = False,
 ) -> PathTask:
     """The task with its start searched, if it leaves the start open.
 
-    With ``start = "best"`` that of the best plan, with ``start = "central"`` the configuration of
-    least z on the first waypoint.
+    With ``start = "best"`` that of the best plan, which may ``slow_down``; with
+    ``start = "central"`` the configuration of least z on the first waypoint.
 
     Raises:
         InvalidInput: If there is no plan, or no configuration inside the limits; with the reason.
@@ -191,5 +200,5 @@ def with_start(
     if path_task.best_start == "central":
         start = central_starts(path_task)[0].q
     else:
-        start = whole_plan(path_task, progress=progress).start
+        start = whole_plan(path_task, slow_down=slow_down, progress=progress).start
     return path_task.started_at(start)

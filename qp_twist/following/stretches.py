@@ -242,11 +242,21 @@ def _joined_plans(
     value, bound = goal.value(q), np.nan
     if goal.margin:
         bound = float(bounds.min())
-    elif not goal.travel:
+    elif not (goal.travel or goal.time):
         bound = float(counts @ bounds / counts.sum())
     elif not goal.centering:
         bound = float(bounds.sum())
     if goal.centering:  # of the waypoints, not of the joint moves' rows
         z = goal.ranges.centring
         value += goal.centering * float(z(q[s == np.floor(s)]).mean() - z(q).mean())
-    return dataclasses.replace(plans[-1], path_task=path_task, q=q, s=s, value=value, bound=bound)
+    slowest = int(np.argmax([np.nan_to_num(plan.certificate.slower) for plan in plans]))
+    certificate = plans[slowest].certificate
+    if slowest and certificate.note:
+        note = f"counted from waypoint {runs[slowest].start + 1}, {certificate.note}"
+        certificate = dataclasses.replace(certificate, note=note)
+    joined = dataclasses.replace(
+        plans[-1], path_task=path_task, q=q, s=s, value=value, bound=bound, certificate=certificate
+    )
+    if goal.time and joined.durations is not None:
+        joined = dataclasses.replace(joined, value=value + goal.time * joined.durations.sum())
+    return joined

@@ -145,6 +145,17 @@ class Trajectory:
             return None
         return np.where(self.path.moves, self.durations[1:], at_feed[1:])
 
+    @property
+    def least_times(self) -> Array | None:
+        """Least time from each row to the next, s, (N − 1,); ``None`` without a feed or a plan's.
+
+        That of the :attr:`feed`, or longer where the plan that was followed is slower.
+        """
+        feed = self.feed
+        if self.plan is None or self.durations is None or not self.plan.is_slower:
+            return feed
+        return self.durations[1:] if feed is None else np.maximum(feed, self.durations[1:])
+
     @cached_property
     def _pairs(self) -> tuple[FramePair, FramePair]:
         """The frame with the method's target at each row, and with the path's own."""

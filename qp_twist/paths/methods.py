@@ -64,7 +64,7 @@ class MethodSettings(Section):
     gain: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
         default=0.05, description="of the secondary, per waypoint"
     )
-    objective: Literal["centering", "travel", "margin"] = Field(
+    objective: Literal["centering", "travel", "margin", "time"] = Field(
         default="centering", description="of the plan, where that is the secondary"
     )
     optimal: bool = Field(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from qp_twist.kinematics.serial_chain import Screw
 from qp_twist.paths import PathTask
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.pace import Pace
 from qp_twist.planning.path_rows import ON_TASK, SETTLED, PathRows
 
 _BRANCHES, _CANDIDATES = 6, 6
@@ -96,9 +98,12 @@ def pointwise_bound(
         if start is not None:
             z[0] = ranges.centring(start)
         bound += objective.centering * float(z.mean())
-    if objective.travel:
-        least = _least_travel(path_task, rows.chain, tolerance)
+    if objective.travel or objective.pace is not None:
+        moved = _least_displacements(path_task, rows.chain, tolerance)
+        least = float(np.degrees(np.maximum(moved.turned, moved.travelled).sum()))
         bound += objective.travel * float(objective.joints.min(initial=1.0)) * least
+        if objective.pace is not None:
+            bound += objective.time * _least_time(objective.pace, moved)
     bound -= _ROUNDED * abs(bound)
     return bound if path is None else min(bound, objective.value(path))
 
@@ -265,17 +270,34 @@ def _linear_step(
     return there, max(float(found.x[-1]), 0.0)
 
 
-def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Array) -> float:
-    """Lower bound of the joints' travel over the path, by the task's displacements, degrees."""
+class _Displacements(NamedTuple):
+    """Least displacements from each waypoint to the next, (N − 1,) each."""
+
+    turned: Array
+    """Of the frame, rad."""
+    shifted: Array
+    """Of the frame, m."""
+    travelled: Array
+    """Of the joints together because of the shift, rad or m."""
+    levers: Array
+    """Largest distance of the frame from each joint's axis, m, or 1 for slides, (n,)."""
+    dofs: Indices
+    """The joints' degrees of freedom, (n,)."""
+
+
+def _least_displacements(
+    path_task: PathTask, chain: SerialChain, tolerance: Array
+) -> _Displacements:
     ranges, screws = JointRanges.of(path_task.model), chain.screws
-    dofs, reference = [screw.dof for screw in screws], [screw.reference for screw in screws]
+    dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
+    reference = [screw.reference for screw in screws]
     ends = np.array([ranges.lower[dofs], ranges.upper[dofs]])
     levers = chain.levers(np.abs(ends - reference).max(axis=0))
     farthest = float(levers.max(initial=0.0))
     inner = float(levers[1:].max(initial=0.0))  # the first joint's axis is fixed in the world
-    total, T = 0.0, path_task.in_force
-    first = screws[0] if screws else None
+    T, first = path_task.in_force, screws[0] if screws else None
     rotations, positions = path_task.poses
+    found = np.zeros((3, len(T) - 1))
     for k in range(len(T) - 1):
         turned = _least_turn(T[k], T[k + 1], rotations[k], rotations[k + 1])
         shift = _least_shift(T[k], T[k + 1], positions[k + 1] - positions[k])
@@ -288,8 +310,17 @@ def _least_travel(path_task: PathTask, chain: SerialChain, tolerance: Array) -> 
         moved = 0.0
         if shift > 0.0 and np.isfinite(farthest):
             moved = 2.0 * shift / (near + np.sqrt(near**2 + 4.0 * farthest * shift))
-        total += max(turned - 2.0 * tolerance[1], moved, 0.0)
-    return float(np.degrees(total))
+        found[:, k] = turned - 2.0 * tolerance[1], shift, moved
+    turned, shifted, travelled = np.maximum(found, 0.0)
+    return _Displacements(turned, shifted, travelled, levers, dofs)
+
+
+def _least_time(pace: Pace, least: _Displacements) -> float:
+    """Lower bound of the time of a path, s, by the speeds of all joints together."""
+    speeds = pace.velocity[least.dofs]
+    turning, shifting = speeds.sum(), np.where(least.levers > 0.0, least.levers * speeds, 0.0).sum()
+    times = np.maximum(least.turned / turning, least.shifted / shifting)
+    return float(np.maximum(times, pace.feed).sum())
 
 
 def _sees_distance(projector: TwistProjector, first: Screw) -> bool:

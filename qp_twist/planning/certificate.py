@@ -40,8 +40,8 @@ class Certificate:
         detail: How close the search came, if the grid has a motion but no correction brings it
             inside the limits; of a waypoint out of reach, by how much it is missed.
         bands: The hard bands and the constraints that exclude a motion, by number and repr.
-        slower: How many times slower the path has a motion, if only its speed prevents one; NaN if
-            none was found.
+        slower: How many times slower the path has a motion, if only its speed prevents one; of a
+            motion that is slower somewhere, the largest factor; NaN if there is none.
         note: What else is known, in words: about slower motions, or what the task prescribes.
         step_limit: What limits the steps between waypoints, in words.
     """
@@ -58,6 +58,11 @@ class Certificate:
     step_limit: str = "the speed limits"
 
     def __str__(self) -> str:
+        return self.reason + "."
+
+    @property
+    def reason(self) -> str:
+        """The certificate in words, without a full stop."""
         where = _listed(self.waypoints)
         joints, bands = " and ".join(self.joints), " and ".join(self.bands)
         match self.kind, bool(self.detail):
@@ -65,6 +70,7 @@ class Certificate:
                 kinds = dict.fromkeys(re.split(r"[,\[]", name)[0] for name in self.bands)
                 text = "there is a motion inside all limits"
                 text += "".join(f" and {'hard bands' if k == 'bands' else k}" for k in kinds)
+                text += " that is slower than the feed" if self.slower > 1.0 else ""
             case "unreachable", _:
                 text = f"the arm does not reach {where} in any configuration"
             case "limits", True:
@@ -89,7 +95,7 @@ class Certificate:
         text += "".join(f"; {part}" for part in (self.detail, self.note) if part)
         if not self.covered:
             text += "; not all configurations were looked at: this is no proof"
-        return text + "."
+        return text
 
 
 def _listed(waypoints: tuple[int, ...]) -> str:

@@ -19,7 +19,8 @@ from qp_twist.planning.problem import JudgedPath, Problem
 STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
 _PRICE, _PRICE_OF_TRAVEL = 1.0, 50.0
-"""Price of a step twice as long as allowed: in z at a waypoint, and in degrees of travel."""
+"""Price of a step twice as long as allowed: in z at a waypoint, and in degrees of travel; of the
+time that of the longest step."""
 _WITHIN = (0.05, 0.2, 0.6)
 """Shares above the layers' least mean z, or below their largest margin, within which a path is
 searched first: few nodes are."""
@@ -104,11 +105,11 @@ class LevelSearch:
         Their number times ``prices`` counts: 1, 0 where there is one anyway, or infinite where
         there may be none. Between ``blocked`` layers there is no motion, (layers − 1,) each.
         """
-        objective, grid = self.problem.objective, self.level.grid.joints
+        grid = self.level.grid.joints
         longest = [
-            objective.travel * np.degrees(objective.joints @ (steps + grid))
-            + STRICTNESS[self.strict] * self._price * float((grid / steps).max())
-            for steps in itertools.compress(self._steps, ~blocked)
+            float(self._way(k, (self._steps[k] + grid)[None])[0])
+            + STRICTNESS[self.strict] * self._price * float((grid / self._steps[k]).max())
+            for k in np.flatnonzero(~blocked).tolist()
         ]
         # More than two paths with equally many of them can differ by.
         one = 1.0 + sum(longest) + sum(float(cost[np.isfinite(cost)].max(initial=0.0))
@@ -155,10 +156,14 @@ class LevelSearch:
             self.level.layers
         )
 
-    @property
+    @cached_property
     def _price(self) -> float:
         """Price of a step twice as long as allowed."""
-        return _PRICE * self._weight + _PRICE_OF_TRAVEL * self.problem.objective.travel
+        objective = self.problem.objective
+        price = _PRICE * self._weight + _PRICE_OF_TRAVEL * objective.travel
+        if (pace := objective.pace) is not None:
+            price += objective.time * max(float((s / pace.velocity).max()) for s in self._steps)
+        return price
 
     @cached_property
     def _centering(self) -> list[Array]:
@@ -184,14 +189,23 @@ class LevelSearch:
         return Edges(alive[found.start], found.end)
 
     def _edge_cost(self, number: int, edge: Edges) -> Array:
-        objective, layers = self.problem.objective, self.level.layers
+        layers = self.level.layers
         apart = layers[number + 1].q[edge.end] - layers[number].q[edge.start]
         apart = np.abs(self.problem.unwound(apart))
         share = (apart / self._steps[number]).T.copy()  # the largest of columns takes less time
         beyond = np.maximum(share.max(axis=0) - 1.0, 0.0)
-        cost: Array = STRICTNESS[self.strict] * self._price * beyond
+        cost: Array = STRICTNESS[self.strict] * self._price * beyond + self._way(number, apart)
+        return cost
+
+    def _way(self, number: int, apart: Array) -> Array:
+        """Cost (E,) of displacements (E, nv) to the next layer: travel, and time at full speed."""
+        objective, cost = self.problem.objective, np.zeros(len(apart))
         if objective.travel:
             cost += objective.travel * np.degrees(apart @ objective.joints)
+        if (pace := objective.pace) is not None:
+            first, last = self.level.waypoints[number : number + 2]
+            seconds = (apart / pace.velocity).max(axis=1, initial=0.0)
+            cost += objective.time * np.maximum(pace.feed[first:last].sum(), seconds)
         return cost
 
     @property

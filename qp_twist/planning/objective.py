@@ -10,8 +10,11 @@ import numpy as np
 from qp_twist.checks import Array, did_you_mean, number, read_only
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask
+from qp_twist.planning.pace import Pace
 
-OBJECTIVES = ("centering", "travel", "margin")
+OBJECTIVES = ("centering", "travel", "margin", "time")
+_WEIGHED = ("centering", "travel", "time")
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +30,10 @@ class Objective:
         \text{margin: } \min_k\min_j \min(\theta_{k,j} - \theta_{min,j},
         \theta_{max,j} - \theta_{k,j})
 
-    Centering and travel, or a weighted sum of them, are minimised; the margin is maximised. Travel
-    and margin are in degrees; a metre of a slide counts as a radian. The joints' weights w are 1
-    unless they are given.
+    and the time, :math:`\sum_k t_k` with the least times of a :class:`Pace`. Centering, travel and
+    time, or a weighted sum of them, are minimised; the margin is maximised. Travel and margin are
+    in degrees; a metre of a slide counts as a radian. The joints' weights w are 1 unless they are
+    given.
 
     Attributes:
         ranges: The joint ranges, with the joints' weights in W.
@@ -37,6 +41,8 @@ class Objective:
         centering: Weight of the mean z.
         travel: Weight of the travel, 1/degree.
         margin: Whether the objective is the margin.
+        time: Weight of the time, 1/s.
+        pace: The times of a path, if they count.
     """
 
     ranges: JointRanges
@@ -44,6 +50,8 @@ class Objective:
     centering: float = 0.0
     travel: float = 0.0
     margin: bool = False
+    time: float = 0.0
+    pace: Pace | None = None
 
     @classmethod
     def of(
@@ -52,11 +60,11 @@ class Objective:
         objective: str | Mapping[str, float],
         joint_weights: Mapping[str, float] | None = None,
     ) -> Objective:
-        """Read an objective: its name, or weights of centering and travel; and weights of joints.
+        """Read an objective: its name, or weights of centering, travel and time; and of joints.
 
         Raises:
             InvalidInput: If it is neither; if there is no such joint, its weight is negative, or
-                the margin is to be weighted.
+                margin or time are to be weighted.
         """
         joints = np.ones(len(ranges.names))
         for name, weight in (joint_weights or {}).items():
@@ -69,10 +77,10 @@ class Objective:
             dof = ranges.names.index(name)
             joints[dof] = number(f"joint_weights[{name!r}]", weight, at_least=0.0)
         if joint_weights:
-            if objective == "margin":
+            if objective in ("margin", "time"):
                 raise InvalidInput(
-                    "joint_weights: the margin is that of the worst joint and takes no weights; "
-                    "use objective='centering' or 'travel', or leave the weights out."
+                    f"joint_weights: the {objective} is that of the worst joint and takes no "
+                    "weights; use objective='centering' or 'travel', or leave the weights out."
                 )
             of_joints = read_only(np.sqrt(joints) * ranges.weight)
             ranges = replace(ranges)
@@ -80,32 +88,65 @@ class Objective:
         if objective == "margin":
             return cls(ranges, joints, margin=True)
         weights = {objective: 1.0} if isinstance(objective, str) else objective
-        if isinstance(weights, Mapping) and set(weights) <= {"centering", "travel"}:
+        if isinstance(weights, Mapping) and set(weights) <= set(_WEIGHED):
             checked = {
                 name: number(f"objective[{name!r}]", weight, at_least=0.0)
                 for name, weight in weights.items()
             }
             if any(checked.values()):
-                return cls(
-                    ranges, joints, checked.get("centering", 0.0), checked.get("travel", 0.0)
-                )
+                centering, travel, time = (checked.get(name, 0.0) for name in _WEIGHED)
+                return cls(ranges, joints, centering, travel, time=time)
         raise InvalidInput(
             f"objective: expected one of {', '.join(OBJECTIVES)}, or positive weights such as "
             f"{{'centering': 1.0, 'travel': 0.001}}; got {objective!r}."
         )
 
+    def along(self, path_task: PathTask) -> Objective:
+        """The objective with the times of a task's motions, if these count.
+
+        Raises:
+            InvalidInput: If nothing limits the speed.
+        """
+        if not self.time:
+            return self
+        pace = Pace.of_run(path_task)
+        endless = np.flatnonzero(~np.isfinite(pace.velocity))
+        if path_task.durations is None and len(endless):
+            names = ", ".join(self.ranges.names[k] for k in endless)
+            raise InvalidInput(
+                f"plan: {path_task.name} has no feed, and no speed limit of {names}, so that "
+                "nothing says how long a motion takes; add [feed] to the task file, or "
+                "[limits.velocity]."
+            )
+        return replace(self, pace=pace)
+
+    def slowed(self, path_task: PathTask) -> Objective:
+        """The objective of a motion that cannot keep the feed: as little slower as possible.
+
+        The share of the path's time, with what is optimised as far as it does not cost time: a mean
+        z of 0.1 less counts as much as a thousandth of the time, as do 100° of travel.
+        """
+        less = replace(self, margin=False, centering=1e-2, travel=0.0)
+        if self.travel:
+            less = replace(self, centering=1e-2 * bool(self.centering), travel=1e-5)
+        pace = Pace.of_run(path_task)
+        return replace(less, time=1.0 / float(pace.feed.sum()), pace=pace)
+
     def value(self, q: Array) -> float:
-        """Value of a joint path q (N, nv): mean z, degrees, or their weighted sum."""
+        """Value of a joint path q (N, nv): mean z, degrees, seconds, or their weighted sum."""
         if self.margin:
             return float(self.margins(q).min())
         way = np.degrees((self.joints * np.abs(np.diff(q, axis=0))).sum())
-        return self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(way)
+        value = self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(way)
+        return value if self.pace is None else value + self.time * float(self.pace.seconds(q).sum())
 
     @property
     def penalty(self) -> float:
         """Penalty of a violation of a radian that exceeds any gain, in the value's unit."""
         largest = max(float(self.joints.max(initial=0.0)), 1.0)
-        return largest * (10.0 * self.centering + 1e5 * self.travel) + 1e4 * self.margin
+        weighted = largest * (10.0 * self.centering + 1e5 * self.travel)
+        slowest = 1.0 if self.pace is None else float(self.pace.velocity.min(initial=1.0))
+        return weighted + 1e4 * self.margin + 1e3 * self.time / slowest
 
     def better(self, a: float, b: float) -> bool:
         """Whether value ``a`` is better than ``b``."""

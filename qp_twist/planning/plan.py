@@ -20,9 +20,10 @@ from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.joint_move import JointMoves
 from qp_twist.planning.levels import Progress
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.pace import SLOWED, Pace
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import PathConstraints, Problem, motion_limits
-from qp_twist.planning.search import PlanSearch, Trials
+from qp_twist.planning.search import PlanSearch, SearchResult, Trials
 from qp_twist.referee import (
     Finding,
     JointMotion,
@@ -48,8 +49,8 @@ class Plan:
             hard tolerance bands and constraints, and no step longer than allowed; ``None`` if there
             is none. Between waypoints violations are proven to be at most 0.05° or 0.1 mm, the
             tolerance of a check.
-        value: Value of the objective: mean z (centering), degrees (travel, margin), or the weighted
-            sum; NaN if there is no motion.
+        value: Value of the objective: mean z (centering), degrees (travel, margin), seconds (time),
+            or the weighted sum; NaN if there is no motion.
         bound: Bound of the value over all motions, each waypoint taken for itself
             (``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration, and for
             centering and margin if one leaves more than three degrees free.
@@ -103,6 +104,52 @@ class Plan:
         return q if self.s is None else q[self.s == np.floor(self.s)]
 
     @cached_property
+    def durations(self) -> Array | None:
+        """Time from each row to the next, s, (rows − 1,): at the feed, or longer if limits need it.
+
+        Joints move at constant speed from row to row; in joint moves as fast as they can. ``None``
+        without a feed, unless the objective is the time.
+        """
+        task, q = self.path_task, self.motion()
+        counts = self.objective == "time" or (
+            isinstance(self.objective, Mapping) and bool(self.objective.get("time"))
+        )
+        path = task.at(np.arange(len(q), dtype=np.float64) if self.s is None else self.s)
+        if path.feed_times is None and not counts:
+            return None
+        pace = Pace.of_run(task, path) if counts else Pace.stated(task, path)
+        if not path.moves.any():
+            return pace.seconds(q)
+        times = JointMoves(task).seconds(q)
+        ends = np.flatnonzero(np.diff(path.moves, prepend=True, append=True))
+        for first, last in ends.reshape(-1, 2).tolist():  # stretches between joint moves
+            times[first:last] = pace.part(first, last).seconds(q[first : last + 1])
+        return times
+
+    @property
+    def pace(self) -> Array | None:
+        """Time of each waypoint, s, (N,): the task's, or longer where the plan is slower.
+
+        ``None`` where :attr:`durations` are. Those of joint moves are the task's.
+        """
+        if self.durations is None:
+            return None
+        s = np.arange(len(self.motion()), dtype=np.float64) if self.s is None else self.s
+        times = np.append(0.0, np.cumsum(self.durations))[s == np.floor(s)]
+        longer: Array = np.diff(times, prepend=times[0])
+        longer[list(self.path_task.joint_moves)] = 0.0
+        at_feed = self.path_task.durations
+        return longer if at_feed is None else np.maximum(at_feed, longer)
+
+    @property
+    def is_slower(self) -> bool:
+        """Whether it takes longer than at the feed, or there is none, but its time counts."""
+        pace, at_feed = self.pace, self.path_task.durations
+        if pace is None or at_feed is None:
+            return pace is not None
+        return bool((pace > (1.0 + SLOWED) * at_feed).any())
+
+    @cached_property
     def between(self) -> PathErrors:
         """Proven deviation between the waypoints, with linearly interpolated joints."""
         return straight_errors(self.path_task, self.motion(), self.s)
@@ -133,23 +180,17 @@ class Plan:
     def examined(self, tolerances: Tolerances | None = None) -> tuple[Finding, ...]:
         """Check of the motion, with linearly interpolated joints.
 
-        Timed by the task's feed, if it has one. Where it does not pass between waypoints, the
+        Timed by :attr:`durations`, if it has any. Where it does not pass between waypoints, the
         trajectory needs further rows: follow the plan and use :func:`~qp_twist.refine_trajectory`.
 
         ``tolerances`` are the largest task errors that pass; 0.1 mm and 0.05° if ``None``.
         """
-        task, q = self.path_task, self.motion()
+        q = self.motion()
         s = np.arange(len(q), dtype=np.float64) if self.s is None else self.s
-        pieces = np.ones(len(q) - 1)
-        path = task.at(s)
-        at_feed = path.feed_times
-        if at_feed is not None:
-            moves = path.moves
-            pieces = np.where(moves, JointMoves(task).seconds(q) if moves.any() else 0.0,
-                              np.diff(at_feed))  # fmt: skip
+        pieces = np.ones(len(q) - 1) if self.durations is None else self.durations
         times = np.append(0.0, np.cumsum(pieces))
-        passing = Passing(times[s == np.floor(s)], at_feed is not None, by_row=True)
-        return examine(task, JointMotion(times, q), tolerances, passing)
+        passing = Passing(times[s == np.floor(s)], self.durations is not None, by_row=True)
+        return examine(self.path_task, JointMotion(times, q), tolerances, passing)
 
     def __repr__(self) -> str:
         count = len(self.path_task.waypoints)
@@ -186,6 +227,8 @@ class Plan:
         weighted = "weighted " if self.joint_weights else ""
         if self.objective == "centering":
             return f"{weighted}mean z {value:.4f}"
+        if self.objective == "time":
+            return f"{value:.4g} s"
         return f"{weighted}{value:.2f}°" if isinstance(self.objective, str) else f"{value:.5g}"
 
 
@@ -199,42 +242,56 @@ def make_plan(
     joint_weights: Mapping[str, float] | None = None,
     *,
     paced: bool = True,
+    slow_down: bool = False,
 ) -> Plan:
     """Search the best motion; see :func:`qp_twist.plan`.
 
     ``start`` is on the first waypoint. ``runs`` returns joint paths (N, nq) of other methods.
     ``paced``: where the speed prevents a motion, how much slower there is one.
     """
-    goal = stated_objective(path_task, objective, joint_weights)
+    goal = stated_objective(path_task, objective, joint_weights).along(path_task)
     ranges = goal.ranges
     rows = PathRows(path_task)
-    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard)
     first = None
     if start is not None:
         first = finite_array("start", start, (path_task.model.nq,))
         _check_start(ranges, rows, first)
 
-    def slower(factor: float) -> PathConstraints:
+    def limits(times: float = 1.0, *, slow_down: bool = False) -> PathConstraints:
+        """Those of a path that takes so many times as long, or the time that it needs."""
         task = replace(
             path_task,
-            velocity_limits=factor * path_task.velocity_limits,
-            acceleration_limits=factor**2 * path_task.acceleration_limits,
+            velocity_limits=times * path_task.velocity_limits,
+            acceleration_limits=times**2 * path_task.acceleration_limits,
         )
-        return motion_limits(task, ranges, max_step_deg, rows.hard)
+        return motion_limits(task, ranges, max_step_deg, rows.hard, slow_down=slow_down)
 
-    found = PlanSearch(
-        Problem(path_task, rows, limits, goal, first),
-        runs,
-        progress or (lambda what, share: None),
-        slower if paced and path_task.durations is not None else None,
-    ).run()
-    path = found.path
+    says, timed = progress or (lambda what, share: None), path_task.durations is not None
+    problem = Problem(path_task, rows, limits(slow_down=bool(goal.time)), goal, first)
+    slower = limits if paced and timed and not slow_down and not goal.time else None
+    found = PlanSearch(problem, runs, says, slower).run()
+    at_feed: Certificate | None = None
+    if slow_down and timed and not goal.time and _may_be_speed(found):
+        at_feed = found.certificate
+        slowed = replace(
+            problem, limits=limits(slow_down=True), objective=goal.slowed(path_task), stated=goal
+        )
+        found = PlanSearch(slowed, runs, says).run()
+        if found.path is None:
+            note = f"nor was one found that is slower: {found.certificate.reason}"
+            found = replace(found, certificate=replace(at_feed, note=note))
+    path, certificate = found.path, found.certificate
+    if path is not None and timed:
+        factor, where = Pace.stated(path_task).slowest(path.q, ranges.names)
+        if factor > 1.0:
+            notes = [where] if at_feed is None else [where, f"at the feed, {at_feed.reason}"]
+            certificate = replace(certificate, slower=factor, note="; ".join(notes))
     return Plan(
         path_task,
         None if path is None else path.q,
-        np.nan if path is None else path.value,
+        np.nan if path is None else goal.value(path.q),
         found.bound,
-        found.certificate,
+        certificate,
         objective,
         dict(joint_weights or {}),
         found.interrupted,
@@ -269,6 +326,15 @@ def stated_objective(
             "nothing; use objective='travel'."
         )
     return goal
+
+
+def _may_be_speed(found: SearchResult) -> bool:
+    """Whether a slower motion may exist where none was found: no waypoint alone excludes it."""
+    certificate = found.certificate
+    return found.path is None and (
+        certificate.kind == "speed"
+        or (certificate.kind in ("limits", "band") and bool(certificate.detail))
+    )
 
 
 def _check_start(ranges: JointRanges, rows: PathRows, start: Array) -> None:

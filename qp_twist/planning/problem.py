@@ -267,8 +267,14 @@ def motion_limits(
     ranges: JointRanges,
     max_step_deg: float | None = None,
     hard: HardConstraints | None = None,
+    *,
+    slow_down: bool = False,
 ) -> PathConstraints:
-    """Constraints of a joint path along the task; ``hard`` are those that are already known."""
+    """Constraints of a joint path along the task; ``hard`` are those that are already known.
+
+    One that may ``slow_down`` takes the time that its steps need, so that only their length is
+    limited.
+    """
     count = len(path_task.waypoints)
     given = path_task.durations
     if given is not None and len(given) != count:
@@ -281,10 +287,13 @@ def motion_limits(
     step_limit = f"the largest step without a feed, {np.degrees(UNTIMED_STEP):g}°"
     if given is not None:
         steps, step_limit = path_task.velocity_limits * durations[:, None], "the speed limits"
+        if slow_down:
+            steps = np.maximum(steps, UNTIMED_STEP)
+            step_limit = f"the largest step, {np.degrees(UNTIMED_STEP):g}° or what the feed allows"
     if max_step_deg is not None:
         steps = np.minimum(steps, np.radians(number("max_step_deg", max_step_deg, above=0.0)))
         largest = f"the largest step, max_step_deg = {max_step_deg:g}"
-        step_limit = largest if given is None else f"{step_limit} or {largest}"
+        step_limit = largest if given is None or slow_down else f"{step_limit} or {largest}"
     steps = np.where(np.isfinite(steps), steps, UNTIMED_STEP)
     # A turn by more than half a turn has the same end as a shorter one in the other direction. A
     # joint with a range may not have that choice; a joint without a range never needs the longer
@@ -294,6 +303,7 @@ def motion_limits(
     # Velocities are constant between waypoints, and change at the waypoints.
     times = 0.5 * (durations[1:] + durations[:-1])
     speed_changes = path_task.acceleration_limits * times[:, None]
+    speed_changes = np.full_like(speed_changes, np.inf) if slow_down else speed_changes
     hard = PathRows(path_task).hard if hard is None else hard
     return PathConstraints(ranges, steps, speed_changes, durations, hard, step_limit=step_limit)
 
@@ -316,7 +326,8 @@ class JudgedPath:
 class Problem:
     """A path, its constraints, and the objective of its motion.
 
-    ``start`` is the first configuration, on the first waypoint, (nv,), if it is fixed.
+    ``start`` is the first configuration, on the first waypoint, (nv,), if it is fixed. ``stated``
+    is the objective whose bound is stated, if it is another one.
     """
 
     path_task: PathTask
@@ -324,6 +335,7 @@ class Problem:
     limits: PathConstraints
     objective: Objective
     start: Array | None = None
+    stated: Objective | None = None
 
     @cached_property
     def free(self) -> Problem:
@@ -334,7 +346,7 @@ class Problem:
         rows = PathRows(task)
         on_path = OnThePath(task) if rows.hard and self.limits.on_path is not None else None
         limits = replace(self.limits, hard=rows.hard, on_path=on_path)
-        return Problem(task, rows, limits, self.objective, self.start)
+        return replace(self, path_task=task, rows=rows, limits=limits)
 
     @property
     def has_clearance(self) -> bool:

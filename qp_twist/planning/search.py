@@ -190,6 +190,7 @@ class PlanSearch:
         first, bound = best, _bound(problem, found.level, best)
         # With a clearance the bound, which knows of none, says little.
         settled = best is not None and (problem.has_clearance or _alike(bound, best.value))
+        settled = settled and (problem.stated is None or problem.has_clearance)  # of another unit
         if problem.start is None and not settled:
             for trial in self._tried(problem, None if best is None else best.q[0], best):
                 if best is None or _may_become(problem, trial, best):
@@ -454,11 +455,18 @@ def _bound(problem: Problem, level: Level, best: JudgedPath | None) -> float:
         return np.nan
     q, free = None if best is None else best.q, problem.free
     return pointwise_bound(
-        free.path_task, free.objective, free.rows, level.layers, level.waypoints, free.start, q
+        free.path_task,
+        free.stated or free.objective,
+        free.rows,
+        level.layers,
+        level.waypoints,
+        free.start,
+        q,
     )
 
 
 def _stated(problem: Problem, bound: float) -> float:
     """The bound, if the layers cover all minima of z and maxima of the margin."""
-    pointwise = problem.objective.centering > 0.0 or problem.objective.margin
+    objective = problem.stated or problem.objective
+    pointwise = objective.centering > 0.0 or objective.margin
     return np.nan if pointwise and problem.freedom > BOUNDED else bound

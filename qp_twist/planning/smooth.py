@@ -12,6 +12,7 @@ from scipy import sparse
 
 from qp_twist.checks import Array
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.pace import Pace
 from qp_twist.planning.problem import JudgedPath, Problem, block_diagonal
 
 _TIE_BREAK = 1e-6
@@ -27,6 +28,9 @@ and constraints: along those that curve all further ones together would gain lit
 _STUCK, _STAYS = 4, 0.01
 """With a violation it ends after so many iterations in turn that gain less than this share of the
 penalty."""
+_SPAN, _SPAN_OF_RADIUS = 0.3, 3.0
+"""Largest change of a time by a program, as a share of it; and per radius, 1/rad: speeds are its
+inverse, and their changes linear only nearby."""
 _POINTS = 6
 """Number of times that points of violations between waypoints are added."""
 
@@ -159,47 +163,52 @@ def _step(
 def _solved(problem: Problem, q: Array, basis: Array, radius: float, settle: bool) -> Array | None:
     """The solution u (N, d) of the sparse program at a path q (N, nv).
 
-    Its unknowns are u, further unknowns t, and the largest violation σ.
+    Its unknowns are u, the times t of the steps, further unknowns x, and the largest violation σ.
     """
     objective, (count, nv), free = problem.objective, q.shape, basis.shape[2]
     size, largest = count * free, radius * np.sqrt(free)
     move = block_diagonal(basis)
-    # Rows G u + E t + s σ ≤ g as [G, E, s], and their sides g. Bounds are rows, too: a backend
-    # would make rows of infinite ones and take them out again.
+    # Rows G u + T t + E x + s σ ≤ g as [G, T, E, s], and their sides g. Bounds are rows, too: a
+    # backend would make rows of infinite ones and take them out again.
     whole = sparse.identity(size, format="csr")
-    rows: list[list[Any]] = [[whole, None, None], [-whole, None, None]]
+    rows: list[list[Any]] = [[whole, None, None, None], [-whole, None, None, None]]
     sides = [np.full(size, largest), np.full(size, largest)]
-    rows.append([None, None, -np.ones((1, 1))])
+    rows.append([None, None, None, -np.ones((1, 1))])
     sides.append(np.zeros(1))
-    P, c, costs = whole, np.zeros(size), np.zeros(0)
+    P, c, seconds, costs = whole, np.zeros(size), np.zeros(0), np.zeros(0)
     if not settle:
         weight = np.tile(objective.ranges.weight**2, count) / count
         share = objective.centering or _TIE_BREAK
         P = share * (move.T @ sparse.diags(weight) @ move)
         c = share * (move.T @ (weight * (q - objective.ranges.middle).ravel()))
-        if objective.travel:  # t are the absolute values of the changes
-            G, change = move[nv:] - move[:-nv], np.diff(q, axis=0).ravel()
-            less = -sparse.identity(len(change))
-            rows += [[G, less, None], [-G, less, None]]
-            sides += [-change, change]
+        G, change = move[nv:] - move[:-nv], np.diff(q, axis=0)
+        if objective.pace is not None:
+            each, times, least = _times(objective.pace, q, G, radius, largest)
+            rows.append([each, times, None, None])
+            sides.append(least)
+            seconds = np.full(count - 1, objective.time)
+        if objective.travel:  # x are the absolute values of the changes
+            less = -sparse.identity(change.size)
+            rows += [[G, None, less, None], [-G, None, less, None]]
+            sides += [-change.ravel(), change.ravel()]
             costs = np.tile(np.degrees(objective.travel * objective.joints), count - 1)
-        if objective.margin:  # t is the margin, at most that of each joint
+        if objective.margin:  # x is the margin, at most that of each joint
             costs = np.full(1, -np.degrees(1.0))
             for sign, ends in ((1.0, objective.ranges.upper), (-1.0, -objective.ranges.lower)):
                 room = (ends - sign * q).ravel()
                 near = np.flatnonzero(room < room.min() + 4.0 * largest + 1e-3)
-                rows.append([sign * move[near], np.ones((len(near), 1)), None])
+                rows.append([sign * move[near], None, np.ones((len(near), 1)), None])
                 sides.append(room[near])
     for G, g in problem.limits.rows(q):
         on_u = G @ move
         # Rows that no u within the radius can reach are left out.
         near = np.flatnonzero(g <= largest * np.asarray(abs(on_u).sum(axis=1)).ravel())
         if len(near):
-            rows.append([on_u[near], None, -np.ones((len(near), 1))])
+            rows.append([on_u[near], None, None, -np.ones((len(near), 1))])
             sides.append(g[near])
-    if not len(costs):
-        rows = [[G, violation] for G, _, violation in rows]
-    further = np.append(costs, objective.penalty)
+    used = [k for k in range(4) if any(row[k] is not None for row in rows)]
+    rows = [[row[k] for k in used] for row in rows]
+    further = np.concatenate([seconds, costs, [objective.penalty]])
     program = qpsolvers.Problem(
         sparse.block_diag([P, sparse.csc_matrix((len(further),) * 2)], format="csc"),
         np.concatenate([c, further]),
@@ -210,3 +219,73 @@ def _solved(problem: Problem, q: Array, basis: Array, radius: float, settle: boo
     if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
         return None
     return np.asarray(solution.x[:size]).reshape(count, free)
+
+
+def _times(
+    pace: Pace, q: Array, G: sparse.csr_matrix, radius: float, largest: float
+) -> tuple[sparse.csr_matrix, sparse.csr_matrix, Array]:
+    """Rows G' u + T t ≤ g of the least times t (N − 1,) of a path q (N, nv), its steps plus G u.
+
+    Changes of speed are linear in u and t near the present times, from which t stays within a share
+    that shrinks with the ``radius``. Without speeds that no u within ``largest`` makes the slowest
+    of a step.
+    """
+    change, now = np.diff(q, axis=0), pace.seconds(q)
+    (count, nv), limited = change.shape, np.isfinite(pace.acceleration)
+    slowness = np.tile(1.0 / pace.velocity, count)
+    reach = largest * np.asarray(abs(G).sum(axis=1)).ravel() * slowness
+    shares = change.ravel() * slowness
+    least = np.maximum((np.abs(shares) - reach).reshape(count, nv).max(axis=1), pace.feed)
+    none, one = sparse.csr_matrix((count, G.shape[1])), sparse.identity(count, format="csr")
+    each, times, sides = [none], [-one], [-pace.feed]
+    for sign in (1.0, -1.0):
+        near = np.flatnonzero(sign * shares + reach >= np.repeat(least, nv))
+        each.append(sparse.diags(sign * slowness[near]) @ G[near])
+        times.append(-one[near // nv])
+        sides.append(-sign * shares[near])
+    if limited.any():
+        span = min(_SPAN, _SPAN_OF_RADIUS * radius) * now
+        each += [none, none]
+        times += [one, -one]
+        sides += [now + span, span - now]
+        lasting = np.where(now > 0.0, now, 1.0)
+        speeds = (change / lasting[:, None])[:, limited]
+        # Speeds, 0 at rest, are linear in the steps; their times make them slower.
+        most = pace.acceleration[limited]
+        joints = np.flatnonzero(np.tile(limited, count))
+        per_step = sparse.diags(np.repeat(1.0 / lasting, len(most))) @ G[joints]
+        per_time = sparse.diags((-speeds / lasting[:, None]).ravel()) @ sparse.kron(
+            one, np.ones((len(most), 1))
+        )
+        differ = _differences(count, pace.rests)
+        by_joint = sparse.kron(differ, sparse.identity(len(most)), format="csr")
+        room = np.append(pace.room, 1.0)[slice(None) if pace.rests else slice(1, -1)]
+        spans = sparse.kron(sparse.diags(room) @ _mean_times(lasting, pace.rests), most[:, None])
+        changes = np.asarray(differ @ speeds).ravel()
+        for sign in (1.0, -1.0):
+            each.append(sign * (by_joint @ per_step))
+            times.append(sign * (by_joint @ per_time) - spans)
+            sides.append(sign * (np.asarray(by_joint @ (per_time @ now)).ravel() - changes))
+    return (
+        sparse.vstack(each, format="csr"),
+        sparse.vstack(times, format="csr"),
+        np.concatenate(sides),
+    )
+
+
+def _differences(count: int, rests: bool) -> sparse.csr_matrix:
+    """Differences of ``count`` successive values, and from and to 0 at the ends if it ``rests``."""
+    whole = sparse.diags([1.0, -1.0], [0, -1], shape=(count + 1, count), format="csr")
+    return whole if rests else whole[1:-1]
+
+
+def _mean_times(t: Array, rests: bool) -> sparse.csr_matrix:
+    """Derivatives of the harmonic means of successive times (N,), and of half of those at rests.
+
+    Times t themselves are mapped to the means, which are homogeneous.
+    """
+    share = (t[:-1] / (t[:-1] + t[1:])) ** 2
+    before, after = 2.0 * (1.0 - np.sqrt(share)) ** 2, 2.0 * share
+    diagonals = [np.append(0.5, after), np.append(before, 0.5)]
+    whole = sparse.diags(diagonals, [0, -1], shape=(len(t) + 1, len(t)), format="csr")
+    return whole if rests else whole[1:-1]

@@ -90,7 +90,10 @@ class _Timing:
         # the lower feed is a bound of the pace.
         steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
         steps[path.moves] = 0.0  # their parameter is the time at full speed
-        ratios = _feed_ratios(steps, self.floor)
+        feed = self.trajectory.feed  # a plan may be slower
+        ratios = _feed_ratios(
+            steps, self.floor if feed is None else np.where(feed > 0.0, feed, self.floor)
+        )
         most = np.minimum(np.append(ratios, 1.0), np.append(1.0, ratios))
         at_highest = ratios * self.floor
         return speed_profile(q, at_highest, limits.velocity, limits.acceleration, self.rests, most)

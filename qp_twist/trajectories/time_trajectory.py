@@ -71,7 +71,8 @@ def time_trajectory(
     feed = _feed(trajectory)
     moved = np.abs(np.diff(q, axis=0))
     by_limits = np.maximum(moved / limits.velocity, np.sqrt(6.0 * moved / limits.acceleration))
-    floor = np.where(feed > 0.0, feed, by_limits.max(axis=1, initial=0.0))
+    least = feed if trajectory.least_times is None else trajectory.least_times
+    floor = np.where(least > 0.0, least, by_limits.max(axis=1, initial=0.0))
     if (floor <= 0.0).any():
         k = int(np.argmax(floor <= 0.0))
         raise InvalidInput(

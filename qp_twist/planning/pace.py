@@ -1,0 +1,129 @@
+"""Times along a joint path: at the feed, or as much longer as the joints' limits require."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.kernel.pace_kernel import fastest_paces
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask, Waypoints
+from qp_twist.referee import motion_limits, with_default_accelerations
+
+SLOWED = 1e-6
+"""Share by which a time has to exceed that at the feed to count as slower."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pace:
+    r"""Least times from waypoint to waypoint of a path :math:`\mathbf q_1 \dots \mathbf q_N`.
+
+    .. math::
+
+        t_k \ge \max\bigl(f_k,\; \max_j |\Delta\theta_{k,j}| / v_j\bigr), \qquad
+        \left|\frac{\Delta\theta_{k+1,j}}{t_{k+1}} - \frac{\Delta\theta_{k,j}}{t_k}\right| \le
+        \rho_k a_j\,\frac{2\,t_k\,t_{k+1}}{t_k + t_{k+1}}
+
+    with the times f at the feed. Velocities are constant between waypoints. A corner of the path
+    may be rounded by no more than its tolerance ε: a velocity that changes evenly within a time τ
+    leaves a corner by τ/8 of its change, so that the share
+    :math:`\rho_k = \min(1,\, 8\varepsilon/|\mathbf p_{k-1} - 2\mathbf p_k + \mathbf p_{k+1}|)`
+    of the time beside it is left.
+
+    Attributes:
+        feed: Times at the feed, s, (N − 1,); 0 without one.
+        velocity: Speed limits v, rad/s or m/s, (nv,); ∞ without one.
+        acceleration: Acceleration limits a, rad/s² or m/s², (nv,); ∞ likewise.
+        room: The shares ρ at the begin of each step, (N − 1,).
+        rests: Whether the joints rest at both ends; otherwise their velocities there are free.
+    """
+
+    feed: Array
+    velocity: Array
+    acceleration: Array
+    room: Array
+    rests: bool = False
+
+    @classmethod
+    def stated(cls, path_task: PathTask, path: Waypoints | None = None) -> Pace:
+        """By the limits that a task states, with free velocities at its ends.
+
+        Of a ``path`` through other points of the task than its waypoints, if there is one.
+        """
+        feed = _feed(path or path_task.at())
+        limits = path_task.velocity_limits, path_task.acceleration_limits
+        return cls(feed, *limits, np.ones_like(feed))
+
+    @classmethod
+    def of_run(cls, path_task: PathTask, path: Waypoints | None = None) -> Pace:
+        """As a run is timed: from rest to rest, with default accelerations where none are known."""
+        path = path or path_task.at()
+        ranges = JointRanges.of(path_task.model)
+        limits = with_default_accelerations(motion_limits(path_task), ranges)
+        room = _room(path.positions, path_task.tolerances.position)
+        return cls(_feed(path), limits.velocity, limits.acceleration, room, rests=True)
+
+    def part(self, first: int, last: int) -> Pace:
+        """That of the steps from one of the rows to another."""
+        return replace(self, feed=self.feed[first:last], room=self.room[first:last])
+
+    def seconds(self, q: Array) -> Array:
+        """Least times of a path q (N, nv), s, (N − 1,).
+
+        Those of the speed limits, and where changes of speed are limited
+        :func:`~qp_twist.kernel.pace_kernel.fastest_paces`.
+        """
+        moved = np.diff(q, axis=0)
+        times: Array = np.maximum(
+            self.feed, (np.abs(moved) / self.velocity).max(axis=1, initial=0.0)
+        )
+        lasting = times > 0.0  # what takes no time changes no speed
+        h, limited = times[lasting], np.isfinite(self.acceleration)
+        if not limited.any() or not len(h):
+            return times
+        D, pace = moved[lasting][:, limited] / h[:, None], np.ones(len(h))
+        fastest_paces(h, D, self.acceleration[limited], self.room[lasting], self.rests, pace)
+        times[lasting] = h / pace
+        return times
+
+    def slowest(self, q: Array, names: tuple[str, ...]) -> tuple[float, str]:
+        """How many times longer than at the feed a path q (N, nv) takes somewhere, and a sentence.
+
+        The factor is 1 and the sentence empty if the feed is kept everywhere.
+        """
+        times = self.seconds(q)
+        slow = np.flatnonzero((self.feed > 0.0) & (times > (1.0 + SLOWED) * self.feed))
+        if not len(slow):
+            return 1.0, ""
+        factors = times[slow] / self.feed[slow]
+        worst = int(slow[np.argmax(factors)])
+        shares = np.abs(q[worst + 1] - q[worst]) / (self.velocity * times[worst])
+        parts = np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1)
+        [longest] = [part for part in parts if worst in part]
+        more = f", and at {len(parts) - 1} more stretches" if len(parts) > 1 else ""
+        text = (
+            f"between waypoints {longest[0] + 1} and {longest[-1] + 2}, after waypoint {worst + 1} "
+            f"{factors.max():.3g} times because of {names[int(np.argmax(shares))]}{more}; in all "
+            f"it takes {times.sum():.4g} s instead of {self.feed.sum():.4g} s"
+        )
+        return float(factors.max()), text
+
+
+def _feed(path: Waypoints) -> Array:
+    if path.feed_times is None:
+        return np.zeros(len(path.s) - 1)
+    return np.where(path.moves, 0.0, np.diff(path.feed_times))
+
+
+def _room(positions: Array, tolerance: float) -> Array:
+    """The shares ρ at the begin of each step between ``positions`` (N, 3), (N − 1,)."""
+    room, steps = np.ones(len(positions) - 1), np.diff(positions, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    moving = (lengths[1:] > 0.0) & (lengths[:-1] > 0.0)
+    along = steps / np.where(lengths > 0.0, lengths, 1.0)[:, None]
+    corner = np.linalg.norm(np.diff(along, axis=0), axis=1) * 0.5 * (lengths[1:] + lengths[:-1])
+    sharp = moving & (corner > 8.0 * tolerance)
+    room[1:][sharp] = 8.0 * tolerance / corner[sharp]
+    return room

@@ -1,0 +1,158 @@
+"""Plans in time: least times of a joint path, the fastest path, and paths slower than the feed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import mink
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+import qp_twist as qt
+from qp_twist.checks import Array
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.pace import Pace
+from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.problem import Problem, motion_limits
+from qp_twist.planning.smooth import refine
+
+SPEED, ACCELERATION = np.array([1.0, 1.5, 2.0]), np.array([4.0, 6.0, 8.0])
+
+
+def line(count: int, feed: float | None = None) -> qt.PathTask:
+    """The planar line at some waypoints, with limits; ``feed``: seconds between two of them."""
+    task = qt.load_task("planar_line")
+    some = np.linspace(0, 100, count).astype(int)
+    return dataclasses.replace(
+        task, waypoints=tuple(task.waypoints[i] for i in some), velocity_limits=SPEED,
+        acceleration_limits=ACCELERATION,
+        durations=None if feed is None else np.append(0.0, np.full(count - 1, feed)),
+    )  # fmt: skip
+
+
+def changes(q: Array, times: Array, room: Array) -> Array:
+    """Shares of the acceleration limits at rests and inner rows, by the definition, (N, nv)."""
+    v, most = np.diff(q, axis=0) / times[:, None], ACCELERATION
+    harmonic = 2.0 * times[:-1] * times[1:] / (times[:-1] + times[1:]) * room[1:]
+    inner = np.abs(np.diff(v, axis=0)) / (harmonic[:, None] * most)
+    ends = np.abs(v[[0, -1]]) / (0.5 * times[[0, -1], None] * most)
+    return np.vstack([inner, ends])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_times_keep_all_limits_and_are_as_short_as_a_general_optimisers(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = np.cumsum(rng.normal(scale=0.1, size=(7, 3)), axis=0)
+    feed, room = rng.uniform(0.0, 0.15, 6), np.where(rng.random(6) < 0.3, 0.4, 1.0)
+    times = Pace(feed, SPEED, ACCELERATION, room, rests=True).seconds(q)
+    floor = np.maximum(feed, (np.abs(np.diff(q, axis=0)) / SPEED).max(axis=1))
+    assert (times >= floor - 1e-12).all()
+    assert changes(q, times, room).max() <= 1.0 + 1e-6
+    best = min(
+        (
+            minimize(
+                np.sum, start, bounds=[(low, None) for low in floor], method="SLSQP",
+                constraints={"type": "ineq", "fun": lambda t: 1.0 - changes(q, t, room).ravel()},
+                options={"maxiter": 500},
+            )
+            for start in (times, 2.0 * times, np.full(6, 1.5))
+        ),
+        key=lambda found: float(found.fun) if found.success else np.inf,
+    )  # fmt: skip
+    assert best.success
+    assert times.sum() <= 1.01 * best.fun
+
+
+def test_waypoints_that_take_no_time_change_nothing() -> None:
+    q = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1], [0.2, 0.3, 0.3]])
+    pace = Pace(np.zeros(2), SPEED, ACCELERATION, np.ones(2), rests=True)
+    twice = Pace(np.zeros(3), SPEED, ACCELERATION, np.ones(3), rests=True)
+    again = twice.seconds(q[[0, 1, 1, 2]])
+    assert again == pytest.approx(np.insert(pace.seconds(q), 1, 0.0))
+
+
+@pytest.mark.parametrize("feed", [None, 0.05, 0.4])
+def test_the_fastest_path_nearby_is_as_fast_as_a_general_optimisers(feed: float | None) -> None:
+    """SLSQP with all joints and all times as unknowns, the task as equality constraints."""
+    task = line(6, feed)
+    rows, ranges = PathRows(task), qt.JointRanges.of(task.model)
+    goal = Objective.of(ranges, "time").along(task)
+    start, _ = rows.correct(np.tile(task.start, (6, 1)), np.arange(6))
+    limits = motion_limits(task, ranges, 40.0, rows.hard, slow_down=True)
+    mine = refine(Problem(task, rows, limits, goal), start)
+    positions, floor = task.positions[:, :2], 1e-3 if feed is None else feed
+    assert goal.pace is not None
+    room = goal.pace.room
+
+    def tips(x: Array) -> Array:
+        angles, lengths = np.cumsum(x[:18].reshape(6, 3), axis=1), np.array([2.0, 1.5, 1.0])
+        reached = np.stack([np.cos(angles) @ lengths, np.sin(angles) @ lengths], axis=1)
+        return np.asarray((reached - positions).ravel())
+
+    def left(x: Array) -> Array:
+        q, t = x[:18].reshape(6, 3), x[18:]
+        speeds = SPEED * t[:, None] - np.abs(np.diff(q, axis=0))
+        return np.concatenate([speeds.ravel(), 1.0 - changes(q, t, room).ravel()])
+
+    bounds = [*zip(np.tile(ranges.lower, 6), np.tile(ranges.upper, 6), strict=True)]
+    found = minimize(
+        lambda x: x[18:].sum(), np.append(start, 1.5 * goal.pace.seconds(start)),
+        bounds=bounds + 5 * [(floor, None)], method="SLSQP",
+        constraints=[{"type": "eq", "fun": tips}, {"type": "ineq", "fun": left}],
+        options={"maxiter": 500, "ftol": 1e-9},
+    )  # fmt: skip
+    assert found.success
+    assert mine.feasible and mine.value <= 1.01 * found.fun
+
+
+def test_a_plan_in_time_is_on_the_path_inside_its_limits_and_above_its_bound() -> None:
+    task = line(26)
+    plan, central = qt.plan(task, "time"), qt.plan(task)
+    times = plan.durations
+    assert times is not None and plan.value == pytest.approx(times.sum())
+    assert plan.bound <= plan.value <= Pace.of_run(task).seconds(central.motion()).sum()
+    assert (np.abs(np.diff(plan.motion(), axis=0)) <= SPEED * times[:, None] + 1e-12).all()
+    assert changes(plan.motion(), times, Pace.of_run(task).room).max() <= 1.0 + 1e-6
+    names = [finding.name for finding in plan.examined() if not finding.passes]
+    assert not [name for name in names if "limit" in name or "at waypoints" in name]
+    assert plan.result.startswith(f"time: {plan.value:.4g} s >= bound")
+
+
+def test_where_the_feed_cannot_be_kept_a_plan_is_slower_and_says_where() -> None:
+    task = line(13, 0.01)
+    at_feed = qt.plan(task, seeds=())
+    assert at_feed.q is None and at_feed.certificate.kind == "speed"
+    plan = qt.plan(task, seeds=(), slow_down=True)
+    pace, said = plan.pace, str(plan.certificate)
+    assert pace is not None and plan.is_slower and task.durations is not None
+    assert plan.certificate.slower == pytest.approx((pace[1:] / task.durations[1:]).max())
+    assert "slower than the feed" in said and "at the feed, between waypoints" in said
+    assert f"it takes {pace.sum():.4g} s instead of {task.durations.sum():.4g} s" in said
+    assert plan.bound <= plan.value
+    run = qt.follow(task, "qp_planned", plan=plan, slow_down=True)
+    assert run.passes and run.least_times is not None
+    assert qt.check_trajectory(qt.time_trajectory(qt.refine_trajectory(run)), task).passes
+
+
+def test_a_plan_that_keeps_the_feed_is_the_same_whether_or_not_it_might_be_slower() -> None:
+    task = line(11, 0.5)
+    plain, free = (qt.plan(task, seeds=(), slow_down=slow_down) for slow_down in (False, True))
+    assert np.array_equal(plain.motion(), free.motion()) and not free.is_slower
+    assert "slower" not in str(free.certificate)
+
+
+def test_a_waypoint_out_of_reach_is_named_whatever_the_speed() -> None:
+    task = line(6, 0.5)
+    away = mink.SE3.from_translation(np.array([9.0, 0.0, 0.0])) @ task.waypoints[-1]
+    far = dataclasses.replace(task, waypoints=(*task.waypoints[:-1], away))
+    certificate = qt.plan(far, seeds=(), slow_down=True).certificate
+    assert certificate.kind == "unreachable" and "slower" not in str(certificate)
+
+
+def test_what_has_no_time_is_refused() -> None:
+    task = qt.load_task("planar_line")
+    with pytest.raises(qt.InvalidInput, match=r"no feed, and no speed limit of .*limits\.velocity"):
+        qt.plan(task, "time")
+    with pytest.raises(qt.InvalidInput, match="the time is that of the worst joint"):
+        qt.plan(line(6), "time", joint_weights={"joint_1": 2.0})
