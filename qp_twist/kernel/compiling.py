@@ -233,9 +233,11 @@ arrays, so numba does not count references: for ten small arrays that takes long
 product. They cannot be called from Python, which saves a third of the compilation time."""
 inner: Any = _by_numba(apart=True, _nrt=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 """The same of functions that allocate arrays."""
-part: Any = _by_numba(_nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-"""Decorator of small functions called in loops: they are inlined in every kernel that calls
-them."""
+part: Any = _by_numba(
+    _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True
+)  # fmt: skip
+"""Decorator of functions that are inlined in every kernel that calls them: small ones called in
+loops, and those with many arrays, each of which is five to nine arguments of a call."""
 
 
 def bound(kernel_: Any, *arguments: Any) -> Callable[..., Any]:

@@ -7,7 +7,7 @@ method until they are orthogonal, so that no formula divides by a singular value
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -25,25 +25,13 @@ BRAKING = 0.8
 """η of ``constraints.stopping_share``."""
 
 
-class Directions(NamedTuple):
-    """The rotated rows UᵀA q̇ = Uᵀb of a level of m rows."""
+Directions = namedtuple("Directions", "rows rate ahead square floor damped slack stated")
+"""The rotated rows UᵀA q̇ = Uᵀb of a level of m rows.
 
-    rows: Any
-    """σᵢvᵢᵀ, (m, n)."""
-    rate: Any
-    """β = Uᵀb, (m,)."""
-    ahead: Any
-    """The part of it that follows moving targets, (m,)."""
-    square: Any
-    """σ², (m,)."""
-    floor: Any
-    """max(σ², ε²), (m,)."""
-    damped: Any
-    """d, (m,)."""
-    slack: Any
-    """λ = d − σ², (m,)."""
-    stated: Any
-    """Uᵀ(A b) of the rows as they are stated, (m, n + 1); (m, 0) where nobody needs them."""
+``rows`` are σᵢvᵢᵀ, (m, n), ``rate`` is β = Uᵀb, (m,), and ``ahead`` the part of it that follows
+moving targets; ``square`` is σ², ``floor`` max(σ², ε²), ``damped`` d, and ``slack`` λ = d − σ².
+``stated`` is Uᵀ(A b) of the rows as they are stated, (m, n + 1); (m, 0) where nobody needs them.
+"""
 
 
 @part
@@ -212,7 +200,7 @@ def well_conditioned(A, ends, threshold, work, scratch):
             for k in range(n):
                 total += A[i, k] * A[j, k]
             work[i, j] = total
-    if not cholesky(work):
+    if not cholesky(work, m):
         return False
     first = 0
     for level in range(len(ends) if len(ends) > 1 else 0):
@@ -223,7 +211,7 @@ def well_conditioned(A, ends, threshold, work, scratch):
                 for k in range(first, j + 1):
                     total += work[i, k] * work[j, k]
                 scratch[i - first, j - first] = total
-        if not cholesky(scratch[: end - first, : end - first]):
+        if not cholesky(scratch, end - first):
             return False
         first = end
     return True

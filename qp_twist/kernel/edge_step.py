@@ -29,7 +29,6 @@ from qp_twist.kernel.step_kernel import (
     desired_velocities,
     forward_rows,
     stated_rows,
-    take,
 )
 from qp_twist.kernel.step_record import (
     BRAKED,
@@ -150,7 +149,9 @@ def edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible):
         found = Result(OPTIMAL, np.zeros(len(s.x)), s.b.copy(), s.g * 0.0, np.zeros(len(s.x)))
         for i in range(len(s.x)):
             found.x[i] = min(max(0.0, s.lower[i]), s.upper[i])
-    take(s, found)
+    put(found.x[: len(s.x)], s.x)
+    put(found.box[: len(s.x)], s.box)
+    put(found.lam, s.lam)
     outcome = RELAXED if relaxed > 0.0 else SCALED
     if relaxed == 0.0 and scale >= WHOLE:
         outcome, scale = DONE, 1.0

@@ -11,14 +11,16 @@ import numpy as np
 
 from qp_twist.kernel.compiling import inner, plain
 from qp_twist.kernel.constants import DUST, EQUALITY_TOLERANCE, HELD
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.dual_active_set import (
     SOLVED,
+    Program,
     active_set,
-    cholesky_inverse,
-    resumed_active_set,
-    row_lengths,
+    factorise,
+    hold_initial,
+    hold_rows,
 )
-from qp_twist.kernel.one_program import FAILED, OPTIMAL, Result, excess_of, minimum
+from qp_twist.kernel.one_program import FAILED, OPTIMAL, Result, allocated, excess_of, minimise
 
 _PROXIMAL = 1e-4
 """Proximal weight ε, as a share of the longest row."""
@@ -54,18 +56,8 @@ def missed(A, b, x):
     return math.sqrt(square)
 
 
-@plain
-def _rows_in(active, count, held):
-    """Number of equality rows, of which there are ``held``, in an active set."""
-    rows = 0
-    for place in range(count):
-        if active[place] < held:
-            rows += 1
-    return rows
-
-
 @inner
-def _closest(A, b, E, e, G, g, lengths, lower, upper, x, active, u):
+def _closest(A, b, E, e, G, g, lower, upper, x, active, u):
     r"""Move x to the least-squares solution of a level subject to the held rows E x = e.
 
     .. math::
@@ -75,11 +67,12 @@ def _closest(A, b, E, e, G, g, lengths, lower, upper, x, active, u):
 
     until it converges (the proximal point method; Rockafellar, SIAM J. Control Optim. 14, 1976),
     with a decreasing ε. Returned are the number of active constraints, −1 on failure, and the
-    remaining gradient.
+    remaining gradient; ``active`` and ``u`` receive their numbers and multipliers.
     """
-    n, held, left, weight, count = len(x), len(e), math.inf, math.inf, 0
-    H, J, R, c, before = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n), x.copy()
-    marks, work = np.zeros(held + len(g) + 2 * n, dtype=np.int64), np.zeros((3, n + 1))
+    n, left, weight, free, count = len(x), math.inf, math.inf, 0, 0
+    H, c, before = np.empty((n, n)), np.empty(n), np.empty(n)
+    w, _, _, _ = allocated(n, len(e), len(g))
+    p = Program(H, c, E, e, G, g, lower, upper)
     longest, _ = size_of_rows(A, b)
     for turn in range(_ROUNDS):
         sharper = min(max(1.0, 2.0 ** (turn - _USUAL)), _SHARPEST)
@@ -96,26 +89,23 @@ def _closest(A, b, E, e, G, g, lengths, lower, upper, x, active, u):
             before[i] = x[i]
             terms = max(terms, abs(c[i]))
         if weight != known:  # it begins with the constraints active in the last iteration
-            if not cholesky_inverse(H, J):
+            if not factorise(H, G, w.L, w.start, w.lengths):
                 return -1, left
-            status, count = active_set(
-                c, E, e, G, g, lengths, lower, upper, active, count, x, u, J, R, marks, work
-            )
-        else:  # with the same H, their factors remain
-            status, count = resumed_active_set(
-                _rows_in(active, count, held), count, c, E, e, G, g, lengths, lower, upper, active,
-                x, u, J, R, marks, work,
-            )  # fmt: skip
+            free = hold_rows(E, e, w.L, w.start, w.V, w.rows, w.N, w.vectors)
+            count = hold_initial(count, free, p, w)
+        status, count = active_set(count, free, p, w)
         if status != SOLVED:
             return -1, left
         left = 0.0
         for i in range(n):
-            x[i] = min(max(x[i], lower[i]), upper[i])
+            x[i] = min(max(w.x[i], lower[i]), upper[i])
             if not math.isfinite(x[i]):
                 return -1, left
             left = max(left, weight * abs(x[i] - before[i]))
         if left <= _SETTLED * terms:
             break
+    put(w.active, active)
+    put(w.u, u)
     return count, left
 
 
@@ -155,10 +145,9 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps):
     """
     n, k, held = len(c), len(g), 0
     E, e = np.zeros((len(b) + n + k, n)), np.zeros(len(b) + n + k)
-    low, high, x, lengths = lower.copy(), upper.copy(), start.copy(), np.empty(k)
+    low, high, x = lower.copy(), upper.copy(), start.copy()
     named = Result(FAILED, x, np.zeros(0), np.zeros(k), np.zeros(n))
     active, u, gave_way = np.zeros(n, dtype=np.int64), np.zeros(n + 1), False
-    row_lengths(G, lengths)
     for level in range(len(ends)):
         first = ends[level - 1] if level > 0 else 0
         rows, sides = A[first : ends[level]], b[first : ends[level]]
@@ -166,9 +155,7 @@ def in_order(H, c, A, b, ends, G, g, lower, upper, start, gaps):
         if len(sides) == 0:
             continue
         tolerance, negligible = _sizes(rows, sides, x)
-        count, left = _closest(
-            rows, sides, E[:held], e[:held], G, g, lengths, lower, upper, x, active, u
-        )
+        count, left = _closest(rows, sides, E[:held], e[:held], G, g, lower, upper, x, active, u)
         length = missed(rows, sides, x)
         gaps[level] = _gap(x, lower, upper, left, length)
         if count < 0 or not gaps[level] <= 10.0 * tolerance:
@@ -203,10 +190,10 @@ def _hold(
     A constraint is active if its multiplier exceeds ``negligible``; the multipliers of the first
     level that gives way are named.
     """
-    n, k, known = len(x), len(g), held
+    n, k = len(x), len(g)
     for place in range(len(active)):
-        which, multiplier = active[place] - known, u[place]
-        if which < 0 or not multiplier > negligible:
+        which, multiplier = active[place], u[place]
+        if not multiplier > negligible:
             continue
         if which < k:
             E[held], e[held] = G[which], g[which]
@@ -231,11 +218,11 @@ def _hold(
 @inner
 def _least_cost(H, c, E, e, G, g, lower, upper, low, high, x):
     """Move x to the point of least cost on the held rows, verified with the held bounds fixed."""
-    status, found, J = minimum(H, c, E, e, G, g, lower, upper)
-    if status != SOLVED:
+    w, y, lam, box = allocated(len(c), len(e), len(g))
+    p = Program(H, c, E, e, G, g, lower, upper)
+    if minimise(p, w, y, lam, box) != SOLVED:
         return FAILED
     for i in range(len(x)):
-        x[i] = min(max(found.x[i], low[i]), high[i])
-    y, lam, box = found.y, found.lam, found.box
-    excess = excess_of(H, c, E, e, G, g, low, high, x, y, lam, box, J)
-    return OPTIMAL if excess <= 1.0 else FAILED
+        x[i] = min(max(w.x[i], low[i]), high[i])
+    p = Program(H, c, E, e, G, g, low, high)
+    return OPTIMAL if excess_of(p, w, x, y, lam, box) <= 1.0 else FAILED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections import namedtuple
 
 import numpy as np
 
@@ -32,99 +32,78 @@ from qp_twist.kernel.dual_active_set import (
     NO_ROOM,
     NOT_CONVEX,
     SOLVED,
+    Program,
+    Work,
     active_set,
-    cholesky_inverse,
-    row_lengths,
+    factorise,
+    hold_rows,
+    lower_solve,
+    multipliers,
 )
 
 OPTIMAL, EMPTY, FAILED = 0, 1, 2
 """Outcome of a program: verified; the constraints leave no room; not verified."""
 
 
-class Result(NamedTuple):
-    """The solution of a program and its multipliers: Hx + c + Aᵀy + Gᵀλ + μ = 0."""
-
-    status: Any
-    x: Any
-    y: Any
-    lam: Any
-    box: Any
-
-
-class ProgramSolution(NamedTuple):
-    """A solution that nobody has verified, with its multipliers, named as in qpsolvers."""
-
-    found: Any
-    x: Any
-    y: Any
-    z: Any
-    z_box: Any
+Result = namedtuple("Result", "status x y lam box")
+"""The solution of a program and its multipliers: Hx + c + Aᵀy + Gᵀλ + μ = 0."""
+ProgramSolution = namedtuple("ProgramSolution", "found x y z z_box")
+"""A solution that nobody has verified, with its multipliers, named as in qpsolvers."""
 
 
 @inner
-def minimum(H, c, A, b, G, g, lower, upper):
-    """Minimise ½xᵀHx + cᵀx subject to Ax = b, Gx ≤ g, lower ≤ x ≤ upper, from a cold start.
+def allocated(n, m, k):
+    """The workspace of a program of n unknowns, m rows of A and k of G; y, λ and μ."""
+    squares, counts = np.empty((2, n, n)), np.zeros(k + 4 * n + m, dtype=np.int64)
+    vectors, numbers, own = np.zeros((8, n + 1)), np.empty(m + 2 * k + n), counts[2 * n :]
+    w = Work(
+        vectors[0, :n], vectors[1], counts[:n], own[m:], squares[0], counts[n : 2 * n],
+        np.empty((m, n)), own[:m], np.empty((n, n + 1)), squares[1], vectors[2:],
+        numbers[m + k + n :],
+    )  # fmt: skip
+    return w, numbers[:m], numbers[m : m + k], numbers[m + k : m + k + n]
 
-    Returns:
-        The status of the active-set method, the result, and J with JJᵀ = H⁻¹.
-    """
-    n, m, k = len(c), len(b), len(g)
-    # Few allocations: each takes as long as a row of a small program.
-    factors, vectors = np.empty((2, n, n)), np.zeros((5, n + 1))
-    counts, lengths = np.zeros(m + k + 3 * n, dtype=np.int64), np.empty(k)
-    J, R, work, u, x = factors[0], factors[1], vectors[:3], vectors[3], vectors[4, :n]
-    active, held = counts[:n], counts[n:]
-    if not cholesky_inverse(H, J):
-        y, lam, box = multipliers_of(active[:0], u, m, k, n)
-        return NOT_CONVEX, Result(FAILED, x, y, lam, box), J
-    row_lengths(G, lengths)
-    status, count = active_set(
-        c, A, b, G, g, lengths, lower, upper, active, 0, x, u, J, R, held, work
-    )
-    y, lam, box = multipliers_of(active[:count], u, m, k, n)
-    return status, Result(FAILED, x, y, lam, box), J
+
+@plain
+def minimise(p, w, y, lam, box):
+    """Minimise from a cold start; write the multipliers."""
+    if not factorise(p.H, p.G, w.L, w.start, w.lengths):
+        return NOT_CONVEX
+    free = hold_rows(p.A, p.b, w.L, w.start, w.V, w.rows, w.N, w.vectors)
+    for i in range(len(w.held)):
+        w.held[i] = 0
+    status, count = active_set(0, free, p, w)
+    multipliers(count, free, p, w, y, lam, box)
+    return status
+
+
+@plain
+def solve_in(p, w, y, lam, box):
+    """:func:`minimise`, inside the bounds and verified: ``OPTIMAL``, ``EMPTY`` or ``FAILED``."""
+    status, x = minimise(p, w, y, lam, box), w.x
+    if status != SOLVED:
+        return EMPTY if status == NO_ROOM else FAILED
+    for i in range(len(x)):
+        x[i] = min(max(x[i], p.lower[i]), p.upper[i])
+        if not math.isfinite(x[i]):
+            return FAILED
+    return OPTIMAL if excess_of(p, w, x, y, lam, box) <= 1.0 else FAILED
 
 
 @kernel
 def solve_program(H, c, A, b, G, g, lower, upper):
-    """:func:`minimum`, for Python."""
-    status, found, _ = minimum(H, c, A, b, G, g, lower, upper)
-    return ProgramSolution(status == SOLVED, found.x, found.y, found.lam, found.box)
+    """:func:`minimise`, for Python."""
+    w, y, lam, box = allocated(len(c), len(b), len(g))
+    p = Program(H, c, A, b, G, g, lower, upper)
+    return ProgramSolution(minimise(p, w, y, lam, box) == SOLVED, w.x, y, lam, box)
 
 
 @inner
 def solve(H, c, A, b, G, g, lower, upper):
-    """:func:`minimum`, inside the bounds and verified."""
-    status, found, J = minimum(H, c, A, b, G, g, lower, upper)
-    x, y, lam, box = found.x, found.y, found.lam, found.box
-    if status == NO_ROOM:
-        return Result(EMPTY, x, y, lam, box)
-    finite = status == SOLVED
-    for i in range(len(x)):
-        x[i] = min(max(x[i], lower[i]), upper[i])
-        finite = finite and math.isfinite(x[i])
-    if not finite:
-        return Result(FAILED, x, y, lam, box)
-    excess = excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J)
-    return Result(OPTIMAL if excess <= 1.0 else FAILED, x, y, lam, box)
-
-
-@inner
-def multipliers_of(active, u, m, k, n):
-    """y (m,), λ (k,) and μ (n,) of the active constraints."""
-    found = np.zeros(m + k + n)
-    y, lam, box = found[:m], found[m : m + k], found[m + k :]
-    for place in range(len(active)):
-        which = active[place]
-        if which < m:
-            y[which] = -u[place]
-        elif which < m + k:
-            lam[which - m] = u[place]
-        elif which < m + k + n:
-            box[which - m - k] -= u[place]
-        else:
-            box[which - m - k - n] += u[place]
-    return y, lam, box
+    """:func:`solve_in`, in new arrays."""
+    w, y, lam, box = allocated(len(c), len(b), len(g))
+    p = Program(H, c, A, b, G, g, lower, upper)
+    return Result(solve_in(p, w, y, lam, box), w.x, y, lam, box)
 
 
 @plain
@@ -137,49 +116,48 @@ def _residual(A, b, x, i):
     return total, terms
 
 
-@inner
-def excess_of(H, c, A, b, G, g, lower, upper, x, y, lam, box, J):
+@plain
+def excess_of(p, w, x, y, lam, box):
     """Largest error of optimality or feasibility, in units of its tolerance (``qp.verification``).
 
-    JJᵀ = H⁻¹ serves the duality gap.
+    L of H = LLᵀ serves the duality gap.
     """
     n, hardest, steepest, furthest, left, held = len(x), 1e-300, 0.0, 0.0, 0.0, 0.0
-    sums, most = np.zeros((3, n)), 0.0
-    slope, pull, push = sums[0], sums[1], sums[2]
+    slope, pull, push, most = w.vectors[3], w.vectors[4], w.vectors[5], 0.0
     for i in range(n):
-        steepest, furthest = max(steepest, abs(c[i])), max(furthest, abs(x[i]))
-        most = max(most, abs(c[i]), abs(box[i]))
+        steepest, furthest = max(steepest, abs(p.c[i])), max(furthest, abs(x[i]))
+        most = max(most, abs(p.c[i]), abs(box[i]))
+        total = p.c[i] + box[i]
         for j in range(n):
-            hardest = max(hardest, abs(H[i, j]))
-            slope[i] += H[i, j] * x[j]
+            hardest = max(hardest, abs(p.H[i, j]))
+            total += p.H[i, j] * x[j]
+        slope[i], pull[i], push[i] = total, 0.0, 0.0
         if box[i] > 0.0:
-            held += box[i] * (upper[i] - x[i])
+            held += box[i] * (p.upper[i] - x[i])
         elif box[i] < 0.0:
-            held -= box[i] * (x[i] - lower[i])
+            held -= box[i] * (x[i] - p.lower[i])
     gap, largest_b, off, over, lost = held, 0.0, 0.0, 0.0, 0.0
-    for row in range(len(b)):
-        total, _ = _residual(A, b, x, row)
+    for row in range(len(y)):
+        total, _ = _residual(p.A, p.b, x, row)
         gap -= y[row] * total
-        off, largest_b = max(off, abs(total)), max(largest_b, abs(b[row]))
+        off, largest_b = max(off, abs(total)), max(largest_b, abs(p.b[row]))
         for i in range(n):
-            pull[i] += y[row] * A[row, i]
-    for row in range(len(g)):
-        total, terms = _residual(G, g, x, row)
+            pull[i] += y[row] * p.A[row, i]
+    for row in range(len(lam)):
+        total, terms = _residual(p.G, p.g, x, row)
         over = max(over, total)
         if lam[row] > 0.0:
             gap -= lam[row] * total
             held += lam[row] * max(-total, 0.0)
             lost += ROUNDING * lam[row] * terms
             for i in range(n):
-                push[i] += lam[row] * G[row, i]
+                push[i] += lam[row] * p.G[row, i]
     for i in range(n):
-        slope[i] += c[i] + box[i] + pull[i] + push[i]
+        slope[i] += pull[i] + push[i]
         left, most = max(left, abs(slope[i])), max(most, abs(pull[i]), abs(push[i]))
-    for column in range(n):
-        along = 0.0
-        for i in range(n):
-            along += J[i, column] * slope[i]
-        gap += 0.5 * along * along
+    lower_solve(w.L, w.start, slope)
+    for i in range(n):
+        gap += 0.5 * slope[i] * slope[i]
     reach = 1.0 + furthest
     cost = (hardest * reach + steepest) * reach
     worst = max(off / (EQUALITY_TOLERANCE * (1.0 + largest_b)), over / (BOUND_TOLERANCE * reach))

@@ -118,7 +118,7 @@ def _shortest(A, b, damping, wild):
         damped, solved = square.copy(), b.copy()
         for i in range(len(b)):
             damped[i, i] += damping * trace if trace > 0.0 else 1.0
-        if cholesky(damped):
+        if cholesky(damped, len(damped)):
             cholesky_solve(damped, solved)
             step = solved @ A
             if np.abs(step).max() <= wild:
@@ -227,7 +227,7 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
         null_space(w.V[:r], N)
         weighted, away = N * weight, weight * (middle - q)
         gram, step = weighted @ weighted.T + 1e-12 * np.eye(nv - r), weighted @ away
-        if not cholesky(gram):
+        if not cholesky(gram, len(gram)):
             return
         cholesky_solve(gram, step)
         along = share * (step @ N)

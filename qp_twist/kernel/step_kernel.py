@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from qp_twist.kernel.bounds import bounds
-from qp_twist.kernel.compiling import inner, plain
+from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kernel.directions import regular_from, rotate, stopping_share, well_conditioned
-from qp_twist.kernel.dual_active_set import cholesky
+from qp_twist.kernel.dual_active_set import Program, Work, cholesky
 from qp_twist.kernel.null_space import null_space, row_space
-from qp_twist.kernel.one_program import EMPTY, OPTIMAL, solve
+from qp_twist.kernel.one_program import EMPTY, OPTIMAL, solve_in
 from qp_twist.kernel.step_record import (
     AT_THE_EDGE,
     BRAKED,
@@ -40,7 +40,7 @@ def _all_seen(s, N):
                 total += trace * N[k, i] * N[k, j]
             work[i, j] = total
         work[i, i] -= NEARLY_UNSEEN * NEARLY_UNSEEN * trace
-    return cholesky(work)
+    return cholesky(work, n)
 
 
 @plain
@@ -232,7 +232,7 @@ def _orthonormal_rows(A, L, Q):
             for k in range(n):
                 total += A[i, k] * A[j, k]
             L[i, j] = total
-    if not cholesky(L):
+    if not cholesky(L, m):
         return False
     for i in range(m):
         for k in range(n):
@@ -286,18 +286,6 @@ def _solve_rows(L, b, forward, share, first, end, y):
 
 
 @plain
-def take(s, found):
-    """Copy a result to the program of a step."""
-    s.sensitivity[0] = 1.0
-    for i in range(len(s.x)):
-        s.x[i], s.box[i] = found.x[i], found.box[i]
-    for row in range(len(s.y)):
-        s.y[row] = found.y[row]
-    for row in range(len(s.lam)):
-        s.lam[row] = found.lam[row]
-
-
-@inner
 def step_on_rows(s, qpos, dt, use_secondary, twist_space):
     """Compute the joint velocity ``s.x`` from the task rows in ``s``.
 
@@ -330,17 +318,20 @@ def step_on_rows(s, qpos, dt, use_secondary, twist_space):
         return AT_THE_EDGE
     if not costs(s, twist_space):
         return REFUSED
-    found = solve(s.H, s.c, s.A, s.b, s.G, s.g, s.lower, s.upper)
-    if found.status != OPTIMAL:
-        return INFEASIBLE if found.status == EMPTY else REFUSED
-    take(s, found)
+    program = Program(s.H, s.c, s.A, s.b, s.G, s.g, s.lower, s.upper)
+    work = Work(
+        s.x, s.u, s.active, s.held, s.L, s.start, s.Q, s.rows, s.N, s.J, s.vectors, s.lengths
+    )  # fmt: skip
+    status = solve_in(program, work, s.y, s.lam, s.box)
+    if status != OPTIMAL:
+        return INFEASIBLE if status == EMPTY else REFUSED
+    s.sensitivity[0] = s.braking[0]
     if s.braking[1] == 0.0:
         return DONE
-    s.sensitivity[0] = s.braking[0]
     return BRAKED if s.braking[0] < 1.0 else BRAKED_BELOW
 
 
-@inner
+@plain
 def step(s, qpos, dt, use_secondary, twist_space):
     """Compute a step from its inputs; returns as :func:`step_on_rows`."""
     stated_rows(s, dt)

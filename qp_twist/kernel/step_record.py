@@ -137,6 +137,12 @@ class Step(NamedTuple):
     motion: Annotated[Floats, "nv"]
     r: Annotated[Floats, "m"]
     desired: Annotated[Floats, "nv"]
+    u: Annotated[Floats, "nv + 1"]
+    """To ``lengths`` the workspace of ``dual_active_set``, with ``Q`` as its V and ``J`` as R."""
+    L: Annotated[Floats, "nv", "nv"]
+    N: Annotated[Floats, "nv", "nv + 1"]
+    vectors: Annotated[Floats, 6, "nv + 1"]
+    lengths: Annotated[Floats, "k"]
     J: Annotated[Floats, "nv", "nv"]
     R: Annotated[Floats, "m", "m"]
     free: Annotated[Floats, "free", "nv"]
@@ -157,6 +163,10 @@ class Step(NamedTuple):
     """Which joints move each task's frame: see ``live_step``."""
     sources: Annotated[Integers, "5 + 2 * tasks"]
     """Addresses of MuJoCo's arrays, and the number of joints: see ``live_step``."""
+    active: Annotated[Integers, "nv"]
+    start: Annotated[Integers, "nv"]
+    rows: Annotated[Integers, "m"]
+    held: Annotated[Integers, "k + 2 * nv"]
 
 
 STEP = RecordType(Step)
