@@ -256,6 +256,27 @@ def checked(check: Callable[[Any, str, Any], Any]) -> Any:
     return _Checked(check)
 
 
+class _Changes:
+    """What tells a compiled step that nothing has been assigned since the last one."""
+
+    __slots__ = ("latest",)
+
+    def __init__(self) -> None:
+        self.latest = object()
+
+
+changes = _Changes()
+"""Its ``latest`` is another object after each assignment to anything that is revised. (A number,
+incremented by two threads at once, could be one that a step has seen before.)"""
+
+
+def revise(changed: Any) -> None:
+    """Count an assignment to an object, by which compiled steps notice it."""
+    kept = changed.__dict__
+    kept["revision"] = kept.get("revision", 0) + 1
+    changes.latest = object()
+
+
 class Revised:
     """Counts the assignments of its attributes, by which a compiled step notices a change.
 
@@ -267,4 +288,4 @@ class Revised:
     def __setattr__(self, name: str, value: Any) -> None:
         super().__setattr__(name, value)
         if name[0] != "_":
-            self.__dict__["revision"] = self.__dict__.get("revision", 0) + 1
+            revise(self)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, checked, finite_array, float_array, number, read_only
+from qp_twist.checks import Array, checked, finite_array, float_array, number, read_only, revise
 from qp_twist.constraints.box import BoxLimit
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
@@ -35,7 +35,7 @@ def _copied(limit: Any, name: str, value: Any) -> Array:
         raise InvalidInput(f"{name}: expected an array of shape {before.shape}, got {array.shape}.")
     if np.isnan(array).any():
         raise InvalidInput(f"{name}: entries must be numbers or infinite, not NaN.")
-    limit.revision = getattr(limit, "revision", 0) + 1
+    revise(limit)
     return read_only(array)
 
 

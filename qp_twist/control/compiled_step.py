@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import mink
 import mujoco
 
+from qp_twist.checks import changes
 from qp_twist.constraints import LimitRows, Named
 from qp_twist.control.kernel_result import StepLabels, attribute_of
 from qp_twist.control.limit_tables import numbers_of_kinds
@@ -19,6 +20,7 @@ from qp_twist.control.posing import Displacement, in_words
 from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Status, Step
 from qp_twist.control.step_arrays import StepArrays, is_soft
+from qp_twist.control.task_arrays import address
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.compiling import bound
 from qp_twist.kernel.live_step import live_edge_step, live_step
@@ -41,7 +43,7 @@ from qp_twist.qp import LostDirection, lost_directions
 if TYPE_CHECKING:
     from qp_twist.control.controller import Controller
 
-_NO_ROWS: tuple[Named, ...] = ()
+_NO_ROWS: Sequence[Named] = ()
 _SOLVED = Status.SOLVED  # looked up once: in each step it would take 0.1 µs
 _STATUSES = {
     SCALED: Status.SCALED, RELAXED: Status.RELAXED,
@@ -81,7 +83,8 @@ class CompiledStep:
     def _use(self, arrays: StepArrays, composed: Controller) -> StepArrays:
         """Compute with these arrays from now on."""
         self._arrays, self.revision = arrays, composed.revision
-        self._evaluates = arrays.evaluates
+        self._memory = address(arrays.memory[0]), address(arrays.memory[1])
+        self._followed: object = None
         self._data: mujoco.MjData | None = None
         return arrays
 
@@ -97,32 +100,31 @@ class CompiledStep:
         Raises:
             mink.TargetNotSet: If a task has no target.
         """
-        if not self._update_tasks():
-            self.revision = -1  # the arrays are made anew in the next step
-            return None
-        rows = self._evaluated(composed, configuration, dt) if self._evaluates else _NO_ROWS
-        if rows is None:
-            return None
+        self._aim()
+        latest, use_secondary, rows = changes.latest, h.acts, _NO_ROWS
+        if (
+            latest is not self._followed
+            or (use_secondary and h is not self._arrays.secondary.h)
+            or self._unsteady
+        ):
+            followed = self._follow(composed, configuration, dt, h)
+            if followed is None:
+                return None
+            self._followed, rows = latest, followed
         arrays, data = self._arrays, configuration.data
         if data is not self._data:
             arrays.bind(data)
             self._data = data  # the reference keeps the addresses valid
-        use_secondary = h.acts
-        if use_secondary:
-            arrays.secondary.update(configuration, h)
-        if arrays.limits.update():  # braking and damping depend on which limits there are
-            arrays.take_settings(composed)
-        for known_task in arrays.without_links:
-            known_task.write_jacobian(configuration)
-        floats, integers = arrays.memory
-        status = self._live_step(floats, integers, dt, use_secondary, self._twist_space)
+        for limit, before in arrays.limits.motions:
+            before[:] = limit.velocity
+        status = self._live_step(*self._memory, dt, use_secondary, self._twist_space)
         lost: Callable[[], tuple[LostDirection, ...]] = tuple
         if status != DONE:  # seldom
             if status in (AT_THE_EDGE, INFEASIBLE):
                 if composed.on_infeasible == "raise":
                     return None
                 status = live_edge_step(
-                    floats, integers, dt, use_secondary, self._twist_space, status == INFEASIBLE
+                    *self._memory, dt, use_secondary, self._twist_space, status == INFEASIBLE
                 )
             if status == REFUSED or (rows and self._relaxes_a_band(status, rows, composed)):
                 return None
@@ -142,25 +144,44 @@ class CompiledStep:
 
     def load(self) -> None:
         """Load, or compile, what infeasible steps take; it overwrites the last step's program."""
-        live_edge_step(*self._arrays.memory, 1.0, False, self._twist_space, False)
+        live_edge_step(*self._memory, 1.0, False, self._twist_space, False)
 
     @cached_property
     def _live_step(self) -> Callable[..., int]:
-        return bound(live_step, *self._arrays.memory, 1.0, True, self._twist_space)
+        return bound(live_step, *self._memory, 1.0, True, self._twist_space)
 
-    def _update_tasks(self) -> bool:
-        """Write what has changed in the tasks; return whether the kernel still supports them."""
-        arrays = self._arrays
-        for known in arrays.tasks:
-            task = known.task
-            if task.revision != known.revision:
-                if not known.update():
-                    return False
-                self._evaluates = arrays.evaluates
-            pose = task.target_floats
+    def _aim(self) -> None:
+        """Write the targets that are new."""
+        for known in self._arrays.tasks:
+            pose = known.task.target_floats
             if pose is not known.pose or pose is None:
                 known.aim(pose)
-        return True
+
+    def _follow(
+        self, composed: Controller, configuration: mink.Configuration, dt: float, h: Displacement
+    ) -> Sequence[Named] | None:
+        """Write what has been assigned, and what Python evaluates at each configuration.
+
+        Returns:
+            The sources of the inequality rows; ``None`` if the kernel no longer supports the tasks.
+        """
+        for known in self._arrays.tasks:
+            if known.task.revision != known.revision and not known.update():
+                self.revision = -1  # the arrays are made anew in the next step
+                return None
+        needed = self._arrays.evaluates
+        rows = self._evaluated(composed, configuration, dt) if needed else _NO_ROWS
+        arrays = self._arrays
+        arrays.secondary.update(configuration, h)
+        if arrays.limits.update():  # braking and damping depend on which limits there are
+            arrays.take_settings(composed)
+        for known in arrays.without_links:
+            known.write_jacobian(configuration)
+        self._unsteady = bool(
+            arrays.evaluates or arrays.limits.uncounted or arrays.secondary.others
+            or arrays.without_links
+        )  # fmt: skip
+        return rows
 
     def _evaluated(
         self, composed: Controller, configuration: mink.Configuration, dt: float
@@ -183,7 +204,7 @@ class CompiledStep:
         slacks = sum([is_soft(source) for source in rows])
         if k > arrays.capacity or slacks != arrays.slacks:
             arrays = self._use(StepArrays(composed, 2 * k, slacks), composed)
-            self._update_tasks()
+            self._aim()
         if k != arrays.size.k:
             arrays.resize(k)
         arrays.limits.write_bounds(limits)

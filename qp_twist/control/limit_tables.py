@@ -113,6 +113,8 @@ class LimitTables:
 
     Attributes:
         evaluated: Limits of other classes, which Python evaluates at each step, and their tables.
+        uncounted: Whether some are of mink's, or windows, whose changes nobody counts.
+        motions: The limits that follow the joint velocity, and where it stands.
     """
 
     def __init__(self, limits: Sequence[mink.Limit], tables: Array) -> None:
@@ -120,23 +122,21 @@ class LimitTables:
         both = list(zip(tables, limits, strict=False))
         self._windows = [(t, v) for t, v in both if isinstance(v, DisplacementWindow)]
         self._own: list[list[Any]] = [
-            [v, v.revision, t, t[:, 6] if isinstance(v, MotionLimit) else None]
-            for t, v in both
-            if isinstance(v, PositionLimit)
+            [v, v.revision, t] for t, v in both if isinstance(v, PositionLimit)
         ]
+        self.motions = [(v, t[:, 6]) for t, v in both if isinstance(v, MotionLimit)]
         self._minks = [[v, _state(v), t] for t, v in both if is_mink_box(v)]
         self.evaluated = [(t, v) for t, v in both if type(v) not in BOXES and not is_mink_box(v)]
+        self.uncounted = bool(self._minks or self._windows)
 
     def update(self) -> bool:
-        """Write changed ranges, windows and last velocities; return whether ranges have changed."""
+        """Write changed ranges and windows; return whether ranges have changed."""
         changed = False
         for known in self._own:
-            limit, revision, table, velocity = known
+            limit, revision, table = known
             if limit.revision != revision:
                 known[1], changed = limit.revision, True
                 _write(table, limit)
-            if velocity is not None:
-                velocity[:] = limit.velocity
         for known in self._minks:
             limit, before, table = known
             state = _state(limit)

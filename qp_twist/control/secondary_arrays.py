@@ -25,6 +25,7 @@ class SecondaryArrays:
 
     Attributes:
         others: These objectives.
+        h: What was written last.
     """
 
     def __init__(
@@ -41,29 +42,22 @@ class SecondaryArrays:
         self._postures = [s for s in secondary if plain and type(s) is PostureReference]
         known = *self._centering, *self._postures
         self.others = [s for s in secondary if s not in known]
+        self._known = known
         self._steady = np.zeros(len(ranges.names))
         self._write(EVERYTHING)
 
-    def update(self, configuration: mink.Configuration | None, h: Displacement) -> None:
+    def update(self, configuration: mink.Configuration, h: Displacement) -> None:
         """Write what has changed."""
-        changed = h is not self._h
-        for centering, gain, weight in self._centering_was:
-            changed = changed or centering.gain != gain or centering.weight != weight
-        for posture, gain, q_ref in self._postures_were:
-            changed = changed or posture.gain != gain or posture.q_ref is not q_ref
-        if changed:
+        if h is not self.h or [s.revision for s in self._known] != self._revisions:
             self._write(h)
         if self.others:
-            assert configuration is not None
             self._displacement[:] = self._steady
             for other in self.others if h.share > 0.0 else ():
                 self._displacement += h.share * checked_displacement(other, configuration)
 
     def _write(self, h: Displacement) -> None:
         """Write the parts that do not depend on the configuration."""
-        self._h = h
-        self._centering_was = [(s, s.gain, s.weight) for s in self._centering]
-        self._postures_were = [(s, s.gain, s.q_ref) for s in self._postures]
+        self.h, self._revisions = h, [s.revision for s in self._known]
         self._stiffness[:] = self._steady[:] = 0.0
         for centering in self._centering:
             self._stiffness += centering.gain * centering.stiffness

@@ -140,8 +140,8 @@ def _step_sizes(task: TwistTask) -> tuple[float, float, float]:
     return task.gain, task.max_linear_step, task.max_angular_step
 
 
-def address(array: npt.NDArray[np.float64]) -> int:
+def address(array: npt.NDArray[np.float64] | npt.NDArray[np.int64]) -> int:
     """Where an array's numbers are in memory."""
-    assert array.flags.c_contiguous and array.dtype == np.float64
+    assert array.flags.c_contiguous and array.dtype in (np.float64, np.int64)
     where: int = array.ctypes.data
     return where

@@ -64,7 +64,9 @@ def take_poses(s):
 
 @kernel
 def live_step(floats, integers, dt, use_secondary, twist_space):
-    """Compute a step from the arrays of ``control.step_arrays``.
+    """Compute a step from the arrays of ``control.step_arrays``, given by their addresses.
+
+    As arrays they would take 0.3 µs.
 
     Returns:
         As ``step_kernel.step``.

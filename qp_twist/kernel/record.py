@@ -195,14 +195,18 @@ def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]
 
 
 def reader(record: RecordType) -> Any:
-    """Make ``read(floats, integers)`` for kernels, which cannot be called from Python."""
+    """Make ``read(floats, integers)``, of arrays or their addresses, for kernels."""
 
     def read(typing: Any, floats: Any, integers: Any) -> tuple[Any, Any]:
         def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:
             made = cgutils.create_struct_proxy(record.type)(context, builder)
             made.floats, made.integers = (
-                make_array(kind)(context, builder, array).data
-                for array, kind in zip(given, signature.args, strict=True)
+                make_array(kind)(context, builder, memory).data
+                if isinstance(kind, types.Array)
+                else builder.inttoptr(memory, context.get_data_type(entries).as_pointer())
+                for memory, kind, entries in zip(
+                    given, signature.args, (types.float64, types.int64), strict=True
+                )
             )
             return made._getvalue()
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import (
     Array,
+    Revised,
     checked,
     finite_array,
     float_array,
@@ -28,7 +29,7 @@ _POWERS = {"gradient": 2, "paper": 1, "natural": 0}
 """Power of W in each form of joint centering."""
 
 
-class SecondaryObjective(mink.Task):
+class SecondaryObjective(Revised, mink.Task):
     r"""Base of the secondary objectives: a desired displacement **h** of the joints in one step.
 
     In :class:`~qp_twist.Controller` the null-space motion follows the sum of all objectives' h. As

@@ -307,11 +307,11 @@ class TwistTask(Revised, mink.Task):
         Raises:
             InvalidTarget: If the pose or the twist is not finite, or not a pose at all.
         """
-        pose, feedforward = checked_pose(self, target), AT_REST
+        pose, kept, feedforward = checked_pose(self, target), self.__dict__, AT_REST
         if twist is not None:
             name = f"{self.name} twist"
             feedforward = read_only(finite_array(name, twist, (6,), error=InvalidTarget))
-        kept = self.__dict__  # two assignments would take 1 µs, to count no revision
+        # Two assignments would take 1 µs, to count no revision.
         kept["_pose"], kept["_feedforward"] = pose, feedforward
 
     def set_target_from_configuration(self, configuration: mink.Configuration) -> None:
@@ -424,23 +424,25 @@ class TwistTask(Revised, mink.Task):
         return f"{type(self).__name__}({frame}, {self.projector!r}, gain={self.gain:g}{carried})"
 
 
-_SEVEN = struct.Struct("7d")
+_SEVEN, _SE3 = struct.Struct("7d").unpack, mink.SE3  # looked up once
 
 
 def checked_pose(task: TwistTask, target: mink.SE3) -> bytes:
     """Unit quaternion and position of a target for a task: seven floats."""
-    if not isinstance(target, mink.SE3):
+    if not isinstance(target, _SE3):
         raise InvalidTarget(
             f"{task.name}: the target must be a mink.SE3, got {type(target).__name__}."
         )
     pose = target.wxyz_xyz
     if not are_floats(pose, 7):
         pose = finite_array(f"{task.name} target", pose, (7,), error=InvalidTarget)
-    found = pose.tobytes()  # a copy, which also another thread leaves as it is
-    numbers = _SEVEN.unpack(found)
-    if not math.isfinite(sum(numbers)):  # or too large: then all are looked at
-        finite_array(f"{task.name} target", np.frombuffer(found), (7,), error=InvalidTarget)
-    length = math.hypot(*numbers[:4])
+    found: bytes = pose.tobytes()  # a copy, which also another thread leaves as it is
+    a, b, c, d, x, y, z = _SEVEN(found)
+    # One comparison that is false for what is not finite, or nearly not normalised; then more.
+    if abs(a * a + b * b + c * c + d * d - 1.0 + 0.0 * (x + y + z)) <= 1e-6:
+        return found
+    finite_array(f"{task.name} target", np.frombuffer(found), (7,), error=InvalidTarget)
+    length = math.hypot(a, b, c, d)
     if not abs(length - 1.0) <= 1e-6:
         raise InvalidTarget(
             f"{task.name}: the target's quaternion has length {length:.6g}; normalise it."

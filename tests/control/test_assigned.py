@@ -102,6 +102,29 @@ def test_an_objective_checks_what_it_is_assigned(value: Any) -> None:
         qt.JointCentering(MODEL).weight = value
 
 
+@pytest.mark.parametrize(
+    ("objective", "name", "value"),
+    [
+        (qt.JointCentering(MODEL, gain=0.1), "gain", 0.5),
+        (qt.JointCentering(MODEL, gain=0.1), "weight", "paper"),
+        (qt.PostureReference(MODEL, PATH.start + 0.1, gain=0.1), "gain", 0.5),
+        (qt.PostureReference(MODEL, PATH.start, gain=0.1), "q_ref", PATH.start + 0.3),
+    ],
+)
+def test_what_an_objective_is_assigned_counts_also_after_a_step_without_it(
+    objective: qt.SecondaryObjective, name: str, value: Any
+) -> None:
+    configuration = mink.Configuration(MODEL, PATH.start)
+    controller = qt.Controller(MODEL, [tool()], secondary=[objective])
+    before = controller.step(configuration, 0.1)
+    setattr(objective, name, value)
+    controller.step(configuration, 0.1, use_secondary=False)
+    after = controller.step(configuration, 0.1)
+    assert np.abs(after.velocity - before.velocity).max() > 1e-3
+    same(qt.Controller(MODEL, [tool()], secondary=[objective]).step(configuration, 0.1), after)
+    assert controller.reference_steps == 0
+
+
 @pytest.mark.parametrize("name", ["period", "stale_after", "stop_within"])
 def test_the_times_of_a_servo_are_set_when_it_is_made(name: str) -> None:
     controller, _, configuration = plain_controller("daqp")

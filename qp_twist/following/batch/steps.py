@@ -96,7 +96,8 @@ def step(
             "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
             "PostureReferences. Take the steps one by one with Controller.step."
         )
-    arrays.limits.update()
+    for limit, column in arrays.limits.motions:
+        column[:] = limit.velocity
     own, tasks = arrays.aims(), controller.twist_tasks
     arms = tuple(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
