@@ -1,6 +1,6 @@
 """Random trajectories through every robot program: there, back, and through the check.
 
-python benchmarks/programs.py [COUNT] [--poses]; or grid (``program_grid.py``)
+python benchmarks/programs.py [COUNT] [--poses | --circles]; or grid (``program_grid.py``)
 
 For each of COUNT seeds (1,000) and each language: a trajectory of a random robot of the table, in a
 model with random zero positions and signs; written, read back, compared with the printed digit, and
@@ -10,6 +10,9 @@ With --poses instead straight moves, to poses (URScript: to joint angles): throu
 random trajectories, there and back; and COUNT changed texts of one program each, by the changes of
 ``toolpath_mutations.py``. What still passes is read and moved once more by the tests' own simulator
 (``tests/oracles/program_simulator.py``): *off the path*, or *unread*, if it finds other moves.
+
+With --circles COUNT random circles of others in each language, against formulas of the tests' own;
+and the points per metre of a hole's edge and of a seam about a cone, with circles and without.
 """
 
 from __future__ import annotations
@@ -22,9 +25,11 @@ import traceback
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
+from oracles import circle_programs
 from oracles.joint_paths import joint_path
 from oracles.program_cells import Job, job_of, measured
 from oracles.program_rows import DECIMALS, random_rows
@@ -176,6 +181,65 @@ def _changed(job: Job, points: str, count: int, folder: Path) -> str:
     return f"| {job.cell.name} | {' | '.join(map(str, counts))} |"
 
 
+def circles(count: int) -> None:
+    print("| robot | circles | refused | position, mm | turn, ° | time, s |")
+    print("| :-- | --: | --: | --: | --: | --: |")
+    with tempfile.TemporaryDirectory() as folder:
+        for name in circle_programs.POSTURES:
+            print(_followed(name, count, Path(folder)), flush=True)
+        print("\n| robot | path | moves to | points per m, straight | with circles | circles |")
+        print("| :-- | :-- | :-- | --: | --: | --: |")
+        for name in circle_programs.POSTURES:
+            for kind in ("hole", "seam"):
+                print(_per_metre(name, kind, Path(folder)), flush=True)
+
+
+def _followed(name: str, count: int, folder: Path) -> str:
+    joints = circle_programs.case_of(name, "hole").joints
+    rng, path = np.random.default_rng(0), folder / f"other{circle_programs.SUFFIXES[name]}"
+    worst, done, refused = np.zeros(3), 0, 0
+    while done + refused < count:
+        circle = circle_programs.random_circle(name, rng)
+        if circle is None:
+            continue
+        path.write_text(circle.text)
+        try:
+            back = read_trajectory(path, None, joints)
+        except InvalidInput as refusal:
+            refused += 1
+            print(name, refusal, file=sys.stderr)
+            continue
+        done += 1
+        assert back.times is not None
+        theta = np.degrees(joints.shown(back.q))
+        if name.startswith("Fanuc"):  # which shows the forearm's angle to the floor
+            theta[:, 2] += theta[:, 1]
+        points, R = circle.at(back.times / back.times[-1])
+        found = np.array([circle_programs.flange(name, each) @ circle.tool for each in theta])
+        off = np.linalg.norm(found[:, :3, 3] - points, axis=1).max()
+        turn = Rotation.from_matrix(R.transpose(0, 2, 1) @ found[:, :3, :3]).magnitude().max()
+        late = abs(back.times[-1] - circle.seconds)
+        worst = np.maximum(worst, [1e3 * off, np.degrees(turn), late])
+    errors = " | ".join(f"{each:.1g}" for each in worst)
+    return f"| {name} | {done} | {refused} | {errors} |"
+
+
+def _per_metre(name: str, kind: str, folder: Path) -> str:
+    case, suffix = circle_programs.case_of(name, kind), circle_programs.SUFFIXES[name]
+    points, counts, found = "poses" if suffix == ".src" else "joints", list[float](), 0
+    length = circle_programs.RADIUS * np.radians(360.0 if kind == "hole" else circle_programs.SEAM)
+    for on_circles in (False, True):
+        linear = LinearMotion(points=points, circles=on_circles)
+        check, _ = write_checked(
+            case.rows, path := folder / f"path{suffix}", case.task, case.joints, linear=linear
+        )
+        assert check.passes, check.verdict
+        text = path.read_text()
+        counts.append(int(text.split("points: ")[1].split()[0]) / length)
+        found = sum(text.count(word) for word in ("MoveC ", "\nCIRC ", ":C P[", "movec("))
+    return f"| {name} | {kind} | {points} | {counts[0]:.0f} | {counts[1]:.0f} | {found} |"
+
+
 def difference(text: str, changed: str) -> list[str]:
     """Lines of one text that the other one does not have."""
     before, after = text.split("\n"), changed.split("\n")
@@ -197,4 +261,5 @@ if __name__ == "__main__":
         grid()
     else:
         number = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-        poses(number) if "--poses" in sys.argv else main(number)
+        modes = {"--poses": poses, "--circles": circles}
+        next((run for word, run in modes.items() if word in sys.argv), main)(number)

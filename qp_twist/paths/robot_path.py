@@ -15,10 +15,12 @@ from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_lines
 from qp_twist.paths.arcs import LARGEST_TURN, Arc
+from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ProgramBuilder, ProgramWords, ToolpathFormat
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.programs import EXECUTE, JointMove, Moves, files_beside
+from qp_twist.programs import EXECUTE, JointMove, Moves, Turning, files_beside
+from qp_twist.robots.tool_chain import Poses
 
 REFUSED: dict[tuple[str, ...], str] = {
     (name,): f"a robot program states it itself; leave {name} out."
@@ -75,21 +77,25 @@ class RobotPath(Moves):
         pose = self._begin(line, pose)
         self._add(line, [pose])
 
-    def arc(self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None) -> None:
+    def arc(
+        self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None,
+        rule: Turning = "space",
+    ) -> None:  # fmt: skip
         """A move along the circle through a point, to its end or, with an angle, as far as that."""
         pose, via = self._begin(line, pose), self._expressed(via)[1]
         if self._at is None:
             raise InvalidInput("where the arc begins is not in the file")
         self._arcs = True
-        begin, points = self._at, [pose.translation()]
+        begin, points = self._at, pose.translation()[None]
         shares = np.ones(1)
         arc = _arc(begin.translation(), via.translation(), points[0], sweep_deg)
         if arc is not None:
-            points, shares = self.out.divide_arc(arc)  # type: ignore[assignment]
-        turn = (begin.rotation().inverse() @ pose.rotation()).log()
-        turns = [begin.rotation() @ mink.SO3.exp(share * turn) for share in shares]
+            points, shares = self.out.divide_arc(arc)
+        first, last = (Poses(x.rotation().as_matrix(), x.translation()) for x in (begin, pose))
+        turns = ToolMove.of(first, last, arc, rule).at(shares).rotations
         self._add(line, [
-            mink.SE3.from_rotation_and_translation(r, p) for r, p in zip(turns, points, strict=True)
+            mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R), p)
+            for R, p in zip(turns, points, strict=True)
         ])  # fmt: skip
 
     def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
@@ -137,7 +143,7 @@ class RobotPath(Moves):
                 f"({of_lines(self._elsewhere)}): another curve begins after each."
             )
         if self._arcs:
-            notes.append("on arcs the orientation turns in proportion, from begin to end.")
+            notes.append("on arcs the orientation turns in proportion, as the language has it.")
         return out.toolpath(path, [*notes, *self._assumed], has_axis=True)
 
     def _expressed(self, pose: mink.SE3) -> tuple[str, mink.SE3]:

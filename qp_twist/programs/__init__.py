@@ -13,12 +13,14 @@ from .header import check_header as check_header
 from .header import header_lines as header_lines
 from .joint_moves import AXES as AXES
 from .joint_moves import Around as Around
+from .joint_moves import Circle as Circle
 from .joint_moves import Dialect as Dialect
 from .joint_moves import ExternalColumn as ExternalColumn
 from .joint_moves import JointMoves as JointMoves
 from .joint_moves import ProgramFrame as ProgramFrame
 from .joint_moves import Speed as Speed
 from .joint_moves import Target as Target
+from .joint_moves import Turning as Turning
 from .joint_moves import printed as printed
 from .moves import JointMove as JointMove
 from .moves import Moves as Moves

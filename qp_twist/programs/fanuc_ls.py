@@ -1,8 +1,10 @@
 """TP programs of Fanuc as text (LS).
 
 Written are joint moves with their times in whole milliseconds (in tenths of a second above 32 s),
-points as joint angles. A program longer than :data:`LONGEST` lines is divided, and a program of its
-name calls the parts.
+points as joint angles; straight moves (``L``) and circles (``C``) also to poses. On both the tool
+turns in proportion from begin to end, at the point between of a circle, too: what a controller
+makes of another turn there is not public. A program longer than
+:data:`LONGEST` lines is divided, and a program of its name calls the parts.
 
 Source: Fanuc, *R-30iA/R-30iB Operator's manual*, motion instructions and positional data:
 R = R_z(R) R_y(P) R_x(W); ``COORD``, motion relative to the leader's group, and ``RTCP``, to a tool
@@ -28,6 +30,7 @@ from qp_twist.files import of_file, text_lines
 from qp_twist.programs.joint_moves import (
     AXES,
     Beside,
+    Circle,
     Dialect,
     JointMoves,
     ProgramFrame,
@@ -99,19 +102,27 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     option = {"positioner": " COORD", "hand": " RTCP"}.get(moves.part, "")
     times = [_speed(speed.linear) if speed else _time(seconds) for speed, seconds in speeds]
     words = ["L" if each else "J" for each in moves.straight or [0] * count]
+    circles = moves.circles or [None] * count
     ends = [f"CNT{share}" if share else "FINE" for share in (100.0 * shares).astype(int).tolist()]
     targets = moves.targets or [None] * (count + 1)
-    points = [
-        _joint_text(angles, moves) if target is None else _cartesian_text(target, angles, moves)
-        for angles, target in zip(moves.angles.tolist(), targets, strict=True)
-    ]
-    rows = zip(["J", *words], ["10%", *times], ends, points, strict=True)
-    statements = list[tuple[str, str]]()
-    for k, (word, how, end, point) in enumerate(rows):
-        more = option if word == "L" else ""
-        statements.append((f"{word} P[{{}}] {how} {end}{more} ;", point))
+
+    def point(angles: list[float], target: Target | None) -> str:
+        if target is None:
+            return _joint_text(angles, moves)
+        return _cartesian_text(target, angles, moves)
+
+    points = [point(*each) for each in zip(moves.angles.tolist(), targets, strict=True)]
+    rows = zip(["J", *words], ["10%", *times], ends, points, [None, *circles], strict=True)
+    statements = list[tuple[str, list[str]]]()
+    for k, (word, how, end, to, circle) in enumerate(rows):
+        if circle is None:
+            more = option if word == "L" else ""
+            statements.append((f"{word} P[{{}}] {how} {end}{more} ;", [to]))
+        else:  # the second point stands on a line without a number
+            via = point(circle.angles or moves.angles[k].tolist(), circle.target)
+            statements.append((f"C P[{{}}]\n    :  P[{{}}] {how} {end} ;", [via, to]))
         behind = moves.lines_behind(k, "!{} ;", "CALL {} ;")
-        statements += [(line, "") for each in behind for line in _behind(each)]
+        statements += [(line, []) for each in behind for line in _behind(each)]
     room = LONGEST - len(remarks)
     if len(statements) <= room:
         return {f"{name}.ls": _program(title, remarks, statements, moves)}
@@ -127,18 +138,19 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
 
 def _program(
-    title: str, first: Sequence[str], moves: Sequence[tuple[str, str]], of: JointMoves,
+    title: str, first: Sequence[str], moves: Sequence[tuple[str, list[str]]], of: JointMoves,
 ) -> str:  # fmt: skip
     """The text of a program: statements, then moves and their points."""
     external = of.external
     groups = "1,1,*,*,*" if any(each.name.startswith(_GROUP) for each in external) else "1,*,*,*,*"
-    at = np.cumsum([bool(point) for _, point in moves]).tolist()
-    lines = [*first, *(text.format(k) for k, (text, _) in zip(at, moves, strict=True))]
-    moves = [each for each in moves if each[1]]
+    lines, points = [*first], list[str]()
+    for line, own in moves:
+        lines.append(line.format(*range(len(points) + 1, len(points) + len(own) + 1)))
+        points += own
     text = _HEAD.format(name=title, count=len(lines), groups=groups)
     text += "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, start=1))
     text += "/POS\n"
-    text += "".join(f"P[{k}]{{\n{point}}};\n" for k, (_, point) in enumerate(moves, start=1))
+    text += "".join(f"P[{k}]{{\n{point}}};\n" for k, point in enumerate(points, start=1))
     return text + "/END\n"
 
 
@@ -283,8 +295,8 @@ class TpProgram(Program):
         ),
         otherwise=r"ELSE(?P<condition>(?!))?",
         coordinates=r"\bPR?\s*\[",
-        reads="joint moves (J P[…] with a speed or time, FINE or CNT), and straight ones (L P[…] "
-        "with a time, or in mm/sec, cm/min or inch/min), one after the other,",
+        reads="joint moves (J P[…] with a speed or time, FINE or CNT), straight ones and circles "
+        "(L P[…], C P[…] P[…] with a time, or in mm/sec, cm/min or inch/min), one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves, beside: Beside) -> None:
@@ -303,10 +315,10 @@ class TpProgram(Program):
         end, via = _NUMBERED.format("p", "p"), _NUMBERED.format("q", "q")
         rest = (r"\s*(?P<speed>.*?)\s*(?P<zone>FINE|CNT\s*\w+(?:\[.*?\])?|CR\s*\w+)?"
                 r"(?P<options>(?<=\d)\s.*|(?<=E)\s.*|)")  # fmt: skip
-        joint = "[JL]" if self.moves.strict else "J"  # then L to joint angles, too
+        joint = "[JLC]" if self.moves.strict else "J"  # then L and C to joint angles, too
         return (
             (r"(?:!|//|--).*|", "", "silent"),
-            (rf"(?P<word>{joint})\s+{end}{rest}", self._move, "joint"),
+            (rf"(?P<word>{joint})\s+{end}(?:\s+{via})?{rest}", self._move, "joint"),
             (rf"(?P<word>[JLCA])\s+{end}(?:\s+{via})?{rest}", self._move, "path"),
             (r"P\s*\[\s*(\d+)[^=]*=.*", self._change, "path"),
             (r"(?:\w\s+PR?\[|OFFSET|TOOL_OFFSET|VOFFSET|UFRAME\s*\[|UTOOL\s*\[|SKIP|COL\s+GUARD|RSR"
@@ -520,8 +532,10 @@ class TpProgram(Program):
             (
                 (word == "J" or timed[2] != "%")
                 if timed
-                else word == "L" and speed and re.fullmatch(NUMBER, speed[1])
+                else word != "J" and speed and re.fullmatch(NUMBER, speed[1])
             )
+            and (word == "C") == (match["q"] is not None)
+            and (match["q"] or "P").upper() == "P"
             and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
             and re.fullmatch(
                 r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L"), match["options"], re.I
@@ -535,15 +549,22 @@ class TpProgram(Program):
         if "ACC" in match["options"].upper():
             moves.noted(line, "ACC", "speed")
         along = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan
-        angles, pose, external, tool, target = self._point(line, match["p"], match["p_number"])
+        first = self._point(line, match["p"], match["p_number"])
+        on_circle = word == "C" and moves.strict
+        end = self._point(line, match["q"], match["q_number"]) if on_circle else first
+        angles, pose, external, tool, target = end
+        circle = Circle("space", first.angles, first.target, turned=True) if on_circle else None
+        if circle and (first.external or first.tool != tool):
+            why = "expected one tool for both points, and no external axes at the first."
+            raise refuse(line, match[0], why)
         if word == "J" or moves.strict:
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
             timing = None if math.isnan(seconds) else seconds
             part = self._part(line, match, target) if word == "L" else ""
             moves.joint(JointMove(
-                line, angles, pose, timing, None, external, tool if word == "L" else "",
-                target, Speed(along) if speed else None, part,
+                line, angles, pose, timing, None, external, "" if word == "J" else tool,
+                target, Speed(along) if speed else None, part, circle,
             ))  # fmt: skip
             return
         moves.feed = along
@@ -555,11 +576,11 @@ class TpProgram(Program):
         elif not match["q"]:
             raise refuse(line, match[0], "expected two points, C P[1] P[2].")
         else:
-            end = self._point(line, match["q"], match["q_number"]).pose
-            if end is None:
+            last = self._point(line, match["q"], match["q_number"]).pose
+            if last is None:
                 self.refuse(line, match)
             else:
-                moves.arc(line, pose, end)
+                moves.arc(line, pose, last)
 
     def _part(self, line: int, match: re.Match[str], target: Target | None) -> str:
         """What moves the part on which a straight move is."""
@@ -739,9 +760,10 @@ LS = Dialect(
     "ls", "a TP program", ".ls", "deg", 4, 3, tuple(f"J{k}" for k in range(1, AXES + 1)),
     False, 36, "8 on controllers before R-30iA", _encode, _execute,
     external=(*(f"E{k}" for k in range(1, 4)), *(f"{_GROUP}J{k}" for k in range(1, 7))),
-    of_parts=_GROUP, period=0.008, points=("joints", "poses"),
+    of_parts=_GROUP, period=0.008, points=("joints", "poses"), circles=("space",),
     speeds=tuple(_FEEDS[unit] for unit in _UNITS),
-    to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=...", "PAYLOAD[...]"), parts=_PARTS,
+    to_fill_in=("PAYLOAD[...]",), frames_to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=..."),
+    states_frames=False, parts=_PARTS,
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

@@ -64,12 +64,18 @@ def header_lines(
         *([f"spacing: {spacing}"] if spacing else []),
         f"robot: {robot or AS_MODELLED}",
         f"unit: {dialect.unit}",
-        f"points: {len(moves.angles)}",
+        f"points: {moves.points}",
         f"seconds: {total:.{dialect.time_decimals}f}",
         *([f"speeds: {sums}"] if (sums := _sums(moves, dialect)) else []),
         *equations,
         *_about_frames(moves, dialect),
-        *(f"fill in: {statement}" for statement in dialect.to_fill_in),
+        *(
+            f"fill in: {statement}"
+            for statement in (
+                *(() if moves.straight else dialect.frames_to_fill_in),
+                *dialect.to_fill_in,
+            )
+        ),
         "No controller has run this.",
     )
 
@@ -99,9 +105,11 @@ def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:
         return [*([of_number] if moves.straight else []), _UNSET]
     tool, frame = targets[0].tool, targets[0].frame
     return [
-        of_number if tool.pose is None else _OF_VALUE,
+        of_number if tool.pose is None or not dialect.states_frames else _OF_VALUE,
         f"Frame {frame.name} has to be the world of the task." if frame.pose is None else
-        "Frame: the task's world in the model's base; compare it, and axis 1.",
+        "Frame: the task's world in the model's base; compare it, and axis 1."
+        if dialect.states_frames else
+        "Points are in the robot's base, frame 0; compare it with the model's, and axis 1.",
     ]  # fmt: skip
 
 
@@ -155,7 +163,7 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
         ("unit", dialect.unit, None, "the program is for something else, or was changed."),
         ("robot", robot or AS_MODELLED, None, WRITTEN_AS_MODELLED if modelled
          else "export the trajectory for this robot."),
-        ("points", str(len(moves.angles)), wait, "a line was lost or added."),
+        ("points", str(moves.points), wait, "a line was lost or added."),
         ("speeds", sums, untimed, "a speed or a time was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
     ):  # fmt: skip

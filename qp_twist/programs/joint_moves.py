@@ -70,6 +70,29 @@ class Target(NamedTuple):
     line: int = 0
 
 
+Turning = Literal["space", "path", "tangent"]
+"""How a tool turns on a circle: in proportion, as on a straight line, in space or as seen from the
+circle's tangent; or as the tangent alone does."""
+
+
+class Circle(NamedTuple):
+    """The circle of a move: through the point before, a point between and its end.
+
+    Attributes:
+        rule: How the tool turns.
+        angles: What the controller shows at the point between, if it is stated so.
+        target: Else its pose.
+        sweep: How far the tool goes instead of to the end, rad, below 0 the other way round.
+        turned: Whether the tool has to be turned at the point between as the rule has it there.
+    """
+
+    rule: Turning
+    angles: list[float] | None = None
+    target: Target | None = None
+    sweep: float | None = None
+    turned: bool = False
+
+
 class Speed(NamedTuple):
     """Of a straight move: that of the tool's point, m/s, and of its turn, rad/s.
 
@@ -111,21 +134,22 @@ class JointMoves:
         external: The last k columns.
         straight: Of each move the line of a program in which the tool moves straight, and 0 of
             joint moves, (N − 1,); ``None`` without straight moves.
-        stops: Points at which the robot stops, (N,); ``None``: at both ends.
         halves: Half of the shorter of the straight moves beside each point, m, the most that
             controllers round, (N,); ``None`` without straight moves.
-        shares: Of ``halves`` what the robot may round, (N,), likewise.
+        shares: Of ``halves`` what the robot may round, (N,); 0: it stops there; ``None``: it
+            stops at both ends.
         tool: Number of the tool of straight moves to joint angles.
         targets: The points that are poses, (N,), else ``None``; empty without.
         speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without.
         around: What stands behind points, by their index from 0.
-        constant: Whether moves are of those from one stop to the next at constant speed, (N − 1,);
-            empty without.
+        constant: Whether moves are of those from one stop to the next at constant speed, or with
+            circles at speeds that the arcs of corners allow, (N − 1,); empty without.
         tcp: The task's frame in the flange of a known robot.
         part: What moves the part on which the tool of a written program moves straight, empty:
             nothing.
         frame: Number of the frame that is on such a part.
         parts: Likewise of a program that is read, each with the line of the first such move.
+        circles: Those of moves of ``straight`` on a circle, (N − 1,), else ``None``; empty without.
     """
 
     angles: Array
@@ -137,7 +161,6 @@ class JointMoves:
     untimed: tuple[int, str] | None = None
     external: tuple[ExternalColumn, ...] = ()
     straight: tuple[int, ...] | None = None
-    stops: Mask | None = None
     halves: Array | None = None
     shares: Array | None = None
     tool: int = 1
@@ -149,6 +172,20 @@ class JointMoves:
     part: str = ""
     frame: int = 1
     parts: Mapping[str | None, int] = field(default_factory=dict)
+    circles: tuple[Circle | None, ...] = ()
+
+    @property
+    def stops(self) -> Mask:
+        """Points at which the robot stops, (N,)."""
+        if self.shares is None:
+            return np.isin(np.arange(len(self.angles)), [0, len(self.angles) - 1])
+        stops: Mask = self.shares == 0.0
+        return stops
+
+    @property
+    def points(self) -> int:
+        """Number of points, those between on circles, too."""
+        return len(self.angles) + len(list(filter(None, self.circles)))
 
     def lines_behind(self, point: int, comment: str, call: str) -> list[str]:
         """The lines behind a point, in the patterns of a language, with ``{}`` for the text."""
@@ -185,7 +222,10 @@ class Dialect(NamedTuple):
         stopped: (text, line that is no statement) to a text at which a controller stops.
         external: Names of external axes.
         of_parts: What the names of those begin with that carry the part; empty: no matter.
-        to_fill_in: Statements with gaps, by which a person sets tool, base and load.
+        to_fill_in: Statements with gaps, by which a person sets what no program states.
+        frames_to_fill_in: Likewise tool and base, of programs without moves of the tool, which
+            state them.
+        states_frames: Whether programs can state the values of tool and base.
         period: Shortest time in which its controllers interpolate, s: no move is shorter; 0 where
             the program itself divides time.
         zone: How far from a point the robot begins to round it, m, if that is always the same.
@@ -198,6 +238,7 @@ class Dialect(NamedTuple):
         numbered: Whether tools have numbers.
         parts: Of straight moves on a part that moves (``"positioner joints"``, ``"positioner
             poses"``, ``"hand joints"``), if they are written: what a person has to compare.
+        circles: How the tool may be made to turn on circles, if they are written.
         two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
             of turning about one axis.
     """
@@ -219,6 +260,8 @@ class Dialect(NamedTuple):
     of_parts: str = ""
     period: float = 0.0
     to_fill_in: tuple[str, ...] = ()
+    frames_to_fill_in: tuple[str, ...] = ()
+    states_frames: bool = True
     zone: float = math.inf
     points: tuple[Literal["joints", "poses"], ...] = ()
     speeds: tuple[float, ...] = ()
@@ -226,6 +269,7 @@ class Dialect(NamedTuple):
     numbered: bool = True
     two_angles: bool = False
     parts: Mapping[str, str] = MappingProxyType({})
+    circles: tuple[Turning, ...] = ()
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

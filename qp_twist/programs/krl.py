@@ -3,7 +3,9 @@
 The start is reached by ``PTP`` at a tenth of the axes' speed. Then a spline in the axes
 (``PTP_SPLINE``) passes all points; its ``TIME_BLOCK`` has the time of each segment and of all.
 Straight moves are ``LIN`` to poses with S and T, at a speed of the tool (``$VEL.CP``, m/s); points
-that are rounded have ``C_DIS``.
+that are rounded have ``C_DIS``. Circles are ``CIRC``, for which ``$CIRC_TYPE`` says whether the
+tool turns in proportion in space or as seen from the path; how it is turned at the point between,
+does not count.
 
 Source: public code, since KUKA's manual was not at hand. The words are those of the syntax file of
 KnoP-01/krl-for-vim; the form ``PTP_SPLINE … TIME_BLOCK START … SPTP … TIME_BLOCK PART = …
@@ -27,13 +29,14 @@ from qp_twist.programs.header import read_header
 from qp_twist.programs.joint_moves import (
     AXES,
     Beside,
+    Circle,
     Dialect,
     JointMoves,
     ProgramFrame,
     Speed,
     Target,
 )
-from qp_twist.programs.krl_frames import KrlFrames
+from qp_twist.programs.krl_frames import CIRCLES, KrlFrames
 from qp_twist.programs.krl_spline import Spline
 from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values, pose_text
 from qp_twist.programs.moves import JointMove, Kind, Moves
@@ -111,7 +114,7 @@ def _stated(moves: JointMoves) -> list[str]:
 
 def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
     """Straight moves, with the speeds where they change."""
-    found, before = list[str](), {"CP": "", "ORI1": "", "ORI2": ""}
+    found, before, rule = list[str](), {"CP": "", "ORI1": "", "ORI2": ""}, ""
     for k in places:
         target, speed = moves.targets[k + 1], moves.speeds[k]
         assert target is not None and speed is not None
@@ -121,14 +124,19 @@ def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
         status, turns = target.configuration
         axes = zip(moves.external, moves.angles[k + 1, AXES:].tolist(), strict=True)
         more = "".join(f",{axis.name} {value:.{KRL.decimals}f}" for axis, value in axes)
-        place = pose_text(target.pose, f"S {status},T {turns}{more}")
-        stops = moves.stops is None or moves.stops[k + 1]
-        found.append(f"LIN {place}{'' if stops else ' C_DIS'}")
+        word, place = "LIN", pose_text(target.pose, f"S {status},T {turns}{more}")
+        if (circle := moves.circles[k] if moves.circles else None) and circle.target:
+            word, place = "CIRC", f"{pose_text(circle.target.pose)},{place}"
+            if circle.rule != rule:
+                rule = circle.rule
+                found.append(f"$CIRC_TYPE={_TYPES_OF[rule]}")
+        found.append(f"{word} {place}{'' if moves.stops[k + 1] else ' C_DIS'}")
         found += moves.lines_behind(k + 1, *_BEHIND)
         before = now
     return found
 
 
+_TYPES_OF = {rule: word for word, rule in CIRCLES.items()}
 _NAME = r"[A-Za-z]\w*"
 _TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
 _DECLARED = [
@@ -180,7 +188,7 @@ _WITH = re.compile(
 """What an SPTP may have after WITH, also as the maker's inline forms write it."""
 _UNREAD_WITH = re.compile(
     r"\$(?:BASE|VEL)\s*=\s*\{|\$IPO_MODE|\$ORI_TYPE\s*=\s*(?!#VAR\b)"
-    r"|\$CIRC_TYPE\s*=\s*(?!#BASE\b)",
+    r"|\$CIRC_TYPE\s*=\s*(?!#(?:BASE|PATH)\b)",
     re.IGNORECASE,
 )
 """What a move may not have after WITH."""
@@ -218,15 +226,15 @@ class KrlProgram(KrlFrames):
         otherwise=r"ELSE(?P<condition>(?!))?",
         coordinates=r"\{|#BASE",
         outside=r"&\w+.*",
-        reads="axis moves (PTP, SPTP) and straight ones (LIN) to literals or constants, one after "
-        "the other,",
+        reads="axis moves (PTP, SPTP), straight ones (LIN) and circles (CIRC) to literals or "
+        "constants, one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves) -> None:
         self.spline = Spline(moves)
         super().__init__(krl_values(), moves)
         self._at: Frame | None = None
-        self._before_spline = moves.frame, moves.feed
+        self._before_spline = moves.frame, moves.feed, self.circle
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, splines and their times, frames, speeds, data, what moves nothing, calls."""
@@ -335,13 +343,13 @@ class KrlProgram(KrlFrames):
     # ------------------------------------------------------------ moves
 
     def _begin_spline(self, line: int, match: re.Match[str]) -> None:
-        self._before_spline = self.moves.frame, self.moves.feed
+        self._before_spline = self.moves.frame, self.moves.feed, self.circle
         self._with(line, match[0], match["with"] or "")
         self.spline.begin()
 
     def _end_spline(self, line: int, match: re.Match[str]) -> None:
         if self.spline.open:
-            self.moves.frame, self.moves.feed = self._before_spline
+            self.moves.frame, self.moves.feed, self.circle = self._before_spline
         self.spline.end(line, match)
 
     def _stay(self, line: int, match: re.Match[str]) -> None:
@@ -367,10 +375,12 @@ class KrlProgram(KrlFrames):
             moves.feed = self.values.number(found[1])
         if found := re.search(r"\$BASE\s*=\s*(?:SBASE\s*\(\s*)?([\w.]+)", text, re.IGNORECASE):
             moves.frame = self._numbered("base", found[1])
+        if found := re.search(r"\$CIRC_TYPE\s*=\s*(#\w+)", text, re.IGNORECASE):
+            self.circle = CIRCLES[found[1].upper()]
 
     def _move(self, line: int, match: re.Match[str]) -> None:
         word, rest, moves = match["word"].upper(), match["rest"], self.moves
-        relative, before = word.endswith("_REL"), (moves.frame, moves.feed)
+        relative, before = word.endswith("_REL"), (moves.frame, moves.feed, self.circle)
         if self.spline.open and word == "PTP":
             raise refuse(line, match[0], "expected SPTP in a spline.")
         if relative and "#TOOL" in rest.upper():
@@ -390,22 +400,24 @@ class KrlProgram(KrlFrames):
             self._joint(line, parts[0], relative=relative)
         elif moves.strict:
             if given.strip():
-                raise refuse(line, match[0], "what stands after WITH is not read of LIN.")
-            self._straight(line, parts[0])
+                raise refuse(line, match[0], f"what stands after WITH is not read of {word}.")
+            self._straight(line, parts, float(sweep["number"]) if sweep else None)
         elif "LIN" in word:
             moves.line(line, self._target(line, parts[0], relative=relative))
         else:
             poses = [self._target(line, part, relative=relative) for part in parts]
-            moves.arc(line, poses[0], poses[1], float(sweep["number"]) if sweep else None)
+            angle = float(sweep["number"]) if sweep else None
+            moves.arc(line, poses[0], poses[1], angle, self.circle or "space")
             self._at = None if sweep else self._at
-        moves.frame, moves.feed = before
+        moves.frame, moves.feed, self.circle = before
 
     def _straight_rule(self) -> Sequence[Rule]:
-        """Straight moves, which ``check`` reads."""
-        rule = (rf"(?P<word>S?LIN)(?!_)\b\s*(?P<targets>.*?){_REST}", self._move, "joint")
+        """Straight moves and circles, which ``check`` reads."""
+        rule = (rf"(?P<word>S?LIN|CIRC)(?!_)\b\s*(?P<targets>.*?){_REST}", self._move, "joint")
         return (rule,) if self.moves.strict else ()  # type: ignore[return-value]
 
-    def _straight(self, line: int, text: str) -> None:
+    def _straight(self, line: int, texts: Sequence[str], sweep_deg: float | None) -> None:
+        """A straight move, or one on a circle, to the last of its targets."""
         for statement in self.unread.values():
             raise refuse(line, statement, "with it straight moves are not read.")
         feed, (one, two) = self.moves.feed, self.turns.values()
@@ -416,8 +428,17 @@ class KrlProgram(KrlFrames):
             )
         turn = _UNSTATED if math.isnan(one) or math.isnan(two) else min(one, two)
         speed = None if math.isnan(feed) else Speed(feed, turn)
-        target = self._at_pose(line, text)
-        self.moves.joint(JointMove(line, tool=target.tool.name, target=target, speed=speed))
+        *vias, target = (self._at_pose(line, text) for text in texts)
+        circle = None
+        if vias and self.circle is None:
+            why = "expected $CIRC_TYPE=#BASE or #PATH before it: how the tool turns on circles."
+            raise refuse(line, "CIRC", why)
+        if vias and self.circle is not None:
+            sweep = None if sweep_deg is None else math.radians(sweep_deg)
+            circle = Circle(self.circle, None, vias[0], sweep)
+        self.moves.joint(JointMove(
+            line, tool=target.tool.name, target=target, speed=speed, circle=circle,
+        ))  # fmt: skip
 
     def _at_pose(self, line: int, text: str) -> Target:
         """A target as ``check`` takes it, with S and T if it has them."""
@@ -505,8 +526,9 @@ KRL = Dialect(
     "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
     external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
-    to_fill_in=("$TOOL=TOOL_DATA[...]", "$BASE=BASE_DATA[...]", "$LOAD=LOAD_DATA[...]"),
-    zone=0.3e-3, points=("poses",), two_angles=True,
+    to_fill_in=("$LOAD=LOAD_DATA[...]",),
+    frames_to_fill_in=("$TOOL=TOOL_DATA[...]", "$BASE=BASE_DATA[...]"),
+    zone=0.3e-3, points=("poses",), two_angles=True, circles=("path", "space"),
     parts={"positioner poses": "BASE_DATA[{frame}] has to be the part's frame in the flange of the "
                                "positioner, and MACHINE_DEF[2] that."},
 )  # fmt: skip

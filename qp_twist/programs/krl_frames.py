@@ -11,12 +11,15 @@ from typing import Any
 import mink
 
 from qp_twist.errors import InvalidInput
+from qp_twist.programs.joint_moves import Turning
 from qp_twist.programs.krl_values import Frame, frame_pose
 from qp_twist.programs.moves import Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import CARRIES, refuse
 from qp_twist.programs.values import Unknown, Values
 
+CIRCLES: dict[str, Turning] = {"#BASE": "space", "#PATH": "path"}
+"""Of ``$CIRC_TYPE``: how the tool turns."""
 _Frame = tuple[str, mink.SE3 | None]
 _COUPLED = re.compile(
     r"EK\(MACHINE_DEF\[(\d)\]\.ROOT,\s*MACHINE_DEF\[\1\]\.MECH_TYPE,\s*BASE_DATA\[\d+\]\)",
@@ -33,6 +36,7 @@ class KrlFrames(Program):
         frames: Those of ``BASE_DATA`` and ``TOOL_DATA`` that the file assigns, by number.
         tool: Name of the tool in force, and its pose in the flange if the file states it.
         turns: ``$VEL.ORI1`` and ``$VEL.ORI2``, rad/s; nan where the file does not state them.
+        circle: How the tool turns on circles (``$CIRC_TYPE``); ``None``: not stated.
         unread: By setting, the statement in force for which straight moves are not read.
     """
 
@@ -41,6 +45,7 @@ class KrlFrames(Program):
         self.frames: dict[str, dict[int | str, _Frame]] = {"base": {}, "tool": {}}
         self.tool: _Frame = "", None
         self.turns = {"1": math.nan, "2": math.nan}
+        self.circle: Turning | None = None
         self.unread: dict[str, str] = {}
 
     def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
@@ -86,7 +91,11 @@ class KrlFrames(Program):
 
     def _mode(self, line: int, match: re.Match[str]) -> None:
         """Moves of a tool on a part that stands still, whose orientation turns in proportion."""
-        known = match[2].strip().upper() in ("#BASE", "#VAR")
+        value = match[2].strip().upper()
+        known = value in ("#BASE", "#VAR")
+        if match[1].upper() == "$CIRC_TYPE":
+            self.circle = CIRCLES.get(value)
+            known = self.circle is not None
         if not (known or self.moves.strict):
             self.refuse(line, match)
         self._reads(match[1], match[0], known=known)
@@ -161,7 +170,8 @@ class KrlFrames(Program):
         """How the tool turns on the move that follows, by which inline forms state it."""
         self._stated(line, match, "speed")
         data = self._data(match["value"])
-        turns = data.get("ori_typ", "var"), data.get("circ_typ", "base")
-        if turns != ("var", "base") and not self.moves.strict:
+        self.circle = CIRCLES.get(f"#{data.get('circ_typ', 'base')}".upper())
+        known = data.get("ori_typ", "var") == "var"
+        if not self.moves.strict and not (known and self.circle):
             self.refuse(line, match)
-        self._reads(match["word"], match[0], known=turns[0] == "var")
+        self._reads(match["word"], match[0], known=known)

@@ -14,12 +14,17 @@ from qp_twist.errors import InvalidInput
 from qp_twist.files import of_lines
 from qp_twist.programs.joint_moves import (
     AXES,
+    Circle,
     ExternalColumn,
     JointMoves,
     Speed,
     Target,
+    Turning,
 )
 
+_TURNS = {
+    "space": "likewise", "path": "so as seen from the tangent", "tangent": "as the tangent alone",
+}  # fmt: skip
 _LISTED = 12
 """Kinds of statements that a note lists."""
 Kind = Literal["passed", "setting", "speed", "pause"]
@@ -33,7 +38,7 @@ class JointMove(NamedTuple):
     given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
     of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
     straight move is that has no time, ``part`` what moves the part on which the tool moves
-    straight to angles.
+    straight to angles, ``circle`` that it is on one.
     """
 
     line: int
@@ -46,6 +51,7 @@ class JointMove(NamedTuple):
     target: Target | None = None
     speed: Speed | None = None
     part: str | None = ""
+    circle: Circle | None = None
 
 
 class Moves:
@@ -69,7 +75,10 @@ class Moves:
     def line(self, line: int, pose: mink.SE3) -> None:
         """A straight move at the feed in force."""
 
-    def arc(self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None) -> None:
+    def arc(
+        self, line: int, via: mink.SE3, pose: mink.SE3, sweep_deg: float | None = None,
+        rule: Turning = "space",
+    ) -> None:  # fmt: skip
         """A move along the circle through a point, to its end or, with an angle, as far as that."""
 
     def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
@@ -122,16 +131,18 @@ class Course(Moves):
         self._tool = ""
         self._targets: list[Target | None] = []
         self._speeds: list[Speed | None] = []
+        self._circles: list[Circle | None] = []
         self._rounded = False
         self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool, target, speed, part = move
+        line, angles, _, seconds, rates, external, tool, target, speed, part, circle = move
         if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         angles = [math.nan] * AXES if angles is None else angles
-        for values in () if target else (angles, rates or angles):
+        via = [circle.angles] if circle and circle.angles is not None else []
+        for values in (*(() if target else (angles, rates or angles)), *via):
             if len(values) != AXES or not all(map(math.isfinite, values)):
                 raise InvalidInput(f"expected {AXES} angles, got {values}.", line=line)
         if seconds is not None and not 0.0 < seconds < math.inf:
@@ -154,6 +165,7 @@ class Course(Moves):
             self._parts.setdefault(target.frame.part if target else part, line)
         if self._points:
             self._straight.append(line if tool else 0)
+            self._circles.append(circle)
         self._targets.append(target)
         self.external(line, external)
         self._points.append(angles)
@@ -243,9 +255,14 @@ class Course(Moves):
         elif self._tool:
             stated = targets and all(target.tool.pose is not None for target in targets)
             where = "is where the program states it" if stated else "has to be the task's frame"
+            circles = [each.rule for each in self._circles if each is not None]
+            count = np.count_nonzero(self._straight) - len(circles)
+            lines = f"{count} straight moves of {self._tool}"
+            turns = [f"{_TURNS[rule]} ({circles.count(rule)})" for rule in sorted({*circles})]
             notes.append(
-                f"{np.count_nonzero(self._straight)} straight moves of {self._tool}: its TCP "
-                f"{where}; its orientation turns in proportion about a fixed axis"
+                f"{lines}{f' and {len(circles)} on circles' if circles else ''}: its TCP {where}; "
+                "its orientation turns in proportion about a fixed axis"
+                + (f", and on circles {', '.join(turns)}" if turns else "")
             )
         frames = {target.frame.name: target.frame.pose for target in targets}
         if unknown := [name for name, pose in frames.items() if pose is None]:
@@ -286,6 +303,7 @@ class Course(Moves):
             tuple(self._straight) if self._tool else None,
             targets=tuple(self._targets) if targets else (),
             speeds=tuple(self._speeds) if any(self._speeds) else (), parts=self._parts,
+            circles=tuple(self._circles) if any(self._circles) else (),
         )  # fmt: skip
 
 

@@ -3,6 +3,8 @@ r"""RAPID, of ABB.
 Written are absolute joint moves, each with its time (``\T``). External axes that the path does not
 need are not moved (``9E9``); those that it needs are in mm or degrees.
 
+Circles are ``MoveC``, on which the tool turns in proportion as seen from the path.
+
 Source: ABB, *Technical reference manual, RAPID Instructions, Functions and Data types*
 (3HAC050917): MoveAbsJ, MoveL, MoveC, MoveJ, jointtarget, robtarget, wobjdata, speeddata, zonedata,
 Offs, RelTool. The length of an identifier: *RAPID overview*, Basic elements.
@@ -21,11 +23,13 @@ from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import (
     AXES,
     Beside,
+    Circle,
     Dialect,
     JointMoves,
     ProgramFrame,
     Speed,
     Target,
+    Turning,
 )
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -42,6 +46,7 @@ from qp_twist.programs.values import (
 )
 
 _NONE = "9E9"
+_OFFS = "\\NoEOffs,"
 _MM = 4
 """Decimals of positions, mm."""
 _SPEED = 4
@@ -57,9 +62,9 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
     def target(point: list[float]) -> str:
         texts = [f"{value:.{RAPID.decimals}f}" for value in point]
-        values, given = ",".join(texts[:AXES]), dict(zip(names, texts[AXES:], strict=True))
+        values, given = ",".join(texts[:AXES]), dict(zip(names, texts[AXES:], strict=False))
         external = ",".join(given.get(name, _NONE) for name in RAPID.external)
-        return f"    MoveAbsJ [[{values}],[{external}]]\\NoEOffs,"
+        return f"    MoveAbsJ [[{values}],[{external}]]{_OFFS}"
 
     def pose(to: Target, joints: str) -> str:
         external = joints.partition("],[")[2].partition("]")[0]
@@ -67,7 +72,12 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
     first, *others = (target(point) for point in moves.angles.tolist())
     count = len(others)
-    targets, speeds = moves.targets[1:] or (None,) * count, moves.speeds or (None,) * count
+    none = (None,) * count
+    targets, speeds, circles = (
+        moves.targets[1:] or none,
+        moves.speeds or none,
+        moves.circles or none,
+    )
     tool, frame, data = f"tool{moves.tool}", "", list[str]()
     if stated := next(filter(None, targets), None):
         tool, frame, data = _stated(stated)
@@ -77,20 +87,25 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     lines += [f"  PROC {_PREFIX}{name}()", f"{first}v50,fine,tool0;"]
     lines += moves.lines_behind(0, *behind)
     times = [f"{seconds:.{RAPID.time_decimals}f}" for seconds in moves.durations.tolist()]
-    for number, (to, seconds, at, speed) in enumerate(
-        zip(others, times, targets, speeds, strict=True), start=1
+    for number, (to, seconds, at, speed, circle) in enumerate(
+        zip(others, times, targets, speeds, circles, strict=True), start=1
     ):
-        stops = number == count if moves.stops is None else moves.stops[number]
-        zone = "fine" if stops else "z0"
+        zone = "fine" if moves.stops[number] else "z0"
+        word = "MoveC" if circle else "MoveL"
         end = f"v1000\\T:={seconds},{zone}"
         if at is not None and speed is not None:
             tcp, turn = 1e3 * speed.linear, math.degrees(speed.angular)
             fast = f"[{tcp:.{_SPEED}f},{turn:.{_SPEED}f},5000,1000]"
-            lines.append(f"    MoveL {pose(at, to)},{fast},{zone},{tool}\\WObj:={frame};")
+            via = f"{pose(circle.target, to)}," if circle and circle.target else ""
+            lines.append(f"    {word} {via}{pose(at, to)},{fast},{zone},{tool}\\WObj:={frame};")
         elif moves.straight is not None and moves.straight[number - 1]:
-            joints = to.strip().removeprefix("MoveAbsJ ").removesuffix("\\NoEOffs,")
-            place = f"CalcRobT({joints},{tool}{on_part})"
-            lines.append(f"    MoveL {place},{end},{tool}{on_part};")
+            at_joints = [target(circle.angles)] if circle and circle.angles else []
+            places = ",".join(
+                f"CalcRobT({each.strip().removeprefix('MoveAbsJ ').removesuffix(_OFFS)},{tool}"
+                f"{on_part})"
+                for each in (*at_joints, to)
+            )
+            lines.append(f"    {word} {places},{end},{tool}{on_part};")
         else:
             lines.append(f"{to}{end},tool0;")
         lines += moves.lines_behind(number, *behind)
@@ -221,8 +236,8 @@ class RapidModule(Program):
         otherwise=r"ELSEIF\b(?P<condition>.*)\bTHEN|ELSE",
         outside=_DATA, enclosed=True,
         own_counter=True,
-        reads="joint moves (MoveAbsJ, MoveJ) and straight ones (MoveL) to literals or constants, "
-        "one after the other,",
+        reads="joint moves (MoveAbsJ, MoveJ), straight ones (MoveL) and circles (MoveC) to "
+        "literals or constants, one after the other,",
     )  # fmt: skip
 
     def __init__(self, moves: Moves) -> None:
@@ -231,6 +246,7 @@ class RapidModule(Program):
         )
         self.values.adds_vectors = True
         self.values.names |= {"true": True, "false": False}
+        self._turns: Turning = "path"
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, data, words that move nothing, calls."""
@@ -251,6 +267,7 @@ class RapidModule(Program):
             (r"CONNECT\b.*\bWITH\s+(?P<beside>\w+)", self.beside, "skip"),
             (rf"(WaitTime)(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait, "pause"),
             *self.noting(_NOTED),
+            (r"(CirPathMode)\s*\\\s*(?P<mode>PathFrame|ObjectFrame)", self._circle_mode, "setting"),
             (r"(?:SyncMove\w*|WaitSyncTask|Trigg[A-Z]\w*|CirPathMode|WZ\w+)\b.*", self.skip,
              "skip"),
             (r"IF\b.*?(?P<called>\w+)", self._conditional, "skip"),
@@ -314,27 +331,55 @@ class RapidModule(Program):
         return held if isinstance(held, bool) else None
 
     def _straight_rule(self) -> Sequence[Rule]:
-        """A straight move to joint angles, which ``check`` reads."""
-        of = (rf"MoveL\s+CalcRobT\s*\((?P<target>\[\[[^()]*\]\])\s*,\s*(?P<of>{_NAME})\s*"
-              rf"(?:\\\s*WObj\s*:=\s*(?P<wobj>{_NAME})\s*)?\)(?P<arguments>\s*,.*)")  # fmt: skip
-        to = r"Move(?P<kind>[LJ])\b(?P<arguments>.*)"
+        """Straight moves and circles to joint angles and poses, which ``check`` reads."""
+        via, end = (
+            rf"CalcRobT\s*\((?P<{at}>\[\[[^()]*\]\])\s*,\s*(?P<{of}>{_NAME})\s*"
+            for at, of in (("via", "via_of"), ("target", "of"))
+        )
+        wobj = rf"(?:\\\s*WObj\s*:=\s*(?P<wobj>{_NAME})\s*)?"
+        of = rf"Move(?:L\s+|C\s+{via}\)\s*,\s*){end}{wobj}\)(?P<arguments>\s*,.*)"
+        to = r"Move(?P<kind>[LJC])\b(?P<arguments>.*)"
         rules: list[Rule] = [(of, self._move_straight, "joint"), (to, self._move_to_pose, "joint")]
         return rules if self.moves.strict else ()
 
     def _move_straight(self, line: int, match: re.Match[str]) -> None:
-        """MoveL to the position of joint angles: a move to these angles, but straight."""
+        """To the position of joint angles: a move to these angles, but straight or on a circle."""
         as_joints = re.match(
             r"MoveAbsJ(?P<arguments>.*)", f"MoveAbsJ {match['target']}{match['arguments']}", re.S
         )
         assert as_joints is not None
-        self._move_joints(line, as_joints, match["of"], match["wobj"] or "")
+        circle = None
+        if match["via"]:
+            angles, external = self._jointtarget(line, match["via"])
+            circle = Circle(self._turns, angles)
+            if match["via_of"].lower() != match["of"].lower() or {*external} != {float(_NONE)}:
+                why = f"expected the tool {match['of']} for both points, and no external axes."
+                raise refuse(line, match[0], why)
+        self._move_joints(line, as_joints, match["of"], match["wobj"] or "", circle)
+
+    def _circle_mode(self, line: int, match: re.Match[str]) -> None:
+        """How the tool turns on circles from here on."""
+        self.moves.noted(line, match[1], "setting")
+        self._turns = "path" if match["mode"].lower() == "pathframe" else "space"
+
+    def _jointtarget(self, line: int, text: str) -> tuple[list[float], list[float]]:
+        """Angles and external axes."""
+        found = self.values.value(text)
+        try:
+            angles, external = ([float(x) for x in part] for part in found)
+        except (TypeError, ValueError):
+            raise refuse(line, text, "expected a jointtarget, [[6 angles],[6 axes]].") from None
+        if len(external) != 6:
+            raise refuse(line, text, f"expected 6 external axes, got {len(external)}.")
+        return angles, external
 
     def _move_joints(
-        self, line: int, match: re.Match[str], straight: str = "", wobj: str = ""
-    ) -> None:
+        self, line: int, match: re.Match[str], straight: str = "", wobj: str = "",
+        circle: Circle | None = None,
+    ) -> None:  # fmt: skip
         """MoveAbsJ; ``check`` knows all its arguments.
 
-        ``straight``: the tool that moves so, in the work object ``wobj``.
+        ``straight``: the tool that moves so, in the work object ``wobj``, or on a circle.
         """
         (target, *others), options = self._arguments(line, match, 1)
         if not self.moves.strict:
@@ -350,13 +395,7 @@ class RapidModule(Program):
             raise refuse(line, match[0], f"expected the tool {straight} and {what}.")
         if others[2].lower() != _TOOL and not straight:
             self.moves.noted(line, others[2], "setting")
-        found = self.values.value(target)
-        try:
-            angles, external = ([float(x) for x in part] for part in found)
-        except (TypeError, ValueError):
-            raise refuse(line, target, "expected a jointtarget, [[6 angles],[6 axes]].") from None
-        if len(external) != 6:
-            raise refuse(line, target, f"expected 6 external axes, got {len(external)}.")
+        angles, external = self._jointtarget(line, target)
         given = zip(RAPID.external, external, strict=True)
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
@@ -366,23 +405,32 @@ class RapidModule(Program):
                 f"straight moves are in {wobj}, which the program does not state: it has to be on "
                 "the part, and to be moved as the part is"
             )
-        self.moves.joint(JointMove(line, angles, None, seconds, None, moved, straight, part=part))
+        self.moves.joint(JointMove(
+            line, angles, None, seconds, None, moved, straight, part=part, circle=circle,
+        ))  # fmt: skip
 
     def _move_to_pose(self, line: int, match: re.Match[str]) -> None:
-        """MoveL and MoveJ to a robtarget, for ``check``."""
-        (text, speed, _, name, *more), options = self._arguments(line, match, 1)
-        if more or options.keys() - (_OPTIONS - {"noeoffs", "tload"}):
-            raise refuse(line, match[0], "has arguments that are not read here.")
-        found, straight = self.values.value(text), match["kind"].upper() == "L"
-        pose = self._pose(line, text)
+        """MoveL, MoveC and MoveJ to a robtarget, for ``check``."""
+        kind = match["kind"].upper()
+        arguments, options = self._arguments(line, match, count := 2 if kind == "C" else 1)
+        if len(arguments) != count + 3 or options.keys() - (_OPTIONS - {"noeoffs", "tload"}):
+            raise refuse(
+                line, match[0], f"expected {count} targets, a speed, a zone and a tool, and no "
+                "other arguments than \\ID, \\V, \\T, \\Z, \\Inpos and \\WObj.",
+            )  # fmt: skip
+        *vias, text, speed, _, name = arguments
+        places = [self._pose(line, each) for each in vias]
+        found, straight, pose = self.values.value(text), kind != "J", self._pose(line, text)
         data = tuple(map(int, found[2]))
         if list(data) != found[2]:
             raise refuse(line, match[0], "expected whole numbers cf1, cf4, cf6, cfx.")
         frame = ProgramFrame(*self.moves.frame, self._moved_by(options.get("wobj", "wobj0")))
         target = Target(pose, self._tool(line, name), frame, data, line)
         seconds = float(self.values.value(options["t"])) if "t" in options else None
+        circles = [Circle(self._turns, None, target._replace(pose=via)) for via in places]
         self.moves.joint(JointMove(
             line, None, None, seconds, tool=name if straight else "", target=target,
+            circle=next(iter(circles), None),
             speed=self._tool_speed(speed, options) if straight and seconds is None else None,
         ))  # fmt: skip
 
@@ -431,7 +479,7 @@ class RapidModule(Program):
         elif kind == "L":
             self.moves.line(line, poses[0])
         else:
-            self.moves.arc(line, poses[0], poses[1])
+            self.moves.arc(line, poses[0], poses[1], rule=self._turns)
 
     def _pose(self, line: int, text: str) -> mink.SE3:
         target = self.values.value(text)
@@ -519,8 +567,8 @@ RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
-    to_fill_in=("GripLoad ...;", "the tool of the moves, tool0"),
-    zone=0.3e-3, points=("joints", "poses"), parts=_PARTS,
+    to_fill_in=("GripLoad ...;",), frames_to_fill_in=("the tool of the moves, tool0",),
+    zone=0.3e-3, points=("joints", "poses"), parts=_PARTS, circles=("path",),
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
 3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""

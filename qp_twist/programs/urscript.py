@@ -3,7 +3,8 @@
 URScript has no move along a cubic, so a program brings its own: the function ``cubic`` (or
 ``line``) evaluates the motion in every step of the controller and streams it by ``servoj``.
 Straight moves of the tool are ``movel``, or ``movep`` where the tool's speed is constant from stop
-to stop; of their joint positions the controller computes the poses.
+to stop; circles are ``movec`` in mode 0, in which the tool turns in proportion from begin to end.
+Of their joint positions the controller computes the poses.
 
 Source: Universal Robots, *The URScript Programming Language*, modules *motion*, *internals* and
 *urmath*: poses ``p[x, y, z, rx, ry, rz]`` are m and a rotation vector, in the robot's base. Moves
@@ -25,11 +26,13 @@ from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import (
     AXES,
     Beside,
+    Circle,
     Dialect,
     JointMoves,
     ProgramFrame,
     Speed,
     Target,
+    Turning,
 )
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -157,7 +160,9 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     for is_straight, places in itertools.groupby(range(len(times)), lambda k: bool(straight[k])):
         if is_straight:
             for k in places:
-                lines.append(f"  {ends[k][0]}({listed(q[k + 1])}, {ends[k][1]})")
+                circle = moves.circles[k] if moves.circles else None
+                via = f"{listed(circle.angles)}, " if circle and circle.angles else ""
+                lines.append(f"  {ends[k][0]}({via}{listed(q[k + 1])}, {ends[k][1]})")
                 lines += _behind(moves, k + 1)
             continue
         block = list(places)
@@ -186,6 +191,8 @@ def _straight_ends(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, s
         how = f"a={most:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
         blend = f", r={radii[k + 1]:.6f}" if radii[k + 1] else ""
         word = "movep" if moves.constant and moves.constant[k] else "movel"
+        if moves.circles and moves.circles[k]:
+            word, blend = "movec", f"{blend}, mode=0"
         found.append((word, how + blend))
     return found
 
@@ -215,6 +222,8 @@ _ARGUMENTS = {
 }  # fmt: skip
 
 
+_MODES: dict[float, Turning] = {0.0: "space", 1.0: "tangent"}
+"""Of movec: how the tool turns."""
 _BASE = ProgramFrame("the robot's base", mink.SE3.identity())
 
 
@@ -260,8 +269,8 @@ class Script(Program):
             (r"while\b(?P<condition>.*):", "end", "while"),
         ),
         otherwise=r"elif\b(?P<condition>.*):|else\s*:",
-        reads="joint moves (movej, servoj) and straight ones (movel, movep) to literals or "
-        "constants, one after the other,",
+        reads="joint moves (movej, servoj), straight ones (movel, movep) and circles (movec) to "
+        "literals or constants, one after the other,",
         flags=re.ASCII | re.DOTALL,  # capitals count
     )  # fmt: skip
 
@@ -276,7 +285,7 @@ class Script(Program):
         """Moves, words that move nothing, variables, calls."""
         return (
             (r"(?P<word>movej|servoj)\s*\((?P<arguments>.*)\)", self._joint, "joint"),
-            (rf"(?P<word>{'movel|movep' if self.moves.strict else '(?!)'})"
+            (rf"(?P<word>{'movel|movep|movec' if self.moves.strict else '(?!)'})"
              r"\s*\((?P<arguments>.*)\)", self._straight, "joint"),
             (r"(?P<word>movel|movep|movec)\s*\((?P<arguments>.*)\)", self._move, "path"),
             (r"(?:move|servo|speed|force_mode|freedrive|teach|conveyor|path_offset|track|screw)\w*"
@@ -337,26 +346,43 @@ class Script(Program):
         self.moves.joint(JointMove(line, angles, pose, seconds if seconds > 0.0 else None))
 
     def _straight(self, line: int, match: re.Match[str]) -> None:
-        """A straight move, for ``check``, in a time or at a speed of the tool."""
-        given = self._given(line, match)
+        """A straight move or a circle, for ``check``, in a time or at a speed of the tool."""
+        given, circle = self._given(line, match), None
         try:
-            found = self.values.value(given.get("pose", ""))
-            angles = None if isinstance(found, Pose) else [float(x) for x in found]
-            target = Target(_se3(found), self._tool, _BASE) if angles is None else None
+            angles, target = self._to(given.get("pose", given.get("pose_to", "")))
+            if match["word"] == "movec":
+                circle = Circle(self._rule(given), *self._to(given.get("pose_via", "")))
             seconds, v = (
                 float(self.values.value(given.get(key, default)))
                 for key, default in (("t", "0"), ("v", "0.25"))
             )
         except (Unknown, TypeError, ValueError) as error:
             raise refuse(
-                line, match[0], "expected [q1, …, q6] or a pose, numbers or constants."
+                line,
+                match[0],
+                "expected [q1, …, q6] or a pose, numbers or constants, and of movec mode 0 or 1.",
             ) from error
-        self._check_turns(line, match, angles)
+        for each in filter(None, (angles, circle and circle.angles)):
+            self._check_turns(line, match, each)
         timed = seconds > 0.0
         self.moves.joint(JointMove(
             line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,
-            speed=None if timed else Speed(v),
+            speed=None if timed else Speed(v), circle=circle,
         ))  # fmt: skip
+
+    def _to(self, text: str) -> tuple[list[float] | None, Target | None]:
+        """Joint positions, or a pose."""
+        found = self.values.value(text)
+        if isinstance(found, Pose):
+            return None, Target(_se3(found), self._tool, _BASE)
+        return [float(x) for x in found], None
+
+    def _rule(self, given: Mapping[str, str]) -> Turning:
+        """How the tool turns on a circle."""
+        mode = self.values.value(given.get("mode", "0"))
+        if mode not in _MODES:
+            raise Unknown(f"expected the mode 0 or 1 of movec, got {mode}")
+        return _MODES[mode]
 
     def _check_turns(self, line: int, match: re.Match[str], angles: Sequence[float] | None) -> None:
         if self.moves.strict and max(map(abs, angles or []), default=0.0) > 4.0 * math.pi:
@@ -379,7 +405,7 @@ class Script(Program):
         if len(poses) != 1 + (match["word"] == "movec"):
             raise refuse(line, match[0], "expected poses, p[x, y, z, rx, ry, rz].")
         if len(poses) == 2:
-            self.moves.arc(line, poses[0], poses[1])
+            self.moves.arc(line, poses[0], poses[1], rule=self._rule(given))
         else:
             self.moves.line(line, poses[0])
 
@@ -416,7 +442,7 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
     name = define.removeprefix("def ").removesuffix("():")
     if name in ("start", "cubic", "line", "finish", "at_q", "at_w", "late", "movej", "servoj"):
         raise refuse(number, define, "a name of the functions below; export it under another.")
-    straight, script = ["movel", "movep"], Script(moves)
+    straight, script = ["movel", "movep", "movec"], Script(moves)
     following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": [*straight, "end"],
                  "movej": straight, **{key: [*straight, "start", "end"] for key in straight},
                  "end": [name], name: []}  # fmt: skip
@@ -440,7 +466,7 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
             act(line, found)
             if begins:
                 continue
-            at = _numbers(line, arguments[0])
+            at = _numbers(line, arguments[word == "movec"])
         elif word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
             what = f"{' or '.join(expected) or 'nothing'} with its arguments"
             raise refuse(line, text, f"is not read; in a script of export, here stands {what}.")
@@ -494,7 +520,7 @@ URSCRIPT = Dialect(
     "urscript", "URScript", ".script", "rad", 10, 11,
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     True, 64, "a function's name", _encode, _execute, _stopped, points=("joints",),
-    speeds=(_MICRO,), constant=_ACCELERATION, numbered=False,
+    speeds=(_MICRO,), constant=_ACCELERATION, numbered=False, circles=("space",),
     to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"),
 )  # fmt: skip
 """URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4

@@ -1,13 +1,13 @@
-"""The tool of an arm on straight moves, as controllers move it to joint positions or a pose."""
+"""The tool of an arm on moves from pose to pose, as controllers move it."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
@@ -38,6 +38,10 @@ class Poses(NamedTuple):
 
     rotations: Array
     positions: Array
+
+
+Way = Callable[[Array], Poses]
+"""The poses of a tool at shares (K,) of a move."""
 
 
 class ToolChain(NamedTuple):
@@ -86,8 +90,8 @@ class ToolChain(NamedTuple):
         """Direction and a point of each joint's axis at positions q (K, n), m, (K, 3) each."""
         return self.chain.frames(self._whole(q))[2]
 
-    def straight(self, begin: Array, end: Array) -> tuple[Array, Array]:
-        """Joint positions on the straight move of the tool from one configuration to another.
+    def towards(self, begin: Array, end: Array, at: Way) -> tuple[Array, Array]:
+        """Joint positions on a move of the tool that leads from one configuration to another.
 
         Returns:
             λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin`` to ``end``.
@@ -95,30 +99,27 @@ class ToolChain(NamedTuple):
         Raises:
             InvalidInput: If the joints do not follow, or arrive at other positions than ``end``.
         """
-        R, p = self.poses(end[None])
-        shares, rows = self.straight_to(begin, Poses(R[0], p[0]), None, end)
+        shares, rows = self.along(begin, at, end)
         off = np.abs(rows[-1] - end)
         if off.max() > _SAME:
             joint = int(np.argmax(off))
             raise InvalidInput(
-                f"on the straight line {self.names[joint]} arrives at "
+                f"on its move the tool has {self.names[joint]} arrive at "
                 f"{np.degrees(rows[-1][joint]):.4f}°, and the program states "
                 f"{np.degrees(end[joint]):.4f}°: another configuration."
             )
         rows[-1] = end
         return shares, rows
 
-    def straight_to(
-        self, begin: Array, pose: Poses, point: mink.SE3 | None = None, end: Array | None = None
-    ) -> tuple[Array, Array]:
-        r"""Joint positions on the straight move of the tool to a pose (3, 3), (3,).
+    def along(self, begin: Array, at: Way, end: Array | None = None) -> tuple[Array, Array]:
+        """Joint positions on a move of the tool, which begins at joint positions (n,).
 
-        .. math:: \mathbf p(\lambda) = (1-\lambda)\,\mathbf p_0 + \lambda\,\mathbf p_1, \qquad
-            \mathbf R(\lambda) = \mathbf R_0 \exp(\lambda \log(\mathbf R_0^T \mathbf R_1))
+        Newton's method follows it, in steps of the joints so small that the branch stays.
 
-        Newton's method follows it from ``begin`` on, in steps of the joints so small that the
-        branch stays. What moves straight is ``point``, another frame of the tool in its own one.
-        External axes move to those of ``end`` (n,).
+        Args:
+            begin: Joint positions at λ = 0, rad or m, (n,).
+            at: The tool's poses at shares λ (K,) of the move.
+            end: Joint positions (n,) to which external axes move, in proportion.
 
         Returns:
             λ (K,) from 0 to 1, and joint positions there, (K, n), from ``begin``.
@@ -126,27 +127,21 @@ class ToolChain(NamedTuple):
         Raises:
             InvalidInput: If the joints do not follow.
         """
-        R, p = self.poses(begin[None])
-        turn, way = rotation_vector(R[0].T @ pose.rotations), pose.positions - p[0]
-        arm = np.zeros(3) if point is None else point.translation()
-        way = way + (pose.rotations - R[0]) @ arm
         external = list(self.external)
         moved = (begin if end is None else end)[external] - begin[external]
         share, length = 0.0, 1.0
         shares, rows, slope = [0.0], [begin], np.zeros(len(begin))
         while share < 1.0:
             then = min(1.0, share + length)
-            turned = R @ Rotation.from_rotvec(then * turn).as_matrix()
-            there = Poses(turned, p + then * way - (turned - R) @ arm)
             near = rows[-1] + (then - share) * slope
             near[external] = begin[external] + then * moved
-            found = self.beside(near[None], there)
+            found = self.beside(near[None], at(np.array([then])))
             step = np.inf if found is None else float(np.abs(found[0] - rows[-1]).max())
             if step > _STEP or found is None:
                 length /= 2.0
                 if length < _SHORTEST:
                     raise InvalidInput(
-                        "the joints do not follow the straight line: it leads through a "
+                        "the joints do not follow the move of the tool: it leads through a "
                         "singularity, or out of reach."
                     )
                 continue

@@ -44,7 +44,8 @@ from qp_twist.robots import (
 from qp_twist.robots.tool_chain import Part
 from qp_twist.robots.wording import listed
 from qp_twist.trajectories.around_moves import around_rows
-from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, followed, straight_moves
+from qp_twist.trajectories.followed import followed
+from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, straight_moves
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -206,7 +207,7 @@ def encode(
     around = {} if path_task is None else around_rows(rows, path_task)
     held = np.isin(np.arange(len(rows.q)), list(around))
     if linear is not None:
-        line = _straight(rows, dialect, joints, path_task, held)
+        line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
         rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
     kept = np.arange(len(rows.q))
     if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
@@ -249,17 +250,14 @@ def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> Jo
     calls = [k for k, found in around.items() if any(each.call for each in found)]
     if not calls:
         return replace(moves, around=around)
-    ends = np.isin(np.arange(len(moves.angles)), [0, len(moves.angles) - 1])
-    stops = ends if moves.stops is None else moves.stops.copy()
-    stops[calls] = True
-    shares = np.where(stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
+    shares = np.where(moves.stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
     shares[calls] = 0.0
-    return replace(moves, around=around, stops=stops, shares=shares)
+    return replace(moves, around=around, shares=shares)
 
 
 def _straight(
     rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
-    held: Mask,
+    held: Mask, *, circles: bool,
 ) -> StraightMoves:  # fmt: skip
     """The rows between which the tool moves straight.
 
@@ -273,7 +271,7 @@ def _straight(
         )
     if path_task is None or joints.tool is None or rows.times is None:
         raise InvalidInput("straight moves need a trajectory with times and its task.")
-    return straight_moves(rows, path_task, joints.tool, held, two_angles=dialect.two_angles)
+    return straight_moves(rows, path_task, joints.tool, held, dialect=dialect, circles=circles)
 
 
 def decode(
@@ -307,9 +305,12 @@ def decode(
         check_header(moves, dialect, joints.robot, equations)
         angles, external = _columns(moves, joints, names)
         scale = joints.scale(dialect.unit)
-        q, times, durations = followed(moves, joints.positions(angles / scale), joints)
-        moves = replace(moves, durations=durations)  # those of speeds, too
-        check_header(moves, dialect, joints.robot, equations)
+        vias = [
+            None if each is None or each.angles is None or joints.external
+            else joints.positions(np.array([each.angles]) / scale)[0]
+            for each in moves.circles
+        ]  # fmt: skip
+        q, times = followed(moves, joints.positions(angles / scale), joints, vias)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and times is not None:
@@ -334,7 +335,7 @@ def decode(
         notes=tuple(notes),
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
         own_ramps=rates is None,
-        program=f"{len(lines)} lines, {len(moves.angles)} points",
+        program=f"{len(lines)} lines, {moves.points} points",
     )
 
 

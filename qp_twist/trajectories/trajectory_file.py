@@ -164,16 +164,20 @@ def write_checked(
 
     With ``force`` it is, with a first line at which a controller stops. ``joint_names`` are the
     joints to read back, in this order; ``None``: those of the file. With ``linear``, a program
-    moves the tool straight along the path instead of the joints.
+    moves the tool along the path instead of the joints, without circles if it passes only so.
 
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
-    calls = path_task.calls.values()
-    dialect, files = dialect_of(path), _encoded(trajectory, path, joints, path_task, linear)
-    with tempfile.TemporaryDirectory() as folder:
-        file = _write(Path(folder) / path.name, files)
-        check = check_trajectory(read_trajectory(file, joint_names, joints, calls), path_task)
+    calls, dialect = path_task.calls.values(), dialect_of(path)
+    straight = [] if linear is None or not linear.circles else [linear._replace(circles=False)]
+    for motion in (linear, *straight):
+        files = _encoded(trajectory, path, joints, path_task, motion)
+        with tempfile.TemporaryDirectory() as folder:
+            file = _write(Path(folder) / path.name, files)
+            check = check_trajectory(read_trajectory(file, joint_names, joints, calls), path_task)
+        if check.passes:
+            break
     if dialect is not None and not check.passes:
         if not force:
             return CheckedFile(check, False)

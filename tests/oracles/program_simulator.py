@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from oracles.data_sheets import about, links
+from oracles.tool_circles import length_of, moved
 
 Array = np.ndarray
 N = r"-?\d+\.?\d*(?:[eE]-?\d+)?"
@@ -40,7 +41,8 @@ class Cell(NamedTuple):
 class Move(NamedTuple):
     """To shown angles (rad in URScript, else degrees) or a pose, straight or not.
 
-    In seconds, or at speeds in m/s and rad/s; with rates at its end each joint is on a cubic.
+    In seconds, or at speeds in m/s and rad/s; with rates at its end each joint is on a cubic; on a
+    circle ``via`` shown angles or a pose.
     """
 
     straight: bool
@@ -52,6 +54,8 @@ class Move(NamedTuple):
     speeds: tuple[float, float] = (np.nan, np.inf)
     rates: Array | None = None
     on_part: bool = False
+    via: Array | None = None
+    rule: str = "space"
 
 
 class Text(NamedTuple):
@@ -103,10 +107,15 @@ def _rapid(text: str) -> Text:
     tool = re.search(r"tooldata \w+:=\[TRUE,(.*?\]\])", text)
     frame = re.search(r'wobjdata \w+:=\[FALSE,TRUE,"",(.*?\]\])', text)
     found = []
-    for word, rest in re.findall(r"^\s*(MoveAbsJ|MoveL) (.*);$", text, re.M):
+    for word, rest in re.findall(r"^\s*(MoveAbsJ|MoveL|MoveC) (.*);$", text, re.M):
         time = re.search(rf"\\T:=({N})", rest)
         seconds = float(time[1]) if time else np.nan
-        groups = re.findall(r"\[([^\[\]]*)\]", rest)
+        groups, via = re.findall(r"\[([^\[\]]*)\]", rest), None
+        if word == "MoveC" and "CalcRobT" in rest:
+            via, groups = np.array(numbers(groups[0])), groups[2:]
+        elif word == "MoveC":
+            via = quaternion_pose(*numbers(groups[0]), *numbers(groups[1]))
+            groups = groups[4:]
         if word == "MoveAbsJ" or "CalcRobT" in rest:
             theta, others = groups[0], groups[1]
             pose, data, speeds = None, (), (np.nan, np.inf)
@@ -119,8 +128,9 @@ def _rapid(text: str) -> Text:
         given = zip("abcdef", others.split(","), strict=True)
         external = {f"eax_{key}": float(value) for key, value in given if value.strip() != "9E9"}
         found.append(
-            Move(word == "MoveL", None if theta is None else np.array(numbers(theta)), pose,
-                 external, data, seconds, speeds, None, "WObj" in rest and "task_wobj" not in rest)
+            Move(word != "MoveAbsJ", None if theta is None else np.array(numbers(theta)), pose,
+                 external, data, seconds, speeds, None, "WObj" in rest and "task_wobj" not in rest,
+                 via, "path")
         )  # fmt: skip
     return Text(found, *(None if m is None else quaternion_pose(*numbers(m[1])[:7])
                          for m in (tool, frame)))  # fmt: skip
@@ -129,7 +139,16 @@ def _rapid(text: str) -> Text:
 def _krl(text: str) -> Text:
     stated = [re.search(rf"^\${word}=\{{(.*)\}}", text, re.M) for word in ("TOOL", "BASE")]
     coupled, speeds, found = "EK(" in text, {"CP": np.nan, "ORI1": np.inf}, list[Move]()
-    for line in text.splitlines():
+    rule = "space"
+    for written in text.splitlines():
+        line, via = written, None
+        places = re.findall(r"\{.*?\}", written)
+        if written.startswith("CIRC "):
+            via_fields = dict(re.findall(rf"\b([A-Z]) ({N})", places[0]))
+            via = angles_pose(*(float(via_fields[key]) for key in "XYZABC"))
+            line = f"LIN {places[1]}"
+        elif turn := re.fullmatch(r"\$CIRC_TYPE=#(\w+)", line):
+            rule = {"PATH": "path", "BASE": "space"}[turn[1]]
         fields = {key: float(value) for key, value in re.findall(rf"\b([A-Z]\d?) ({N})", line)}
         external = {key: value for key, value in fields.items() if key[0] == "E"}
         if setting := re.fullmatch(rf"\$VEL\.(\w+)=({N})", line):
@@ -144,7 +163,9 @@ def _krl(text: str) -> Text:
             data = int(fields["S"]), int(fields["T"])
             pose = angles_pose(*(fields[key] for key in "XYZABC"))
             both = speeds["CP"], np.radians(speeds["ORI1"])
-            found.append(Move(True, None, pose, external, data, np.nan, both, None, coupled))
+            found.append(
+                Move(True, None, pose, external, data, np.nan, both, None, coupled, via, rule)
+            )
     return Text(found, *(None if m is None else angles_pose(*numbers(re.sub("[A-Z]", "", m[1])))
                          for m in stated))  # fmt: skip
 
@@ -152,9 +173,10 @@ def _krl(text: str) -> Text:
 def _ls(text: str) -> Text:
     points = dict(re.findall(r"^P\[(\d+)\]\{(.*?)\};", text, re.S | re.M))
     in_base, found = "UFRAME_NUM=0" in text, list[Move]()
-    for word, number, how, option in re.findall(
-        r":([JL]) P\[(\d+)\] (\S+) \w+ ?(COORD|RTCP|) ?;", text
-    ):
+    pattern = r":([JLC]) (?:P\[(\d+)\]\n    :  )?P\[(\d+)\] (\S+) \w+ ?(COORD|RTCP|) ?;"
+    for word, between, number, how, option in re.findall(pattern, text):
+        assert bool(between) == (word == "C")
+        via = _fanuc_place(points[between]) if between else None
         first, _, second = points[number].partition("GP2:")
         fields = {key: float(value) for key, value in re.findall(rf"(\w+)= ({N}) ", first)}
         external = {key: value for key, value in fields.items() if key[0] == "E"}
@@ -166,20 +188,28 @@ def _ls(text: str) -> Text:
         theta = pose = None
         data: tuple[int, ...] = ()
         if "J1" in fields:
-            theta = np.array([fields[f"J{k}"] for k in range(1, 7)])
+            theta = _fanuc_place(first)
         else:
-            pose = angles_pose(*(fields[key] for key in "XYZRPW"))
+            pose = _fanuc_place(first)
             letters, *turns = re.search(r"CONFIG : '([^']*)'", first)[1].split(",")  # type: ignore[index]
             data = (*(int(each in "FDB") for each in letters.split()), *map(int, turns))
-        found.append(Move(word == "L", theta, pose, external, data, seconds, (speed, np.inf), None,
-                          bool(option)))  # fmt: skip
+        found.append(Move(word != "J", theta, pose, external, data, seconds, (speed, np.inf), None,
+                          bool(option), via))  # fmt: skip
     of_poses = in_base and any(move.pose is not None for move in found)
     return Text(found, None, np.eye(4) if of_poses else None)
 
 
+def _fanuc_place(inside: str) -> Array:
+    """Shown angles, or a pose."""
+    fields = {key: float(value) for key, value in re.findall(rf"(\w+)= ({N}) ", inside)}
+    if "J1" in fields:
+        return np.array([fields[f"J{k}"] for k in range(1, 7)])
+    return angles_pose(*(fields[key] for key in "XYZRPW"))
+
+
 def _urscript(text: str) -> Text:
     found = list[Move]()
-    for word, rest in re.findall(r"^  (movej|movel|movep|start|cubic|line)\((\[.*)\)$", text, re.M):
+    for word, rest in re.findall(r"^  (move[jlpc]|start|cubic|line)\((\[.*)\)$", text, re.M):
         groups = [numbers(each) for each in re.findall(r"\[([^\]]*)\]", rest)]
         given = {key: float(value) for key, value in re.findall(rf"(\w)=({N})", rest)}
         seconds, v = given.get("t", np.nan), given.get("v", np.nan)
@@ -188,8 +218,10 @@ def _urscript(text: str) -> Text:
         if word == "start" and found:  # where the robot is
             continue
         rates = np.array(groups[1]) if word in ("start", "cubic") else None
-        found.append(Move(word in ("movel", "movep"), np.array(groups[0]), None, {}, (), seconds,
-                          (v, np.inf), rates))  # fmt: skip
+        via = np.array(groups[0]) if word == "movec" else None
+        theta = np.array(groups[word == "movec"])
+        found.append(Move(word in ("movel", "movep", "movec"), theta, None, {}, (), seconds,
+                          (v, np.inf), rates, False, via))  # fmt: skip
     return Text(found)
 
 
@@ -287,20 +319,27 @@ class Controller:
         for move in moves:
             there = self.joints(move, q)
             end = self.end(move, there, own_tool)
-            way = float(np.linalg.norm(end[:3, 3] - at[:3, 3]))
-            turn = Rotation.from_matrix(at[:3, :3].T @ end[:3, :3]).magnitude()
+            via = None
+            if move.via is not None:
+                is_pose = move.via.ndim == 2
+                between = move._replace(theta=None if is_pose else move.via,
+                                        pose=move.via if is_pose else None)  # fmt: skip
+                via = self.end(between, self.joints(between, q), own_tool)[:3, 3]
+            way = length_of(at, end, via)
+            first_turns = moved(at, end, np.array([0.0, 1e-3]), via, move.rule)[1]
+            turn = 1e3 * Rotation.from_matrix(first_turns[0].T @ first_turns[1]).magnitude()
             seconds = move.seconds
             if np.isnan(seconds):
                 seconds = max(way / move.speeds[0], turn / move.speeds[1])
             shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(seconds / MS)))[1:]
             begin = q
-            turns = Slerp([0.0, 1.0], Rotation.from_matrix([at[:3, :3], end[:3, :3]]))
-            for s in shares:
+            spots, turns = moved(at, end, shares, via, move.rule)
+            for k, s in enumerate(shares):
                 if move.straight:
                     near = q.copy()
                     for place, _ in self.places.values():
                         near[place] = begin[place] + s * (there[place] - begin[place])
-                    pose = rigid(turns(s), (1.0 - s) * at[:3, 3] + s * end[:3, 3])
+                    pose = rigid(Rotation.from_matrix(turns[k]), spots[k])
                     then = self.reach(near, pose)
                 else:
                     then = begin + s * (there - begin)

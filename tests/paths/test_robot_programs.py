@@ -292,7 +292,7 @@ def between(line: str) -> str:
             ("CALL JOB:OTHER", "the job OTHER is not read"), ("RET IF IN#(1)=ON", "RET decides"),
             ("PAUSE IF IN#(1)=ON", "PAUSE decides here"), ("TSYNC 1", "may move the robot"))),
         ("a.src", between("$ORI_TYPE=#CONSTANT"), "line 4: .*ORI_TYPE"),
-        ("a.src", between("$CIRC_TYPE=#PATH"), "line 4: .*CIRC_TYPE"),
+        ("a.src", between("$CIRC_TYPE=#OTHER"), "line 4: .*CIRC_TYPE"),
         ("a.src", krl("S" + LIN.format(1).strip() + " WITH $ORI_TYPE=#JOINT\n"), "the tool turns"),
         ("a.src", between("LDAT_ACT={VEL 2.0,ORI_TYP #CONSTANT,CIRC_TYP #BASE}"),
          "line 4: 'LDAT_ACT"),

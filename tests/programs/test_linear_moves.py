@@ -14,8 +14,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
 from qp_twist.cli import main
+from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import DIALECTS
 from qp_twist.robots import ControllerJoints
+from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories import (
     TimedPath,
     check_trajectory,
@@ -113,7 +115,10 @@ def test_the_joints_follow_straight_lines_on_their_branch() -> None:
         begin = rng.uniform(0.6 * low, 0.6 * high)
         end = begin + rng.uniform(-0.3, 0.3, 6)
         try:
-            shares, rows = joints.tool.straight(begin, end)
+            here, there = (
+                Poses(*(each[0] for each in joints.tool.poses(q[None]))) for q in (begin, end)
+            )
+            shares, rows = joints.tool.towards(begin, end, ToolMove.between(here, there).at)
         except qt.InvalidInput as refusal:
             # Then the branches differ, or the line leads close to a singularity.
             assert re.search("singularity|another configuration", str(refusal))

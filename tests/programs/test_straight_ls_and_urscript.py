@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from oracles.data_sheets import about, data_of, links
 from oracles.remodelled import remodelled
+from oracles.ur_flange import flange_of
 from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
@@ -35,11 +36,6 @@ POSTURES = {
     "Universal Robots UR5e": (10.0, -80.0, 100.0, -110.0, -80.0, 20.0),
     "Universal Robots UR10e": (-100.0, -120.0, 90.0, -50.0, 70.0, -150.0),
 }
-# Denavit and Hartenberg's lengths of the maker, m: d1, a2, a3, d4, d5, d6.
-LENGTHS = {
-    "Universal Robots UR5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
-    "Universal Robots UR10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
-}
 FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
 AXIS = qt.TwistProjector(
     linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
@@ -49,16 +45,7 @@ SPEED = {name: 0.06 if "UR10e" in name else 0.12 for name in POSTURES}
 
 def flange(name: str, theta: Array) -> Array:
     """The flange in the controller's base, at θ, degrees."""
-    if name.startswith("Fanuc"):
-        return links(name, theta)[-1]
-    d1, a2, a3, d4, d5, d6 = LENGTHS[name]
-    at = np.eye(4)
-    rows = [(d1, 0, 90), (0, a2, 0), (0, a3, 0), (d4, 0, 90), (d5, 0, -90), (d6, 0, 0)]
-    for angle, (d, a, twist) in zip(theta, rows, strict=True):
-        move = np.eye(4)
-        move[:3, 3] = a, 0.0, d
-        at = at @ about("z", angle) @ move @ about("x", twist)
-    return at
+    return links(name, theta)[-1] if name.startswith("Fanuc") else flange_of(name, theta)
 
 
 class Case(NamedTuple):
@@ -347,7 +334,7 @@ def test_numbers_of_tool_and_frame(cases: dict[str, Case], tmp_path: Path) -> No
         ("Universal Robots UR5e", "joints", (r"movel\((.*), r=0.00.*\n", ""), "a line was lost"),
         ("Universal Robots UR5e", "joints", (r"v=0\.1[12]\d+", "v=0.03"), "a speed or a time"),
         ("Universal Robots UR5e", "joints", (r"v=0\.1[12]\d+", "v=-1"), "positive"),
-        ("Universal Robots UR5e", "joints", (r"movel\(\[", "movec(["), "movec is not read"),
+        ("Universal Robots UR5e", "joints", (r"movel\(\[", "movec(["), r"line \d+: .*movec"),
         ("Universal Robots UR5e", "joints", (r"movel\(\[.*?\]", "movel(get_pose()"), "get_pose"),
         ("Universal Robots UR5e", "joints", (r"r=0.00\d+\)", "r=0.001, s=1)"), "arguments"),
         ("Universal Robots UR5e", "joints", (r"(?s)(\n  movel.*)(\n  movel.*)",

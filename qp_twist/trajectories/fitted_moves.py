@@ -1,0 +1,278 @@
+"""Moves of the tool that lead through few of a trajectory's rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from qp_twist.checks import Array, Indices, Mask
+from qp_twist.errors import InvalidInput
+from qp_twist.geometry import (
+    Projector,
+    TwistProjector,
+    geodesic,
+    resolved_twist_error,
+    rotation_vector,
+)
+from qp_twist.paths import PathTask
+from qp_twist.paths.tool_moves import ToolMove
+from qp_twist.programs import Turning
+from qp_twist.robots import ToolChain
+from qp_twist.robots.tool_chain import Poses
+from qp_twist.trajectories.matching import times_at_waypoints
+from qp_twist.trajectories.timed_path import TimedPath
+
+_SHARE = 0.2
+"""Share of the tolerances by which a line may leave the planned motion at its rows, which itself
+uses up to half of them between waypoints."""
+_OF_CIRCLE = 0.5, 0.35
+"""Likewise of a circle at rows, most of which are waypoints, and between them. A file states a
+circle by chords, whose middles and ends are on both sides of the nearest circle: at ±0.046 mm for
+chords of 10 mm at a radius of 150 mm."""
+_PACE = 0.02
+"""Largest difference between the shares of time and of way on a move: the tool has constant speed
+on it, which would otherwise be another one than planned."""
+_ASIDE = np.radians([1.0, 3.0])
+"""Largest difference of the joints from those planned, rad (17 mm of slides), on a line and on a
+circle, where the roll is in proportion for longer: the branch is the same, and limits are nearly
+kept as planned."""
+_SWEEPS = np.radians([4.0, 170.0])
+"""Least and largest angles of a circle and, largest alone, of the tool's turn: from the first point
+ABB's controllers need 1° between the other two, a fourth of the angle, and a turn by 180° has two
+ways."""
+_APART = 1e-4
+"""What ABB's controllers need between the points of a circle, m (*RAPID Instructions*, MoveC)."""
+
+
+class Point(NamedTuple):
+    """A point of a program beside a row: the tool's pose (3, 3), (3,), and its joint positions."""
+
+    row: int
+    pose: Poses
+    q: Array
+
+
+class FittedMove(NamedTuple):
+    """A move of the tool, and of a circle how the tool turns and the point between.
+
+    Attributes:
+        move: The move.
+        end: The point to which it leads.
+        rule: ``None``: straight.
+        q: Joint positions at the point between, rad, (n,); ``None``: straight.
+    """
+
+    move: ToolMove
+    end: Point
+    rule: Turning | None = None
+    q: Array | None = None
+
+
+class Fits:
+    """Which moves keep the rows of a trajectory, and the path between them."""
+
+    def __init__(
+        self, rows: TimedPath, path_task: PathTask, tool: ToolChain, held: Mask | None, *,
+        two_angles: bool,
+    ) -> None:  # fmt: skip
+        """Rows that are ``held`` (N,) are points.
+
+        With ``two_angles`` a move has to keep them, too, if a controller swings an axis of the
+        tool, whichever it is, and turns about it at once.
+        """
+        self._tool, self._two_angles, own = tool, two_angles, rows.of_joints(tool.names)
+        times = own.motion.times
+        self.last = len(own.q) - 1
+        self._times = np.insert(times, np.arange(1, len(times)), own.motion.middles)
+        self._q = own.motion.at(self._times).q
+        self._q[::2] = own.q
+        self._poses = tool.poses(self._q)
+        self._held = np.zeros(len(own.q), dtype=bool) if held is None else held
+        self._tolerances, self._projector = path_task.tolerances, _rows_of(path_task)
+        self.on_joint_moves = _on_joint_moves(rows, path_task)
+
+    @property
+    def projector(self) -> TwistProjector:
+        """The directions in which the tool has to stay."""
+        return self._projector
+
+    def point(self, row: int) -> Point:
+        """Where a row is."""
+        R, p = (each[2 * row] for each in self._poses)
+        return Point(row, Poses(R, p), self._q[2 * row])
+
+    def straight(self, begin: Point, end: int) -> FittedMove | None:
+        """The straight move from a point to a row, if it keeps the rows between."""
+        to = self.point(end)
+        move = ToolMove.between(begin.pose, to.pose)
+        places = np.arange(2 * begin.row, 2 * end + 1, 2)
+        beside = begin.pose.positions - self._poses.positions[2 * begin.row]  # on a circle before
+        off = float(np.linalg.norm(beside)) / self._tolerances.position
+        found = self._keeps(move, places, _SHARE + off * np.linspace(1.0, 0.0, len(places)))
+        return None if found is None else FittedMove(move, to)
+
+    def circle(self, begin: Point, end: int, rule: Turning) -> FittedMove | None:
+        """The circular move to the nearest circle beside a row, likewise.
+
+        Its point between is on that circle beside the row in the middle.
+        """
+        places = np.arange(2 * begin.row, 2 * end + 1)
+        middle = (end - begin.row) // 2
+        R, p = (each[places] for each in self._poses)
+        points = np.array([begin.pose.positions, *_on_circle(p, p[[2 * middle, -1]])])
+        try:
+            move = ToolMove.circular(begin.pose, points[1], Poses(R[-1], points[2]), rule)
+        except InvalidInput:  # on a line, or the same
+            return None
+        assert move.arc is not None
+        turn = float(np.linalg.norm(move.d))
+        apart = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
+        if not (_SWEEPS[0] <= move.arc.sweep <= _SWEEPS[1] and turn <= _SWEEPS[1]):
+            return None
+        if apart.min() < _APART:
+            return None
+        found = self._keeps(move, places, np.where(places % 2, *_OF_CIRCLE[::-1]))
+        if found is None:
+            return None
+        shares = np.append(move.share(points[1][None]), 1.0)
+        q = self._tool.beside(found[[2 * middle, -1]], move.at(shares))
+        if q is None:
+            return None
+        return FittedMove(move, Point(end, Poses(R[-1], points[2]), q[1]), rule, q[0])
+
+    def follows(self, found: FittedMove, begin: Point) -> bool:
+        """Whether the joints follow a move from a point."""
+        try:
+            self._tool.towards(begin.q, found.end.q, found.move.at)
+        except InvalidInput:
+            return False
+        return True
+
+    def _keeps(self, move: ToolMove, places: Indices, allowed: Array) -> Array | None:
+        """The joint positions (K, n) on a move beside places, if those are kept.
+
+        ``allowed`` (K,) are the shares of the tolerances.
+        """
+        if self._held[places[0] // 2 + 1 : places[-1] // 2].any():
+            return None
+        R, p = (each[places] for each in self._poses)
+        times, tolerances = self._times[places], self._tolerances
+        paced = (times - times[0]) / (times[-1] - times[0])
+        share = move.share(p) if move.length > tolerances.position else paced
+        if np.abs(share - paced).max() > _PACE:
+            return None
+        line = move.at(share)
+        for turned in (line.rotations, *self._swung(move, share)):
+            _, error = resolved_twist_error(turned, line.positions, R, p, self._projector)
+            linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
+            if not tolerances.met(linear / allowed, angular / allowed).all():
+                return None
+        near, on = self._q[places], list(self._tool.external)
+        near[:, on] = near[0, on] + share[:, None] * (near[-1, on] - near[0, on])
+        found = self._tool.beside(near, line)
+        aside = _ASIDE[int(move.arc is not None)]
+        if found is None or np.abs(found - self._q[places]).max() > aside:
+            return None
+        return found
+
+    def _swung(self, move: ToolMove, share: Array) -> list[Array]:
+        """The rotations (K, 3, 3) on a move if an axis of the tool swings."""
+        if not self._two_angles:
+            return []
+        lead = Rotation.from_rotvec(share[:, None] * move.omega).as_matrix()
+        ends = move.rotation, move.rotation @ Rotation.from_rotvec(move.d).as_matrix()
+        return [lead @ _two_angles(np.array(ends), share, axis) for axis in np.eye(3)]
+
+
+def _on_circle(positions: Array, near: Array) -> Array:
+    """The points nearest to others, (K, 3), on the circle nearest to positions (N, 3).
+
+    In the plane of the two largest singular values; its centre solves x² + y² = 2 a x + 2 b y + c
+    by least squares (Kåsa 1976), its radius is between the least and the largest distance from it.
+    """
+    middle = positions.mean(axis=0)
+    plane = np.linalg.svd(positions - middle, full_matrices=False)[2][:2]
+    xy = (positions - middle) @ plane.T
+    (*centre, _), *_ = np.linalg.lstsq(
+        np.column_stack([2.0 * xy, np.ones(len(xy))]), (xy**2).sum(axis=1)
+    )
+    radii = np.linalg.norm(xy - centre, axis=1)
+    away = (near - middle) @ plane.T - centre
+    radius = 0.5 * (radii.min() + radii.max()) / np.linalg.norm(away, axis=1, keepdims=True)
+    found: Array = middle + (centre + radius * away) @ plane
+    return found
+
+
+def farthest(fits: Fits, rules: Sequence[Turning]) -> tuple[list[Point], list[FittedMove | None]]:
+    """The points, and the moves between them; ``None``: a joint move.
+
+    From each row the move is the farthest. A circle, which has two points, has to lead farther than
+    two such straight moves. Where the joints do not follow, it leads half as far.
+    """
+    points, moves = [fits.point(0)], list[FittedMove | None]()
+    while (begin := points[-1]).row < fits.last:
+        ends = np.flatnonzero(fits.on_joint_moves[begin.row + 1 :])
+        most = begin.row + int(ends[0]) if len(ends) else fits.last  # before the next joint move
+        best = _reach(fits, partial(fits.straight, begin), begin, 1, most)
+        least = 1 + 2 * (best.end.row - begin.row if best else 1)
+        for rule in rules:
+            found = _reach(fits, partial(fits.circle, begin, rule=rule), begin, least, most)
+            if found is not None and (best is None or found.end.row > best.end.row):
+                best = found
+        moves.append(best)
+        points.append(best.end if best else fits.point(begin.row + 1))
+    return points, moves
+
+
+def _reach(
+    fits: Fits, of: Callable[[int], FittedMove | None], begin: Point, least: int, most: int
+) -> FittedMove | None:
+    """The move that leads farthest, to row ``most`` at most, and ``least`` rows on at least."""
+    good, bad, step, found = begin.row, most + 1, least, None
+    while bad - good > 1:
+        end = min(good + step, bad - 1)
+        if end < begin.row + least:
+            break
+        if (move := of(end)) is not None:
+            good, step, found = end, 2 * step, move
+        else:
+            bad, step = end, max(1, (end - good) // 2)
+    while found is not None and not fits.follows(found, begin):
+        good = begin.row + (good - begin.row) // 2
+        found = of(good) if good >= begin.row + least else None
+    return found
+
+
+def _on_joint_moves(rows: TimedPath, path_task: PathTask) -> Mask:
+    """Rows that a joint move of the task leads to: those after a waypoint, up to the next, (N,)."""
+    found = np.zeros(len(rows.q), dtype=bool)
+    if path_task.joint_moves:
+        at = times_at_waypoints(path_task, rows.motion, path_task.tolerances)
+        times = rows.motion.times
+        for k in path_task.joint_moves:
+            found |= (times > at[k - 1] + 1e-9) & (times <= at[k] + 1e-9)
+    return found
+
+
+def _rows_of(path_task: PathTask) -> TwistProjector:
+    """The directions in which the tool has to stay; all of them where they change on the way."""
+    if not path_task.segments:
+        return path_task.projector
+    return TwistProjector(linear=Projector.full(), angular=Projector.full())
+
+
+def _two_angles(R: Array, share: Array, axis: Array) -> Array:
+    """Rotations (K, 3, 3) at shares (K,) from R[0] to R[1].
+
+    An axis of the tool (3,) swings, and the tool turns about it, each in proportion.
+    """
+    swing = geodesic(R[0] @ axis, R[1] @ axis)
+    twist = rotation_vector(R[0].T @ Rotation.from_rotvec(-swing).as_matrix() @ R[1])
+    before = Rotation.from_rotvec(share[:, None] * swing).as_matrix()
+    after = Rotation.from_rotvec(share[:, None] * twist).as_matrix()
+    turned: Array = before @ R[0] @ after
+    return turned

@@ -1,0 +1,189 @@
+"""The motion of a program: its moves of the tool, followed by inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mink
+import numpy as np
+
+from qp_twist.checks import Array
+from qp_twist.errors import InvalidInput
+from qp_twist.paths.tool_moves import ToolMove
+from qp_twist.programs import Circle, JointMoves, Target
+from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
+from qp_twist.robots.tool_chain import Poses
+
+_TURNED = float(np.radians(0.05))
+"""Turn from that in proportion, rad, that counts as none: the tolerance of an axis."""
+
+
+_ON = {
+    "": "in a frame that stands still", "positioner": "on a part that a positioner moves",
+    "hand": "on a part that the robot holds",
+}  # fmt: skip
+_MOVED = {"": "stands still", "positioner": "is on a positioner", "hand": "is in its hand"}
+
+
+def followed(
+    moves: JointMoves, q: Array, joints: ControllerJoints, vias: Sequence[Array | None] = ()
+) -> tuple[Array, Array | None]:
+    """The motion of a program with joint positions q (N, n) at its points, nan where it has a pose.
+
+    Moves of the tool are followed from where they begin; one to a pose has to arrive with the
+    configuration that the program states. A joint move to a pose leads to the joint positions that
+    the configuration names.
+
+    Args:
+        moves: The moves.
+        q: Joint positions.
+        joints: How the controller counts them.
+        vias: Of each move the joint positions (n,) of the point on its circle; ``None``: a pose.
+
+    Returns:
+        The rows (K, n), with those of moves of the tool between, and their times, s, (K,), if the
+        program has times.
+
+    Raises:
+        InvalidInput: If the tool or the robot is not known, or the joints do not follow a move;
+            with its line.
+    """
+    if moves.straight is None and not moves.targets:
+        given = moves.durations
+        times = None if given is None else np.concatenate([[0.0], np.cumsum(given)])
+        return q, times
+    lines = moves.straight or (0,) * (len(q) - 1)
+    targets = moves.targets or (None,) * len(q)
+    tool = joints.tool
+    if tool is None and (any(lines) or any(targets)):
+        raise InvalidInput("straight moves of the tool are read with the task of the robot.")
+    for part, number in moves.parts.items():
+        if tool is not None and part not in (None, tool.part):
+            raise InvalidInput(
+                f"the tool moves straight {_ON[part]}; the part of the task {_MOVED[tool.part]}.",
+                line=number,
+            )
+    order = [] if tool is None else [joints.joint_names.index(name) for name in tool.names]
+    durations = None if moves.durations is None else moves.durations.copy()
+    at, q = q[:1], q.copy()
+    rows, shares = list[Array](), list[Array]()
+    for k, target in enumerate(targets):
+        line = lines[k - 1] if k else 0
+        share, more = np.ones(1), q[k : k + 1]
+        try:
+            if tool is None:
+                pass
+            elif line:
+                circle = moves.circles[k - 1] if moves.circles else None
+                via = vias[k - 1][order] if circle and vias[k - 1] is not None else None  # type: ignore[index]
+                move = _move(tool, joints.arm, at[0, order], q[k, order], target, circle, via)
+                share, more = _along(
+                    tool, joints.arm, move, at[0, order], q[k, order], target, circle
+                )
+                if moves.speeds and (speed := moves.speeds[k - 1]) and durations is not None:
+                    durations[k - 1] = speed.seconds(move.length, move.turn)
+            elif target is not None:
+                there, near = q[k, order], at[0, order][tool.own] if k else None
+                pose = tool.at_reference(_in_world(tool, joints.arm, target), np.nan_to_num(there))
+                there[tool.own] = _arm(joints.arm).joints_at(pose, target.configuration, near)
+                more = there[None]
+        except InvalidInput as error:
+            error.line = line or (target.line if target else None) or error.line
+            raise
+        if tool is not None and (line or target is not None):
+            q_there = np.repeat(at, len(more), axis=0)
+            q_there[:, order] = more
+            more = q_there
+        at = more[-1:]
+        rows.append(more)
+        shares.append(share)
+    if durations is None:
+        return np.concatenate(rows), None
+    ends = np.concatenate([[0.0], np.cumsum(durations)])
+    at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
+    return np.concatenate(rows), np.concatenate(at_rows)
+
+
+def _move(
+    tool: ToolChain, arm: ControllerArm | None, begin: Array, end: Array, target: Target | None,
+    circle: Circle | None, via: Array | None,
+) -> ToolMove:  # fmt: skip
+    """The move of the tool from joint positions to others, or to a pose; through a point or not."""
+    here, there, point = _first(tool.poses(begin[None])), _first(tool.poses(end[None])), None
+    if target is not None:
+        there, point = _poses(_in_world(tool, arm, target)), _point(arm, target)
+    offset = np.zeros(3) if point is None else point.translation()
+    if circle is None:
+        return ToolMove.between(here, there, offset)
+    if tool.external or tool.part:
+        raise InvalidInput(
+            "circles are read where the robot's arm alone moves the tool, along a part at rest; "
+            "write straight moves."
+        )
+    on = _first(tool.poses(via[None])) if via is not None else None
+    if on is None:
+        assert circle.target is not None
+        on = _poses(_in_world(tool, arm, circle.target))
+    place = on.positions + on.rotations @ offset
+    move = ToolMove.circular(here, place, there, circle.rule, offset, circle.sweep)
+    if circle.turned:
+        off = move.off_turn(place, on.rotations)
+        if off > _TURNED:
+            raise InvalidInput(
+                f"at the point between, the tool is turned by {np.degrees(off):.3g}° from where it "
+                "would be if it turned in proportion; what the controller makes of that is not "
+                "public. Write the turn in proportion there."
+            )
+    return move
+
+
+def _along(
+    tool: ToolChain, arm: ControllerArm | None, move: ToolMove, begin: Array, end: Array,
+    target: Target | None, circle: Circle | None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Shares and joint positions of a move of the tool, behind those where it begins."""
+    elsewhere = circle is not None and (circle.sweep is not None or circle.rule == "tangent")
+    if target is None and not elsewhere:
+        shares, rows = tool.towards(begin, end, move.at)
+    else:
+        shares, rows = tool.along(begin, move.at, end)
+        if target is not None and target.configuration and not elsewhere:
+            _arm(arm).check_configuration(rows[-1, tool.own], target.configuration)
+    return shares[1:], rows[1:]
+
+
+def _first(poses: Poses) -> Poses:
+    return Poses(poses.rotations[0], poses.positions[0])
+
+
+def _poses(pose: mink.SE3) -> Poses:
+    return Poses(pose.rotation().as_matrix(), pose.translation())
+
+
+def _point(arm: ControllerArm | None, target: Target | None) -> mink.SE3 | None:
+    """The program's tool in the task's frame; ``None``: it is that one."""
+    if target is None or target.tool.pose is None:
+        return None
+    return _arm(arm).tool_in_flange.inverse() @ target.tool.pose
+
+
+def _in_world(tool: ToolChain, arm: ControllerArm | None, target: Target) -> mink.SE3:
+    """The pose of the task's frame in the world, or on the part that moves, at a target."""
+    if target.tool.pose is None and target.frame.pose is None:
+        return target.pose
+    if target.frame.pose is not None and tool.external:
+        raise InvalidInput(
+            f"positions in {target.frame.name}, whose pose the program states, are not read of a "
+            "robot on a rail: where its controller has the world is not known. Use a frame by "
+            "number, which is the world of the task."
+        )
+    return _arm(arm).world_pose(target.pose, target.tool.pose, target.frame.pose)
+
+
+def _arm(arm: ControllerArm | None) -> ControllerArm:
+    if arm is None:
+        raise InvalidInput(
+            "a pose in the robot's base, or with configuration data, is read for known robots, in "
+            "the languages that have such data; name the robot (--robot)."
+        )
+    return arm
