@@ -79,7 +79,8 @@ def plan(
             joint move leads to where it goes on. ``plan.cuts`` are the waypoints after which it
             does; ``plan.path_task`` has the retreats, joint moves and approaches.
         slow_down: Whether to plan a motion that is as little slower as possible where none keeps
-            the feed; ``plan.certificate`` says where, and why there is none at the feed.
+            the feed; ``plan.certificate`` says where, and why there is none at the feed. With
+            ``cuts="fewest"`` the tool lifts off instead, and the feed is kept.
         seeds: Methods whose trajectories are improved as well. They find passages near a
             singularity that are narrower than the grid.
         progress: Called with the current phase and its share done.

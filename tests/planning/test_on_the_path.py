@@ -11,6 +11,7 @@ import pytest
 
 import qp_twist as qt
 from qp_twist.planning.on_the_path import OnThePath
+from qp_twist.planning.problem import block_diagonal
 from qp_twist.trajectories.task_run import run_task
 
 Array = np.ndarray
@@ -92,3 +93,12 @@ def test_a_plan_of_a_shipped_task_is_run_on_the_path(tmp_path: Path) -> None:
     """Its straight motions alone kept the band of rolls, up to 34 mm off the path."""
     done = run_task(qt.load_task("deburring_bands"), "qp_planned", tmp_path / "motion.csv")
     assert done.passes, done.check
+
+
+def test_no_place_to_be_looked_at_makes_a_program_without_rows() -> None:
+    """Where no middle is corrected, as on a short stretch beside an obstacle."""
+    assert block_diagonal(np.zeros((0, 2, 3))).shape == (0, 0)
+    blocks = np.arange(12.0).reshape(2, 2, 3)
+    expected = np.zeros((4, 6))
+    expected[:2, :3], expected[2:, 3:] = blocks
+    assert (block_diagonal(blocks).toarray() == expected).all()
