@@ -6,6 +6,7 @@
     python benchmarks/plans.py [plan_placements] [--samples 75] [--write]
     python benchmarks/plans.py [plan_layers] [--samples 40] [--write]
     python benchmarks/plans.py [table_run] [--write]
+    python benchmarks/plans.py [plan_times] [--starts 10] [--write]
 
 *plan_costs*: time and memory over waypoints, steps and redundancy. Each plan is made by a process
 of its own, which reports its wall time, its processor time, and how much its peak of memory is
@@ -38,6 +39,10 @@ each other in steps of two spacings; a layer misses a piece of which it has no n
 *table_run*: what ``qp-twist run`` does, for the part on a turn-tilt table: plan, follow, insert
 rows until straight joint motion keeps the path, time from rest to rest, check. Between rows MuJoCo
 measures the tool's distance from the path, too, at 20 points each.
+
+*plan_times*: plans in time without a feed, at 50 mm/s and at 0.5 m/s, beside the least times of the
+plans for centering and for travel weighted by 1/v, the best of a local search from so many other
+plans (travel with random weights), and the smooth run along the plan. Up to a minute a start.
 """
 
 from __future__ import annotations
@@ -66,7 +71,11 @@ from timer import once
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.planning.manifold_net import SEEDS, ManifoldNet
+from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.problem import Problem
+from qp_twist.planning.problem import motion_limits as path_limits
+from qp_twist.planning.smooth import smooth
 from qp_twist.referee import JointMotion, PathErrors, motion_limits, with_default_accelerations
 from qp_twist.studies import Study
 from qp_twist.studies.judge import Judge
@@ -256,6 +265,52 @@ def table_run() -> tuple[str, int]:
     headings = ("", "time, s", "processor, s", "rows", "measured, mm", "proven, mm and °")
     text = f"{markdown_table(headings, rows)}\nThe check {check.verdict}.\n"
     return text, int(not check.passes)
+
+
+FEEDS = {"none": None, "50 mm/s": 0.05, "0.5 m/s": 0.5}
+TIMED = ("deburring", "dome_seams")
+
+
+def in_time(name: str, feed: str, starts: int) -> tuple[str, ...]:
+    """A row of *plan_times*."""
+    task, speed = qt.load_task(name), FEEDS[feed]
+    assert task.durations is not None
+    durations = None if speed is None else task.durations * (0.05 / speed)  # both have 50 mm/s
+    task = dataclasses.replace(task, durations=durations)
+    ranges, rows = qt.JointRanges.of(task.model), PathRows(task)
+    goal, rng = Objective.of(ranges, "time").along(task), np.random.default_rng(0)
+    limits = path_limits(task, ranges, None, rows.hard, slow_down=True)
+    cpu = time.process_time()
+    plan = qt.plan(task, "time")
+    cpu = time.process_time() - cpu
+    inverse, free = 1.0 / task.velocity_limits, dataclasses.replace(task, durations=None)
+
+    def travelling(weights: Array) -> Array:
+        named = dict(zip(ranges.names, weights.tolist(), strict=True))
+        return qt.plan(free, "travel", joint_weights=named, seeds=()).motion()
+
+    others = qt.plan(free, seeds=()).motion(), travelling(inverse)
+    best = np.inf
+    for _ in range(starts):
+        q = travelling(inverse * np.exp(rng.normal(scale=0.7, size=len(inverse))))
+        best = min(best, smooth(Problem(task, rows, limits, goal), q).value)
+    run = qt.refine_trajectory(qt.follow(task, "qp_planned", plan=plan, slow_down=True, fine=True))
+    timed = qt.time_trajectory(run, limits=with_default_accelerations(motion_limits(task), ranges))
+    check = qt.check_trajectory(timed, task)
+    seconds = [*map(goal.value, others), plan.value, plan.bound, best, float(timed.times[-1])]
+    passes = "passes" if check.passes else "does not pass"
+    return (f"{name}, {feed}", *(f"{t:.2f}" for t in seconds), passes, f"{cpu:.0f}")
+
+
+def plan_times(starts: int) -> str:
+    """Plans in time beside others."""
+    rows = []
+    for name, feed in itertools.product(TIMED, FEEDS):
+        rows.append(in_time(name, feed, starts))
+        print(*rows[-1], file=sys.stderr, flush=True)
+    headings = ("path, feed", "centering, s", "travel/v, s", "time, s", "bound, s",
+                f"best of {starts} starts, s", "run, s", "its check", "processor, s")  # fmt: skip
+    return markdown_table(headings, rows)
 
 
 def measured_off(task: qt.PathTask, motion: JointMotion) -> float:
@@ -648,11 +703,21 @@ def plan_layers(samples: int) -> str:
     return markdown_table(headings, rows)
 
 
-OPTIONS = {"samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random"}
+OPTIONS = {
+    "samples": 40, "first": 0, "jobs": 2, "roll_step": 2.0, "folder": "out/random", "starts": 10,
+}  # fmt: skip
 
 if __name__ == "__main__":
     parts = {
         f.__name__: f
-        for f in (plan_costs, plan_optimality, no_plan, plan_placements, plan_layers, table_run)
+        for f in (
+            plan_costs,
+            plan_optimality,
+            no_plan,
+            plan_placements,
+            plan_layers,
+            table_run,
+            plan_times,
+        )
     }
     sys.exit(command(__doc__, parts, **OPTIONS))
