@@ -271,7 +271,9 @@ def _limits(parts: Parts) -> str:
             f"# {key} = {2.0 if unit == 'rad' else 0.5}\t# {unit}/s" for _, key, unit in joints
         ]
     lines += ["", "# [limits.acceleration]"]
-    return "\n".join([*lines, *(f"# {key} = 10.0\t# {unit}/s²" for _, key, unit in joints)])
+    lines += [f"# {key} = 10.0\t# {unit}/s²" for _, key, unit in joints]
+    lines += ["", "# [limits.jerk]"]
+    return "\n".join([*lines, *(f"# {key} = 200.0\t# {unit}/s³" for _, key, unit in joints)])
 
 
 def _clearance(watched: Watched) -> str:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
@@ -156,13 +158,14 @@ def _timing(timed: TimedPath | None, rows: Trajectory) -> list[str]:
     lines, more = [], len(timed.q) - len(rows.q)
     if more:
         lines.append(
-            f"{more} rows more where ramps end, and beside corners, which are rounded within the "
-            "tolerances"
+            f"{more} rows more where speeds change, and beside corners, which are rounded within "
+            "the tolerances"
         )
     moves, total = timed.trajectory.path.moves, f"{timed.motion.times[-1]:.4g} s"
     whole = "" if rows.ended else "the whole path takes "
     if moves.any():
-        total += f", {timed.durations[moves].sum():.4g} s of it in joint moves"
+        durations = np.diff(timed.motion.times[timed.path_rows])
+        total += f", {durations[moves].sum():.4g} s of it in joint moves"
         whole = whole or "the path takes "
     lines.append(f"{total}; {whole}{rows.path_task.feed_time:.4g} s at the feed")
     if rows.path_task.constant_speed:  # the check names its dips

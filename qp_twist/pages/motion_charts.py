@@ -20,6 +20,7 @@ from qp_twist.referee import (
     JointMotion,
     ToolSpeed,
     acceleration_use,
+    jerk_use,
     joint_margins,
     velocity_use,
 )
@@ -58,6 +59,7 @@ def motion_charts(path_task: PathTask, check: Check) -> list[MotionChart]:
     for name, title, limits, use in (
         ("velocity", "Joint speeds", check.limits.velocity, velocity_use),
         ("acceleration", "Joint accelerations", check.limits.acceleration, acceleration_use),
+        ("jerk", "Joint jerks", check.limits.jerk, jerk_use),
     ):
         if (finding := by_name.get(f"{name} limits")) is not None:
             times, shares = use(check.motion, limits)

@@ -7,7 +7,7 @@ import numpy as np
 from qp_twist.checks import Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves
-from qp_twist.referee import acceleration_use, joint_margins, velocity_use
+from qp_twist.referee import acceleration_use, jerk_use, joint_margins, velocity_use
 from qp_twist.trajectories import Check
 
 SLOWER = 0.03
@@ -35,6 +35,7 @@ def failing_intervals(path_task: PathTask, check: Check) -> Mask:
         for limits, use in (
             (check.limits.velocity, velocity_use),
             (check.limits.acceleration, acceleration_use),
+            (check.limits.jerk, jerk_use),
         ):
             times, shares = use(check.motion, limits)
             beyond.append(times[shares.max(axis=1) > 1.0 + 1e-6])

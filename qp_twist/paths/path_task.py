@@ -82,6 +82,8 @@ class PathTask:
             joint move may take any time: 0 asks for none.
         velocity_limits: Of the joints, rad/s or m/s, (nv,); ∞ without a limit.
         acceleration_limits: Of the joints, rad/s² or m/s², (nv,); ∞ likewise.
+        jerk_limits: Of the joints, rad/s³ or m/s³, (nv,), kept by timing alone; ∞ likewise, or
+            ``None`` where none are stated.
         iteration: Tolerances and step clamps.
         methods: Settings by method name, as far as the file has them.
         segments: Sections of the path with other projectors, in the order of the path.
@@ -163,6 +165,7 @@ class PathTask:
     constant_speed: bool = False
     max_dip: float | None = None
     cuts: Literal["fewest"] | tuple[int, ...] = ()
+    jerk_limits: Array | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, str):
@@ -445,7 +448,8 @@ def _seen_from(task: PathTask, body: str) -> dict[str, object]:
     """The model as seen from a body, and all arrays by joint in its order."""
     check_carrier(task.model, task.frame_name, task.frame_type, body)
     seen = rerooted(task.model, body)
-    by_joint = ("start", "velocity_limits", "acceleration_limits")
+    by_joint = ["start", "velocity_limits", "acceleration_limits"]
+    by_joint += [] if task.jerk_limits is None else ["jerk_limits"]
     return {
         "model": seen.model,
         "scene_model": task.model,

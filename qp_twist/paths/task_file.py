@@ -225,6 +225,7 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         durations=durations,
         velocity_limits=_limits(file, ranges, "velocity", robot.velocity_limits, timed=timed),
         acceleration_limits=_limits(file, ranges, "acceleration", {}, timed=timed),
+        jerk_limits=_limits(file, ranges, "jerk", {}, timed=timed) if file.limits.jerk else None,
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
         segments=segments,

@@ -214,7 +214,7 @@ class StartSection(Section):
 
 
 class FeedSection(Section):
-    """Time for each waypoint; required for velocity and acceleration limits."""
+    """Time for each waypoint; required for limits of velocity, acceleration and jerk."""
 
     speed: Positive | None = Field(default=None, description="along the path, m/s")
     angular_speed_deg: Positive | None = Field(default=None, description="of the tool, deg/s")
@@ -268,6 +268,9 @@ class LimitsSection(Section):
     )
     acceleration: dict[str, Positive] = Field(
         default_factory=dict, description="joint name: largest acceleration, rad/s² or m/s²"
+    )
+    jerk: dict[str, Positive] = Field(
+        default_factory=dict, description="joint name: largest jerk, rad/s³ or m/s³"
     )
 
 

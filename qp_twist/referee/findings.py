@@ -14,7 +14,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, Tolerances, in_joint_moves, joint_move_ends
 from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
-from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_speeds
+from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_jerks, largest_speeds
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
 from qp_twist.referee.path_errors import (
     Deviation,
@@ -143,7 +143,7 @@ def examine(
         passing: Times at the waypoints; if ``None``, rows and waypoints correspond, and times are
             seconds if the task has a feed.
         errors: Those of ``errors_of``, if already known.
-        limits: Of the joints' speeds and accelerations; ``None``: those of
+        limits: Of the joints' speeds, accelerations, jerks; ``None``: those of
             :func:`~qp_twist.referee.motion_limits`.
         astray: The parts that do not follow the path, from
             :func:`~qp_twist.referee.astray_parts`.
@@ -443,14 +443,27 @@ def acceleration_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
     return times, accelerations / limits
 
 
+def jerk_use(motion: JointMotion, limits: Array) -> tuple[Array, Array]:
+    """Largest jerks of the joints, as shares of their limits (nv,).
+
+    Returns:
+        Middles between the rows, s, and the shares, (N − 1, nv); nothing, K = 0, if accelerations
+        jump at the rows, as they do where none are stated.
+    """
+    if motion.accelerations is None:
+        return motion.middles[:0], np.zeros((0, motion.q.shape[1]))
+    return motion.middles, largest_jerks(motion) / limits
+
+
 def _of_speeds(
     limits: MotionLimits, ranges: JointRanges, motion: JointMotion, passing: Passing
 ) -> list[Finding]:
-    """Largest shares of the velocity and acceleration limits; the speeds if there are none."""
+    """Largest shares of the limits of velocity, acceleration and jerk; speeds if there are none."""
     found = []
     for kind, most, use_of in (
         ("velocity", limits.velocity, velocity_use),
         ("acceleration", limits.acceleration, acceleration_use),
+        ("jerk", limits.jerk, jerk_use),
     ):
         if np.isfinite(most).any():
             times, use = use_of(motion, most)

@@ -142,6 +142,23 @@ class JointMotion:
         """Largest |q̈| of each piece, exactly, rad/s² or m/s², (N − 1, nv); 0 without velocities."""
         return _largest(self._changes, [*_ENDS, *self._turning[1]])
 
+    def largest_jerks(self) -> Array:
+        """Largest |q⃛| of each piece, exactly, rad/s³ or m/s³, (N − 1, nv); its jumps are no part.
+
+        0 without velocities.
+        """
+        return _largest(self._jerks, [*_ENDS, *_zeros(np.diff(self._jerks, axis=0))])
+
+    def bounds(self) -> tuple[Array, Array, Array]:
+        """Bounds of |q̇|, |q̈| and |q⃛| of each piece, (N − 1, nv) each, at little cost.
+
+        A polynomial lies between the least and the largest of its Bernstein coefficients.
+        """
+        speeds, changes, jerks = (
+            np.abs(curve).max(axis=0) for curve in (self._speeds, self._changes, self._jerks)
+        )
+        return speeds, changes, jerks
+
     def largest_within(self, piece: Indices, begin: Array, end: Array) -> tuple[Array, Array]:
         """Largest |q̇| and |q̈| within parts of the pieces between rows, exactly, (K, nv) each.
 
@@ -188,6 +205,15 @@ class JointMotion:
         found: Array = (len(w) - 1) * np.diff(w, axis=0) / self._spans[:, None]
         if self.accelerations is not None:
             found[0], found[-1] = self.accelerations[:-1], self.accelerations[1:]
+        return found
+
+    @cached_property
+    def _jerks(self) -> Array:
+        """Jerks in Bernstein form, rad/s³ or m/s³, (max(d − 2, 1), N − 1, nv)."""
+        changes = self._changes
+        if len(changes) == 1:
+            return np.zeros_like(changes)
+        found: Array = (len(changes) - 1) * np.diff(changes, axis=0) / self._spans[:, None]
         return found
 
     @cached_property
@@ -238,6 +264,13 @@ def _zeros(curve: Array) -> Array:
         fall = curve[0] - curve[1]
         place: Array = np.divide(curve[0], fall, out=np.zeros_like(fall), where=fall != 0.0)
         return place.clip(0.0, 1.0)[None]
+    if degree == 2:
+        bend, slope = curve[0] - 2.0 * curve[1] + curve[2], curve[1] - curve[0]
+        root = np.sqrt(np.maximum(slope**2 - bend * curve[0], 0.0))
+        half = -slope - np.where(slope < 0.0, -root, root)  # loses no digits
+        pairs = (half, bend), (curve[0], half)
+        found = [np.divide(a, b, out=np.zeros_like(a), where=b != 0.0) for a, b in pairs]
+        return np.asarray(np.clip(found, 0.0, 1.0))
     inner = np.sort(_zeros(np.diff(curve, axis=0)), axis=0)
     low = np.concatenate([np.zeros((1, *curve.shape[1:])), inner])
     high = np.concatenate([inner, np.ones((1, *curve.shape[1:]))])

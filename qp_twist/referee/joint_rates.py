@@ -1,4 +1,4 @@
-"""Largest speeds and accelerations of a motion over any interval, less what rounding explains.
+"""Largest speeds, accelerations and jerks of a motion over any interval, less rounding.
 
 Only digits that a file writes count as rounding (docs/proofs.md, *Rounding in files*, has the
 equations).
@@ -21,6 +21,10 @@ _FINEST = 15
 """Decimals beyond which numbers count as not rounded."""
 _PER_ROUNDING = {1: 0.0, 3: 6.0, 5: 20.0}
 """c of cubics and quintics: the factors of D in their accelerations."""
+
+_PER_JERK, _PER_CHANGE = 60.0, 12.0
+"""Sums of the factors in the jerk of a quintic at its begin, (60 D − 36 v₀ − 24 v₁)/W² −
+(9 a₀ − 3 a₁)/W: of D, as of v, and of a."""
 
 
 def _roundings(motion: JointMotion) -> tuple[float, float, float, float]:
@@ -116,6 +120,24 @@ def largest_accelerations(motion: JointMotion) -> tuple[Array, Array]:
         stated = np.abs(motion.accelerations) - acceleration
         _raise(found, 1, np.maximum(stated[:-1], stated[1:]))
     return motion.middles, found
+
+
+def largest_jerks(motion: JointMotion) -> Array:
+    """Largest |q⃛| at each piece of quintics, or of an interval around it, (N − 1, nv)."""
+    assert motion.accelerations is not None
+    time, position, velocity, acceleration = _roundings(motion)
+    found = np.zeros((len(motion.times) - 1, motion.q.shape[1]))
+    a = motion.accelerations
+    for n, length, _, off in _windows(motion, time, position):
+        over = length + 2.0 * time
+        if n == 1:
+            exact = motion.largest_jerks()
+            explained = (
+                _PER_JERK * (off + velocity) / length**2 + _PER_CHANGE * acceleration / length
+            )
+            _raise(found, 1, exact - explained)
+        _raise(found, n, (np.abs(a[n:] - a[:-n]) - 2.0 * acceleration) / over)
+    return found
 
 
 def _raise(found: Array, pieces: int, values: Array) -> None:

@@ -1,4 +1,4 @@
-"""Speed and acceleration limits of the joints, and where each is from.
+"""Speed, acceleration and jerk limits of the joints, and where each is from.
 
 A limit is the task's, else that of the robot's data sheet in the package, else a default that has
 its name in every verdict. It is never taken from the trajectory that is judged.
@@ -17,22 +17,39 @@ from qp_twist.paths import PathTask
 RAMP_S = 0.25
 """Time from rest to the largest speed by default, s: what is assumed of a joint whose acceleration
 limit nobody states. Industrial arms take 0.1 to 0.5 s."""
+RISE_S = 0.05
+"""Time in which an acceleration rises to its limit by default, s: what is assumed of a joint whose
+jerk limit nobody states. It is a fifth of ``RAMP_S``."""
 _SPEED = {"rad": np.pi, "m": 1.0}
 """Speed in place of an unknown limit for the default acceleration, rad/s and m/s."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Largest joint speeds and accelerations, (nv,); ∞ without a limit.
+    """Largest joint speeds, accelerations and jerks, (nv,); ∞ without a limit.
 
-    ``speeds_of`` is the known robot whose data sheet some speeds are from; ``accelerations_of``
-    where the accelerations are from that the task does not state; else empty.
+    ``speeds_of`` is the known robot whose data sheet some speeds are from; ``accelerations_of`` and
+    ``jerks_of`` where the accelerations and jerks are from that the task does not state; else
+    empty.
     """
 
     velocity: Array
     acceleration: Array
     speeds_of: str = ""
     accelerations_of: str = ""
+    jerk: Array = None  # type: ignore[assignment]  # none: ∞
+    jerks_of: str = ""
+
+    def __post_init__(self) -> None:
+        if self.jerk is None:
+            object.__setattr__(self, "jerk", np.full_like(self.acceleration, np.inf))
+
+    @classmethod
+    def of(cls, path_task: PathTask) -> MotionLimits:
+        """Those that the task states."""
+        found = cls(path_task.velocity_limits, path_task.acceleration_limits)
+        jerk = path_task.jerk_limits
+        return found if jerk is None else replace(found, jerk=jerk)
 
     def filled(self, accelerations: Array, source: str) -> MotionLimits:
         """With accelerations, (nv,), in place of those that are not known."""
@@ -50,7 +67,7 @@ def motion_limits(path_task: PathTask) -> MotionLimits:
 
     A known robot is one of the table ``known_robots.toml``, matched by name and geometry.
     """
-    known = MotionLimits(path_task.velocity_limits, path_task.acceleration_limits)
+    known = MotionLimits.of(path_task)
     finite = np.isfinite([known.velocity, known.acceleration])
     if finite.all() or path_task.known_limits is None:
         return known
@@ -68,6 +85,15 @@ def with_default_accelerations(limits: MotionLimits, ranges: JointRanges) -> Mot
     """
     accelerations = speeds_or_default(limits, ranges) / RAMP_S
     return limits.filled(accelerations, f"the default: full speed within {RAMP_S:g} s")
+
+
+def with_default_jerks(limits: MotionLimits) -> MotionLimits:
+    """The limits, with full acceleration within 50 ms (``RISE_S``) where no jerk is known."""
+    found = np.where(np.isfinite(limits.jerk), limits.jerk, limits.acceleration / RISE_S)
+    if (found == limits.jerk).all():
+        return limits
+    source = f"the default: full acceleration within {1e3 * RISE_S:g} ms"
+    return replace(limits, jerk=found, jerks_of=source)
 
 
 def speeds_or_default(limits: MotionLimits, ranges: JointRanges) -> Array:

@@ -173,17 +173,30 @@ def sampled_errors(
         Position error, axis error, and the violation of each hard band and each constraint, m or
         rad, (K, samples + 2, 2 + B), the first and the last at the rows; and the unit of each.
     """
-    path = path_task.at(s)
-    track = Track(path_task, motion, motion.times, path, None)
     which = np.arange(len(s) - 1) if pieces is None else pieces
     shares, parts = np.linspace(0.0, 1.0, samples + 2), samples + 2
     begin, end = motion.times[which, None], motion.times[which + 1, None]
-    piece = np.repeat(which, parts)
-    values = track.points(piece, piece, ((1.0 - shares) * begin + shares * end).ravel()).values
+    times = ((1.0 - shares) * begin + shares * end).ravel()
+    found, units = errors_at(path_task, motion, motion.times, s, np.repeat(which, parts), times)
+    return found.reshape(len(which), parts, len(units)), units
+
+
+def errors_at(
+    path_task: PathTask, motion: JointMotion, when: Array, s: Array, piece: Indices, times: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """The same at given times of a motion that is ``when`` (N,) at the parameters s (N,).
+
+    ``piece`` (K,) is the index of the parameter before each of the ``times`` (K,), s.
+
+    Returns:
+        The errors, (K, 2 + B), and the unit of each.
+    """
+    path = path_task.at(s)
+    track = Track(path_task, motion, when, path, None)
+    values = track.points(piece, piece, times).values
     values = np.where(path.moves[piece, None] & track.of_path, 0.0, values)
-    errors = np.hstack([values[:, :2], track.by_measure(values[:, 2:])])
     units = ("m", "rad", *(measure.unit for measure in track.kept))
-    return errors.reshape(len(which), parts, len(units)), units
+    return np.hstack([values[:, :2], track.by_measure(values[:, 2:])]), units
 
 
 class Outside(NamedTuple):

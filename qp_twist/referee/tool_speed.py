@@ -11,7 +11,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.paths.toolpath import SAME_POINT
-from qp_twist.referee.findings import Finding, Passing, acceleration_use, velocity_use
+from qp_twist.referee.findings import Finding, Passing, acceleration_use, jerk_use, velocity_use
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.motion_limits import MotionLimits
 from qp_twist.referee.path_errors import task_errors
@@ -361,8 +361,11 @@ def causes(
     for kind, of_joints, use in (
         ("speed", limits.velocity, velocity_use),
         ("acceleration", limits.acceleration, acceleration_use),
+        ("jerk", limits.jerk, jerk_use),
     ):
         shares = use(motion, of_joints)[1]
+        if not len(shares):
+            continue
         opens, closes = motion.times[:-1], motion.times[1:]
         if len(shares) != len(opens):  # at the rows between the pieces
             opens = closes = motion.times[1:-1]

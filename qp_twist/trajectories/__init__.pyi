@@ -4,6 +4,7 @@ from .check import JointMotion as JointMotion
 from .check import PathErrors as PathErrors
 from .check import check_trajectory as check_trajectory
 from .check import path_errors as path_errors
+from .joint_curve import JointCurve as JointCurve
 from .program_trajectory import check_program as check_program
 from .program_trajectory import joints_of as joints_of
 from .refine_trajectory import refine_trajectory as refine_trajectory

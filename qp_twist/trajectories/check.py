@@ -31,6 +31,7 @@ from qp_twist.referee import (
     poses_of,
     tool_speed,
     with_default_accelerations,
+    with_default_jerks,
 )
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.metadata import disagreements, with_lift_offs
@@ -70,7 +71,7 @@ class Check:
         passing: Times at which it passes the waypoints.
         errors: Its errors at and between the waypoints.
         astray: Where it ends before its path does, or leaves it for good, or begins late.
-        limits: Speed and acceleration limits that it was checked against.
+        limits: Limits of speed, acceleration and jerk that it was checked against.
         program: Lines and points of a program, in words; empty of other files.
         speed: The tool's speed against the programmed one; ``None`` without a feed or times.
         tolerances: Largest task errors that pass.
@@ -183,9 +184,10 @@ def check_trajectory(
 
     Everything is computed from the joint positions, and from times and velocities if there are any;
     the trajectory's metadata only say where the tool lifts off, if the task leaves that open, and
-    produce notes where they contradict the task. Limits of speed and
-    acceleration are the task's, else those of the robot's data sheet, else for accelerations the
-    default (:func:`~qp_twist.referee.with_default_accelerations`), which the verdict names. As many
+    produce notes where they contradict the task. Limits of speed, acceleration and jerk are the
+    task's, else those of the robot's data sheet, else the defaults
+    (:func:`~qp_twist.referee.with_default_accelerations`,
+    :func:`~qp_twist.referee.with_default_jerks`), which the verdict names. As many
     rows as waypoints correspond one by one. With another number of rows, or if the motion between
     rows meets waypoints that the rows miss, the trajectory has to pass all waypoints in their
     order, at times that are searched.
@@ -229,7 +231,7 @@ def check_trajectory(
         astray = astray_parts(path_task, motion, passing.times, met)
     limits = motion_limits(path_task)
     if not rows.own_ramps:
-        limits = with_default_accelerations(limits, ranges)
+        limits = with_default_jerks(with_default_accelerations(limits, ranges))
     speed = tool_speed(path_task, motion, passing, limits)
     findings = examine(path_task, motion, tolerances, passing, errors, limits, astray)
     of_speed: list[str] = []
@@ -255,6 +257,10 @@ def check_trajectory(
     unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
+        if motion.accelerations is None:
+            unchecked.append("jerks not checked: no accelerations")
+        elif limits.jerks_of:
+            sources.append(f"jerks checked against {limits.jerks_of}")
     return Check(
         path_task.name,
         len(rows.q),

@@ -20,7 +20,7 @@ from qp_twist.geometry import (
 )
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
-from qp_twist.programs import Turning
+from qp_twist.programs import Dialect, Turning
 from qp_twist.robots import ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.matching import times_at_waypoints
@@ -77,14 +77,15 @@ class Fits:
 
     def __init__(
         self, rows: TimedPath, path_task: PathTask, tool: ToolChain, held: Mask | None, *,
-        two_angles: bool,
+        dialect: Dialect,
     ) -> None:  # fmt: skip
         """Rows that are ``held`` (N,) are points.
 
-        With ``two_angles`` a move has to keep them, too, if a controller swings an axis of the
-        tool, whichever it is, and turns about it at once.
+        Where the dialect has ``two_angles`` a move has to keep them, too, if a controller swings an
+        axis of the tool, whichever it is, and turns about it at once. Within its period no speed
+        changes.
         """
-        self._tool, self._two_angles, own = tool, two_angles, rows.of_joints(tool.names)
+        self._tool, self._dialect, own = tool, dialect, rows.of_joints(tool.names)
         times = own.motion.times
         self.last = len(own.q) - 1
         self._times = np.insert(times, np.arange(1, len(times)), own.motion.middles)
@@ -163,7 +164,8 @@ class Fits:
         times, tolerances = self._times[places], self._tolerances
         paced = (times - times[0]) / (times[-1] - times[0])
         share = move.share(p) if move.length > tolerances.position else paced
-        if np.abs(share - paced).max() > _PACE:
+        longer = times[-1] - times[0] > self._dialect.period
+        if longer and np.abs(share - paced).max() > _PACE:
             return None
         line = move.at(share)
         for turned in (line.rotations, *self._swung(move, share)):
@@ -181,7 +183,7 @@ class Fits:
 
     def _swung(self, move: ToolMove, share: Array) -> list[Array]:
         """The rotations (K, 3, 3) on a move if an axis of the tool swings."""
-        if not self._two_angles:
+        if not self._dialect.two_angles:
             return []
         lead = Rotation.from_rotvec(share[:, None] * move.omega).as_matrix()
         ends = move.rotation, move.rotation @ Rotation.from_rotvec(move.d).as_matrix()

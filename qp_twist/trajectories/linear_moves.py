@@ -323,7 +323,7 @@ def straight_moves(
     circle, within a half. Where no such move does, and between the waypoints of the task's joint
     moves, a joint move leads to the next row. Rows that are ``held`` (N,) are points.
     """
-    fits = Fits(rows, path_task, tool, held, two_angles=dialect.two_angles)
+    fits = Fits(rows, path_task, tool, held, dialect=dialect)
     rules = dialect.circles if circles and not (tool.external or tool.part) else ()
     points, moves = farthest(fits, rules)
     assert rows.times is not None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from qp_twist import __version__
+from qp_twist.checks import Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector
 from qp_twist.kinematics import JointRanges
@@ -20,12 +21,20 @@ if TYPE_CHECKING:
 
 
 def metadata_of(
-    rows: Trajectory, motion: JointMotion | None = None, limits: MotionLimits | None = None
+    rows: Trajectory,
+    motion: JointMotion | None = None,
+    limits: MotionLimits | None = None,
+    at: Indices | None = None,
 ) -> dict[str, Any]:
-    """Metadata of a trajectory, with its times or without, ready for JSON and of no machine."""
+    """Metadata of a trajectory, with its times or without, ready for JSON and of no machine.
+
+    ``at`` (N,) are the indices of its rows in the file, if that has further ones.
+    """
     task = rows.path_task
     ranges = JointRanges.of(task.model)
-    firsts = [1, *(np.searchsorted(rows.s, [s.first for s in task.segments]) + 1).tolist()]
+    numbers = 1 + (np.arange(len(rows.q)) if at is None else at)
+    numbers = np.append(numbers, numbers[-1] + 1)  # of what the trajectory does not reach
+    firsts = [1, *numbers[np.searchsorted(rows.s, [s.first for s in task.segments])].tolist()]
     found: dict[str, Any] = {
         "generator": f"qp_twist {__version__}",
         "versions": {name: version(name) for name in ("mujoco", "mink")},
@@ -51,15 +60,17 @@ def metadata_of(
     }
     if task.joint_moves:  # rows, from 1, where each begins and ends
         ends = [end for end in joint_move_ends(task) if end[1] <= rows.s[-1]]
-        found["joint_moves"] = (np.searchsorted(rows.s, ends) + 1).tolist()
+        found["joint_moves"] = numbers[np.searchsorted(rows.s, ends)].tolist()
     if task.cuts and task.cuts != "fewest":
         found["cuts"] = list(task.cuts)
-    if limits is not None and limits.accelerations_of:
-        found["acceleration_limits"] = {
-            name: float(limit)
-            for name, limit in zip(ranges.names, limits.acceleration, strict=True)
-            if np.isfinite(limit)
-        }
+    if limits is not None:
+        for kind, most, source in (
+            ("acceleration", limits.acceleration, limits.accelerations_of),
+            ("jerk", limits.jerk, limits.jerks_of),
+        ):
+            known = zip(ranges.names, most.tolist(), strict=True)
+            if source:
+                found[f"{kind}_limits"] = {n: limit for n, limit in known if np.isfinite(limit)}
     return found
 
 

@@ -32,31 +32,31 @@ _APART = 0.02
 class _Uses(NamedTuple):
     """Shares of the limits that the programmed speed asks for, and the time that each counts for.
 
-    Speeds of the N − 1 pieces, then accelerations at the N − 2 rows between them, (2N − 3, nv).
+    Speeds of the N − 1 pieces, accelerations at the N − 2 rows between them, and jerks of the N − 3
+    inner pieces, (3N − 6, nv); ``order`` (3N − 6, 1) is 1, 2 or 3.
     """
 
     of: Array
     spans: Array
+    order: Array
 
     @property
     def cost(self) -> float:
         """Time that the limits cost, s, and a little of the squares of all shares.
 
         A piece that asks for the share u of a speed takes u times as long, one that asks for the
-        share u of an acceleration √u times.
+        share u of an acceleration √u times, of a jerk ∛u times.
         """
-        count = (len(self.spans) + 1) // 2
-        factors = np.concatenate([self.of[:count], np.sqrt(self.of[count:])]).max(axis=1)
+        factors = (self.of ** (1.0 / self.order)).max(axis=1)
         lost = np.maximum(factors - 1.0, 0.0) + _QUIET * (self.of**2).sum(axis=1)
         return float(self.spans @ lost)
 
     @property
     def weights(self) -> Array:
         """Of the squares of the shares: their sum has the gradient of the lost time, smoothed."""
-        count = (len(self.spans) + 1) // 2
-        power = np.where(np.arange(len(self.of)) < count, 7.0, 7.5)[:, None]
         u = np.minimum(self.of, 1e6)
-        weights: Array = self.spans[:, None] * (_QUIET + u**6 / (1.0 + u**power))
+        smoothed = u**6 / (1.0 + u ** (8.0 - 1.0 / self.order))
+        weights: Array = self.spans[:, None] * (_QUIET + smoothed)
         return weights
 
 
@@ -70,20 +70,21 @@ def steady_trajectory(trajectory: Trajectory, limits: MotionLimits) -> Trajector
 
     .. math::
 
-        \sum_k h_k\,\bigl(\max_j \max(u_{kj},\, \sqrt{u'_{kj}}) - 1\bigr)_+,
+        \sum_k h_k\,\bigl(\max_j \max(u_{kj},\, \sqrt{u'_{kj}},\, \sqrt[3]{u''_{kj}}) - 1\bigr)_+,
 
-    with the shares u and u′ of speed and acceleration limits, by least squares whose weights are
-    renewed in each round. At corners of the path no acceleration counts, since the tool slows down
-    there whatever the joints do. Joint ranges, hard bands and constraints are kept at the rows. The
-    ends of joint moves stay, as does the first row, unless the task leaves its start open.
+    with the shares u, u′ and u″ of the limits of speed, acceleration and jerk, by least squares
+    whose weights are renewed in each round. At corners of the path only speeds count, since the
+    tool slows down there whatever the joints do. Joint ranges, hard bands and constraints are kept
+    at the rows. The ends of joint moves stay, as does the first row, unless the task leaves its
+    start open.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`.
-        limits: Of the joints' speeds and accelerations.
+        limits: Of the joints' speeds, accelerations and jerks.
     """
     trajectory = _dense(trajectory)
     task, feed = trajectory.path_task, trajectory.feed
-    if feed is None or len(trajectory.q) < 3:
+    if feed is None or len(trajectory.q) < 4:
         return trajectory
     rows, at = PathRows(task, trajectory.s), np.arange(len(trajectory.q))
     if not rows.freedom.any():
@@ -94,10 +95,12 @@ def steady_trajectory(trajectory: Trajectory, limits: MotionLimits) -> Trajector
     change = _change(feed, moves, limits)
     pieces = np.where(moves, 0.0, feed)
     smooth = turns_of(trajectory.path.positions) < CORNER
-    spans = np.append(pieces, 0.5 * smooth * (pieces[1:] + pieces[:-1]))
+    at_rows, inner = 0.5 * smooth * (pieces[1:] + pieces[:-1]), smooth[1:] * smooth[:-1]
+    spans = np.concatenate([pieces, at_rows, inner * pieces[1:-1]])
+    order = np.repeat([[1.0], [2.0], [3.0]], [len(pieces), len(at_rows), len(inner)], axis=0)
 
     def uses(q: Array) -> _Uses:
-        return _Uses(np.abs(change @ q.ravel()).reshape(-1, q.shape[1]), spans)
+        return _Uses(np.abs(change @ q.ravel()).reshape(-1, q.shape[1]), spans, order)
 
     q, now = trajectory.q, uses(trajectory.q)
     outside = np.minimum(0.0, ranges.room(q).min(axis=1))
@@ -129,16 +132,15 @@ def _dense(trajectory: Trajectory) -> Trajectory:
 
 
 def _change(feed: Array, moves: Mask, limits: MotionLimits) -> sparse.csr_matrix:
-    """From q (N nv,) to speeds and accelerations at the feed in shares of their limits."""
-    count = len(feed) + 1
+    """From q (N nv,) to speeds, accelerations and jerks at the feed in shares of their limits."""
     h = np.where(moves | (feed <= 0.0), np.inf, feed)
-    rates = sparse.diags([-1.0 / h, 1.0 / h], [0, 1], shape=(count - 1, count))
-    middle = 0.5 * (h[1:] + h[:-1])
-    changes = sparse.diags([-1.0 / middle, 1.0 / middle], [0, 1], shape=(count - 2, count - 1))
-    per = [sparse.diags(1.0 / of) for of in (limits.velocity, limits.acceleration)]
-    return sparse.vstack(
-        [sparse.kron(rates, per[0]), sparse.kron(changes @ rates, per[1])], format="csr"
-    )
+    most, rates, found = (limits.velocity, limits.acceleration, limits.jerk), None, []
+    for spans, limit in zip((h, 0.5 * (h[1:] + h[:-1]), h[1:-1]), most, strict=True):
+        shape = (len(spans), len(spans) + 1)
+        change = sparse.diags([-1.0 / spans, 1.0 / spans], [0, 1], shape=shape)
+        rates = change if rates is None else change @ rates
+        found.append(sparse.kron(rates, sparse.diags(1.0 / limit)))
+    return sparse.vstack(found, format="csr")
 
 
 def _step(change: sparse.csr_matrix, q: Array, basis: Array, weights: Array, held: Mask) -> Array:

@@ -20,6 +20,7 @@ from qp_twist.referee import (
     motion_limits,
     tool_speed,
     with_default_accelerations,
+    with_default_jerks,
 )
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories.check import Check
@@ -79,7 +80,7 @@ class _Timed(NamedTuple):
         """Of its tool."""
         run, limits = self.timed.trajectory, self.timed.limits
         assert run is not None and limits is not None
-        times = self.timed.motion.times[run.at_waypoints]
+        times = self.timed.motion.times[self.timed.path_rows][run.at_waypoints]
         found = tool_speed(run.path_task, self.timed.motion, Passing(times, True, False), limits)
         assert found is not None
         return found
@@ -113,8 +114,9 @@ def _at_constant_speed(
     return best
 
 
-def _share(of: _Timed) -> float:
-    return of.speed.at_speed
+def _share(of: _Timed) -> tuple[float, float]:
+    """What the best motion has the largest of: the share at speed, or else it is the fastest."""
+    return of.speed.at_speed, -float(of.timed.motion.times[-1])
 
 
 def run_task(
@@ -183,10 +185,9 @@ def run_task(
     rows = refine_trajectory(trajectory)
     timed = None
     if path_task.durations is not None:
-        limits = with_default_accelerations(
-            motion_limits(path_task), JointRanges.of(path_task.model)
-        )
-        timed = time_trajectory(rows, limits=limits)
+        ranges = JointRanges.of(path_task.model)
+        limits = with_default_accelerations(motion_limits(path_task), ranges)
+        timed = time_trajectory(rows, limits=with_default_jerks(limits))
         if path_task.constant_speed and trajectory.passes:
             trajectory, rows, timed = _at_constant_speed(path_task, trajectory, timed, followed)
     check, written = write_checked(

@@ -14,8 +14,9 @@ from qp_twist.trajectories.smooth_timing import smooth_timing
 from qp_twist.trajectories.speed_profile import SpeedProfile, straight_profile
 from qp_twist.trajectories.timed_path import Slowed, TimedPath
 
-_SLOWED = 1e-6
-"""A piece counts as slowed if it takes longer than the feed by more than this share."""
+_SLOWED = 0.02
+"""A piece counts as slowed if it takes longer than the feed by more than this share, as the tool is
+at speed from 98 % on. Up to 1 % are lost where the curve is longer than the chords (dome_seams)."""
 _TIGHT = 0.99
 """A limit counts as active if this share of it is used."""
 
@@ -30,22 +31,23 @@ def time_trajectory(
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
     The waypoints do not change. Each piece from a row to the next takes at least the time at the
-    feed. Without acceleration limits every joint moves at constant speed from row to row, in
-    :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`. With them every joint moves on a cubic in
-    time (:class:`~qp_twist.trajectories.JointMotion`), from rest to rest;
-    :func:`~qp_twist.trajectories.speed_profile` computes the fastest motion that keeps velocity and
-    acceleration limits everywhere. Its pace changes at rows only: where a ramp would take longer
-    than its acceleration needs, a row is inserted at which it can end.
+    feed. Without limits of acceleration and jerk every joint moves at constant speed from row to
+    row, in :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`. With them the joints move from
+    rest to rest on a smooth curve through the rows
+    (:class:`~qp_twist.trajectories.JointCurve`), in the least time
+    (:func:`~qp_twist.trajectories.speed_profile`). With jerk limits accelerations are continuous,
+    and the result has them; without, velocities are. Further rows are where the motion needs them.
 
-    A smooth motion cuts corners. Where it would leave the path by more than the tolerances, but
+    A smooth curve cuts corners. Where it would leave the path by more than the tolerances, but
     linear interpolation of the joints would not, a row is inserted on each side of the waypoint
     with the sharper turn, so near that the tolerances are kept. Where these rows would be less than
-    a millisecond away at the feed, the joints stop.
+    1.5 ms away at the feed, the joints stop.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.
-        limits: Speeds and accelerations of the joints; ``None``: the task's own. Those of a known
-            robot are ``motion_limits(task)``; ``with_default_accelerations`` completes them.
+        limits: Speeds, accelerations and jerks of the joints; ``None``: the task's own. Those of a
+            known robot are ``motion_limits(task)``; ``with_default_accelerations`` and
+            ``with_default_jerks`` complete them.
         position_tolerance: Largest linear task error between waypoints, m; ``None``: that of a
             check.
         axis_tolerance_deg: Largest angular task error there, degrees; ``None``: likewise.
@@ -66,7 +68,7 @@ def time_trajectory(
     if len(q) < 2:
         raise InvalidInput("time_trajectory: the trajectory has one waypoint only; follow more.")
     if limits is None:
-        limits = MotionLimits(task.velocity_limits, task.acceleration_limits)
+        limits = MotionLimits.of(task)
     instance("time_trajectory(limits)", limits, MotionLimits)
     feed = _feed(trajectory)
     moved = np.abs(np.diff(q, axis=0))
@@ -79,18 +81,18 @@ def time_trajectory(
             f"time_trajectory: nothing says how long the way from waypoint {k + 1} to {k + 2} "
             "takes; add [feed] to the task file, and [limits]."
         )
-    if np.isfinite(limits.acceleration).any():
+    if np.isfinite([limits.acceleration, limits.jerk]).any():
         trajectory, profile = smooth_timing(trajectory, limits, floor, tolerances)
         feed = _feed(trajectory)
     else:
         profile = straight_profile(q, floor, limits.velocity)
     slowed = _slowed(profile, np.where(trajectory.path.moves, 0.0, feed), ranges.names)
-    stops = tuple(int(k) for k in np.flatnonzero(profile.pace[1:-1] == 0.0) + 1)
-    motion = profile.motion
+    motion, rows = profile.motion, profile.rows
     return TimedPath(
         ranges.names, motion.q, motion.times, motion.velocities,
-        metadata_of(trajectory, motion, limits),
-        trajectory=trajectory, limits=limits, slowed=slowed, stops=stops,
+        metadata_of(trajectory, motion, limits, rows), motion.accelerations,
+        trajectory=trajectory, path_rows=rows, limits=limits, slowed=slowed,
+        stops=tuple(rows[profile.rests][1:-1].tolist()),
     )  # fmt: skip
 
 
@@ -100,19 +102,20 @@ def _feed(trajectory: Trajectory) -> Array:
 
 
 def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple[Slowed, ...]:
-    """The sections of pieces that take longer than the feed."""
-    T = np.diff(profile.motion.times)
+    """The sections of the path's pieces that take longer than the feed (N − 1,), s."""
+    rows = profile.rows
+    T = np.diff(profile.motion.times[rows])
     slow = np.flatnonzero((feed > 0.0) & (T / np.where(feed > 0.0, feed, 1.0) > 1.0 + _SLOWED))
-    uses = {"velocity": profile.speed_use, "acceleration": profile.acceleration_use}
     found = []
     for pieces in np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1) if len(slow) else ():
+        first, last = int(rows[pieces[0]]), int(rows[pieces[-1] + 1])
         count = {
             f"{kind} of {name}": int(tight)
-            for kind, use in uses.items()
-            for name, tight in zip(names, (use[pieces] >= _TIGHT).sum(axis=0), strict=True)
+            for kind, use in profile.uses.items()
+            for name, tight in zip(names, (use[first:last] >= _TIGHT).sum(axis=0), strict=True)
             if tight
         }
-        first, last = int(pieces[0]), int(pieces[-1]) + 1
+        rests = rows[profile.rests]
         found.append(
             Slowed(
                 first,
@@ -120,7 +123,7 @@ def _slowed(profile: SpeedProfile, feed: Array, names: tuple[str, ...]) -> tuple
                 float((T[pieces] / feed[pieces]).max()),
                 float((T[pieces] - feed[pieces]).sum()),
                 tuple(sorted(count, key=lambda name: -count[name])),
-                tuple(k for k in range(first, last + 1) if profile.pace[k] == 0.0),
+                tuple(rests[(rests >= first) & (rests <= last)].tolist()),
             )
         )
     return tuple(found)

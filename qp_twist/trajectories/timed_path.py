@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, finite_array, instance
+from qp_twist.checks import Array, Indices, finite_array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
@@ -77,8 +77,9 @@ class TimedPath:
         sources: Whose figures the positions depend on, e.g. the zero positions of a known robot.
         own_ramps: Whether joints move straight between the rows of a program, whose controller
             makes ramps of its own: the rows say nothing of its accelerations.
-        trajectory: The joint path that was timed, with further rows at ramps and beside rounded
-            corners; ``None`` of a file.
+        trajectory: The joint path that was timed, with further rows beside rounded corners;
+            ``None`` of a file.
+        path_rows: Which rows are those of ``trajectory``; the others are between them.
         limits: The limits for which it was timed.
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate rows at which the joints rest.
@@ -95,6 +96,7 @@ class TimedPath:
     sources: tuple[str, ...] = ()
     own_ramps: bool = False
     trajectory: Trajectory | None = None
+    path_rows: Indices | None = None
     limits: MotionLimits | None = None
     slowed: tuple[Slowed, ...] = ()
     stops: tuple[int, ...] = ()
@@ -184,7 +186,8 @@ class TimedPath:
             raise InvalidInput("a file has no task; check_trajectory(…, task) has its errors.")
         tolerances = run.path_task.tolerances
         within = tolerances.position, tolerances.axis
-        return path_errors(run.path_task, self.motion, s=run.s, tolerances=within)
+        times = self.motion.times[self.path_rows]
+        return path_errors(run.path_task, self.motion, times, s=run.s, tolerances=within)
 
     def of_joints(self, names: Sequence[str]) -> TimedPath:
         """The rows with the columns of these joints, in this order.

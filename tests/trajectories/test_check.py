@@ -46,11 +46,10 @@ def test_what_was_timed_passes_and_nothing_it_says_of_itself_matters() -> None:
     check = check_trajectory(timed, timed.trajectory.path_task)
     assert check.passes
     assert not check.problems
-    assert check.matched == "row by row"
     assert found(check, "acceleration limits").value <= 100.0 + 1e-9
     assert found(check, "time").value == pytest.approx(timed.times[-1])
     # Rows far off under the same errors as before.
-    lying = dataclasses.replace(timed.trajectory, q=timed.q + np.array([0.01, 0.0]))
+    lying = dataclasses.replace(timed.trajectory, q=timed.trajectory.q + np.array([0.01, 0.0]))
     assert not check_trajectory(lying, timed.trajectory.path_task).passes
 
 
@@ -611,7 +610,9 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     # From rest to rest; between them at 1 m/s, which no row exceeds.
     timed = np.array([0.0, 1.5, 2.5, 3.5, 5.0]), np.array([0.0, 1.0, 1.0, 1.0, 0.0])[:, None]
     plain = verdict(task, q, *timed)
-    assert plain.verdict == "passes: 5 rows of task rows"
+    # Accelerations of cubics jump at the rows: of jerks they say nothing.
+    jerks = "jerks not checked: no accelerations"
+    assert plain.verdict == f"passes; {jerks} (5 rows of task rows)"
     for change, sentence, kind in (
         ("velocity_limits", "joint speeds not checked: no limits known", "unchecked"),
         (
@@ -623,8 +624,10 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
         unlimited = dataclasses.replace(task, **{change: np.array([np.inf])})
         check = verdict(unlimited, q, *timed)
         assert check.passes
-        assert check.verdict == f"passes; {sentence} (5 rows of task rows)"
-        assert check.to_dict()[kind] == [sentence]
+        both = (sentence, jerks) if kind == "unchecked" else (jerks, sentence)
+        assert check.verdict == f"passes; {'; '.join(both)} (5 rows of task rows)"
+        assert sentence in check.to_dict()[kind]
+        assert len(check.unchecked) + len(check.sources) == 2
     assert verdict(task, q).unchecked == (
         "feed, joint speeds and accelerations not checked: no times",
     )
@@ -637,7 +640,8 @@ def test_single_joints_without_limits_and_models_without_ranges_are_named() -> N
     rows = TimedPath(NAMES, trajectory.q, np.arange(21) * 0.1)
     check = check_trajectory(rows, trajectory.path_task)
     assert check.unchecked[0] == "joint speeds of slide_2 not checked: no limits known"
-    assert all("rest at its ends" in sentence for sentence in check.unchecked[1:])
+    assert check.unchecked[-1] == "jerks not checked: no accelerations"
+    assert all("rest at its ends" in sentence for sentence in check.unchecked[1:-1])
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body>"
         + "".join(f'<joint name="j{i}"/>' for i in range(6))
@@ -650,6 +654,7 @@ def test_single_joints_without_limits_and_models_without_ranges_are_named() -> N
     assert check_trajectory(TimedPath(names, np.zeros((3, 6)), np.arange(3.0)), task).unchecked == (
         "joint speeds of j1, j2, j3 and 2 more not checked: no limits known",
         "joint ranges not checked: the model states none",
+        "jerks not checked: no accelerations",
     )
 
 

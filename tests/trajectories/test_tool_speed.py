@@ -124,7 +124,7 @@ def fast() -> qt.PathTask:
 
 
 def own_shares(task: qt.PathTask, motion: qt.JointMotion) -> tuple[Array, Array]:
-    """Speed of the site by differences of its positions over 0.2 ms, over 1 m/s; and the way."""
+    """Speed of the site by differences of its positions over 0.2 ms, m/s; and the way."""
     data, dt = mujoco.MjData(task.model), 1e-4
     times = np.arange(dt, motion.times[-1] - dt, 2e-3)
 
@@ -155,12 +155,12 @@ def test_the_free_motion_moves_before_the_tool_slows_down(
     fast: qt.PathTask, tmp_path: Path
 ) -> None:
     shares = []
-    for constant in (False, True):
-        task = dataclasses.replace(fast, constant_speed=constant)
+    for constant in (False, True):  # at half the speed, for which the edges leave ramps enough way
+        task = dataclasses.replace(fast, constant_speed=constant, durations=2.0 * fast.durations)
         run = run_task(task, "qp_gradient", tmp_path / "run.csv")
         assert run.check is not None and run.check.passes and run.timed is not None
         speeds, ways = own_shares(task, run.timed.motion)
-        shares.append(float(ways[speeds >= 0.98].sum() / ways.sum()))
+        shares.append(float(ways[speeds >= 0.49].sum() / ways.sum()))
     assert shares[1] > shares[0] + 0.15
     assert run.check.speed is not None
     for dip in run.check.speed.dips:
