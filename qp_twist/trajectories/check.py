@@ -213,18 +213,9 @@ def check_trajectory(
             "checked."
         )
     rows = TimedPath.of(trajectory).of_joints(ranges.names)
-    path_task = with_lift_offs(path_task, rows.metadata)
+    asked, path_task = path_task, with_lift_offs(path_task, rows.metadata)
     motion, count, timed = rows.motion, len(path_task.waypoints), rows.times is not None
-    passing = Passing(motion.times, timed, by_row=True)
-    by_row = len(rows.q) == count
-    if by_row:
-        errors = errors_of(path_task, motion, tolerances, passing)
-    if not by_row or not tolerances.met(errors.position.at, errors.axis.at).all():
-        times = times_at_waypoints(path_task, motion, tolerances)
-        searched = Passing(times, timed, by_row=False)
-        nearest = errors_of(path_task, motion, tolerances, searched)
-        if not by_row or tolerances.met(nearest.position.at, nearest.axis.at).all():
-            errors, passing = nearest, searched
+    errors, passing = _matched(path_task, motion, tolerances, len(rows.q) == count, timed)
     met = tolerances.met(errors.position.at, errors.axis.at)
     astray: tuple[Astray, ...] = ()
     if not passing.by_row:
@@ -255,6 +246,10 @@ def check_trajectory(
             "row to row, as ROS' joint trajectory controller moves them"
         )
     unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
+    if path_task is not asked:
+        after = ", ".join(map(str, path_task.cuts))
+        unchecked.insert(0, f"lifts off after waypoints {after}, as it states itself: between each "
+                            "of them and the next one the path is not asked about")  # fmt: skip
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
         if motion.accelerations is None:
@@ -279,6 +274,22 @@ def check_trajectory(
         speed,
         tolerances,
     )
+
+
+def _matched(
+    path_task: PathTask, motion: JointMotion, tolerances: Tolerances, by_row: bool, timed: bool
+) -> tuple[PathErrors, Passing]:
+    """Errors at the rows, or else at the times at which the motion passes the waypoints nearest."""
+    passing = Passing(motion.times, timed, by_row=True)
+    if by_row:
+        errors = errors_of(path_task, motion, tolerances, passing)
+    if not by_row or not tolerances.met(errors.position.at, errors.axis.at).all():
+        times = times_at_waypoints(path_task, motion, tolerances)
+        searched = Passing(times, timed, by_row=False)
+        nearest = errors_of(path_task, motion, tolerances, searched)
+        if not by_row or tolerances.met(nearest.position.at, nearest.axis.at).all():
+            return nearest, searched
+    return errors, passing
 
 
 def _part_of_the_path(passing: Passing, motion: JointMotion, met: Mask) -> list[str]:

@@ -234,7 +234,9 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
     )
     rows = qt.read_trajectory(tmp_path / "run.csv")
     assert rows.metadata["cuts"] == [k]
-    assert qt.check_trajectory(rows, task).passes
+    passed = qt.check_trajectory(rows, task)
+    assert passed.passes
+    assert passed.verdict.startswith(f"passes; lifts off after waypoints {k}, as it states itself")
     # Where the task does not let the tool lift off, or states other places, it does not pass.
     for cuts in ("[]", f"[{k - 3}]"):
         assert not qt.check_trajectory(rows, qt.load_task(ring(tmp_path, cuts))).passes
@@ -245,7 +247,9 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
     stated = qt.load_task(ring(tmp_path, f"[{k}]"))
     assert stated.cuts == (k,)
     assert stated.positions == pytest.approx(lifted.positions, abs=1e-9)
-    assert qt.check_trajectory(silent, stated).passes
+    passed = qt.check_trajectory(silent, stated)
+    assert passed.passes
+    assert "lifts off" not in passed.verdict
     with pytest.raises(qt.InvalidInput, match=f"already lifts the tool off after waypoints {k}"):
         qt.plan(stated, cuts="fewest")
 
