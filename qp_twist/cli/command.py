@@ -95,6 +95,7 @@ def _run_with_files(given: list[str]) -> None:
 def overview() -> str:
     """The commands, each with the first sentence of its documentation."""
     lines = ["usage: qp-twist COMMAND …", "", *textwrap.wrap(_ABOUT, 80), ""]
+    wide = max(map(len, COMMANDS)) + 2
     for name in COMMANDS:
         source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text("utf-8"))
         about = next(
@@ -103,5 +104,7 @@ def overview() -> str:
             if isinstance(made, ast.FunctionDef) and made.name == name
         )
         first = " ".join(about.partition("\n\n")[0].split())
-        lines += textwrap.wrap(first, 80, initial_indent=f"  {name:<9}", subsequent_indent=" " * 11)
+        lines += textwrap.wrap(
+            first, 80, initial_indent=f"  {name:<{wide}}", subsequent_indent=" " * (wide + 2)
+        )
     return "\n".join([*lines, "", "qp-twist COMMAND --help has its options.", _SWITCHES])
