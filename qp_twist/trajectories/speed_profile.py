@@ -54,9 +54,9 @@ def speed_profile(
         + \mathbf q'''y\bigr).
 
     *Without jerk limits* y is linear from cell to cell and as large as reachability analysis finds
-    (:func:`~qp_twist.kernel.speed_kernel.reachable`); the joints move on cubics in time. *With*
+    (``reachable``); the joints move on cubics in time. *With*
     them y is a quadratic spline, whose coefficients minimise the duration
-    (:func:`~qp_twist.kernel.speed_kernel.with_jerk_limits`); the joints move on quintics with the
+    (``with_jerk_limits``); the joints move on quintics with the
     position, velocity and acceleration of each row, so that accelerations are continuous.
 
     Limits hold at places in each cell; by what they are exceeded between these, they are tightened
