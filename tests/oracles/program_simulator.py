@@ -15,7 +15,9 @@ from oracles.data_sheets import about, links
 from oracles.tool_circles import length_of, moved
 
 Array = np.ndarray
-N = r"-?\d+\.?\d*(?:[eE]-?\d+)?"
+N = r"-?(?:\d+\.?\d*|\.\d+)(?:[eE]-?\d+)?"
+_SHOWN = rf"(\w+)\s*=\s*\+?({N})\s*(?:mm|deg)"
+"""An axis or a component of a position in LS."""
 FASTEST = np.radians(0.5)
 """Largest step of a joint in a millisecond, rad: with more the arm jumps to another branch."""
 MS = 1e-3
@@ -173,14 +175,17 @@ def _krl(text: str) -> Text:
 def _ls(text: str) -> Text:
     points = dict(re.findall(r"^P\[(\d+)\]\{(.*?)\};", text, re.S | re.M))
     in_base, found = "UFRAME_NUM=0" in text, list[Move]()
-    pattern = r":([JLC]) (?:P\[(\d+)\]\n    :  )?P\[(\d+)\] (\S+) \w+ ?(COORD|RTCP|) ?;"
+    pattern = (
+        r":\s*([JLC])\s*(?:P\[(\d+)\]\n\s*:\s*)?P\[(\d+)\]\s*\+?(\S+?)\s*(?:FINE|CNT\d+)\s*"
+        r"(COORD|RTCP|)\s*;"
+    )
     for word, between, number, how, option in re.findall(pattern, text):
         assert bool(between) == (word == "C")
         via = _fanuc_place(points[between]) if between else None
         first, _, second = points[number].partition("GP2:")
-        fields = {key: float(value) for key, value in re.findall(rf"(\w+)= ({N}) ", first)}
+        fields = {key: float(value) for key, value in re.findall(_SHOWN, first)}
         external = {key: value for key, value in fields.items() if key[0] == "E"}
-        more = re.findall(rf"(\w+)= ({N}) ", second)
+        more = re.findall(_SHOWN, second)
         external |= {f"GP2_{key}": float(value) for key, value in more}
         value, unit = float(re.match(N, how)[0]), how.lstrip("0123456789.")  # type: ignore[index]
         speed = value * {"mm/sec": MS, "cm/min": 1e-2 / 60.0}.get(unit, np.nan)
@@ -191,7 +196,7 @@ def _ls(text: str) -> Text:
             theta = _fanuc_place(first)
         else:
             pose = _fanuc_place(first)
-            letters, *turns = re.search(r"CONFIG : '([^']*)'", first)[1].split(",")  # type: ignore[index]
+            letters, *turns = re.search(r"CONFIG\s*:\s*'([^']*)'", first)[1].split(",")  # type: ignore[index]
             data = (*(int(each in "FDB") for each in letters.split()), *map(int, turns))
         found.append(Move(word != "J", theta, pose, external, data, seconds, (speed, np.inf), None,
                           bool(option), via))  # fmt: skip
@@ -201,7 +206,7 @@ def _ls(text: str) -> Text:
 
 def _fanuc_place(inside: str) -> Array:
     """Shown angles, or a pose."""
-    fields = {key: float(value) for key, value in re.findall(rf"(\w+)= ({N}) ", inside)}
+    fields = {key: float(value) for key, value in re.findall(_SHOWN, inside)}
     if "J1" in fields:
         return np.array([fields[f"J{k}"] for k in range(1, 7)])
     return angles_pose(*(fields[key] for key in "XYZRPW"))
@@ -209,7 +214,8 @@ def _fanuc_place(inside: str) -> Array:
 
 def _urscript(text: str) -> Text:
     found = list[Move]()
-    for word, rest in re.findall(r"^  (move[jlpc]|start|cubic|line)\((\[.*)\)$", text, re.M):
+    words = r"^ +(move[jlpc]|start|cubic|line)\((\[.*)\) *$"
+    for word, rest in re.findall(words, re.sub(" *#.*", "", text), re.M):
         groups = [numbers(each) for each in re.findall(r"\[([^\]]*)\]", rest)]
         given = {key: float(value) for key, value in re.findall(rf"(\w)=({N})", rest)}
         seconds, v = given.get("t", np.nan), given.get("v", np.nan)
