@@ -1,0 +1,247 @@
+"""How long a timed path takes, beside toppra, ruckig and lower bounds, and how smooth it is.
+
+    python benchmarks/timing.py [timing] [--paths 20] [--repeats 3] [--write]
+    python benchmarks/timing.py [timing_moves] [--moves 100] [--write]
+    python benchmarks/timing.py [timing_jumps] [--write]
+
+*timing*: shipped tasks at 20 times their feed, and random paths of six joints, each as one curve
+through its rows. toppra (limits of speed and acceleration, the same curve, as many grid points as
+the package has cells) is the peer; its parametrisation of constant acceleration from point to point
+is looked at 20 times in each. The *bound* takes at each place the largest pace that the limits of
+speed and acceleration permit there alone, however it be reached: no motion is faster.
+
+*timing_moves*: straight joint moves from rest to rest, beside ruckig's, synchronised in phase.
+
+*timing_jumps*: of twenty motions the largest change of a joint's acceleration from one millisecond
+to the next, over jerk limit × 1 ms, of the positions in the file by scipy.
+
+Needs toppra and ruckig (``pip install toppra ruckig``).
+"""
+
+from __future__ import annotations
+
+from page import command, markdown_table
+
+# isort: split
+import itertools
+import statistics
+import time
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import ruckig
+import toppra
+from scipy.interpolate import BPoly, CubicSpline
+
+import qp_twist as qt
+from qp_twist.checks import Array
+from qp_twist.kinematics import JointRanges
+from qp_twist.referee import (
+    JointMotion,
+    MotionLimits,
+    motion_limits,
+    with_default_accelerations,
+    with_default_jerks,
+)
+from qp_twist.trajectories import JointCurve, refine_trajectory, speed_profile, time_trajectory
+
+TASKS = ("deburring", "deburring_bands", "dome_seams", "turn_tilt", "part_in_hand")
+FASTER = 20.0
+"""Times the feed: the joints' limits count everywhere."""
+LOOKS = 20
+toppra.setup_logging("ERROR")
+
+
+class Path(NamedTuple):
+    """A curve to be passed from rest to rest, and the limits of its joints."""
+
+    name: str
+    x: Array
+    q: Array
+    limits: MotionLimits
+
+    def timed(self, *, jerk: bool) -> JointMotion:
+        """The package's motion."""
+        rests, free = np.zeros(len(self.x), dtype=bool), np.full(len(self.x) - 1, np.inf)
+        rests[[0, -1]] = True
+        rates = self.limits.velocity, self.limits.acceleration
+        most = self.limits.jerk if jerk else None
+        return speed_profile(self.q, np.diff(self.x), *rates, rests, free, most).motion
+
+    @property
+    def curve(self) -> JointCurve:
+        return JointCurve.through(self.x, self.q)
+
+
+class _OfToppra(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
+    """The same curve for toppra."""
+
+    waypoints = None
+
+    def __init__(self, curve: JointCurve) -> None:
+        self.curve = curve
+
+    @property
+    def dof(self) -> int:
+        return self.curve.q.shape[1]
+
+    @property
+    def path_interval(self) -> Array:
+        return self.curve.x[[0, -1]]
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        values = self.at(np.atleast_1d(np.asarray(s, dtype=float)))[:, order]
+        return values[0] if np.ndim(s) == 0 else values
+
+    def at(self, s: Array) -> Array:
+        """q, q′, q″ and q‴, (K, 4, nv)."""
+        last = len(self.curve.x) - 2
+        return self.curve.at(s, np.clip(np.searchsorted(self.curve.x, s, "right") - 1, 0, last))
+
+
+def _by_toppra(path: Path, points: int) -> tuple[float, float]:
+    """Its time, s, and the largest share of a limit that its motion uses anywhere."""
+    curve = _OfToppra(path.curve)
+    ends = curve.curve.x  # so that cubics end at grid points
+    parts = np.maximum(2, np.ceil(points * np.diff(ends) / (ends[-1] - ends[0]))).astype(int)
+    shares = [
+        a + (b - a) * np.arange(n) / n for a, b, n in zip(ends[:-1], ends[1:], parts, strict=True)
+    ]
+    grid = np.append(np.concatenate(shares), ends[-1])
+    v, a = path.limits.velocity, path.limits.acceleration
+    constraints = [
+        toppra.constraint.JointVelocityConstraint(np.stack([-v, v], axis=1)),
+        toppra.constraint.JointAccelerationConstraint(np.stack([-a, a], axis=1)),
+    ]
+    found = toppra.algorithm.TOPPRA(constraints, curve, gridpoints=grid, solver_wrapper="seidel")
+    found.compute_parameterization(0, 0)
+    pace = np.asarray(found.problem_data.sd_vec)
+    shares = np.linspace(0.0, 1.0, LOOKS)
+    at = curve.at((grid[:-1, None] + np.diff(grid)[:, None] * shares).ravel())
+    y = ((1.0 - shares) * pace[:-1, None] ** 2 + shares * pace[1:, None] ** 2).ravel()[:, None]
+    change = np.repeat(np.diff(pace**2) / np.diff(grid) / 2.0, LOOKS)[:, None]
+    speed = np.abs(at[:, 1]) * np.sqrt(y) / v
+    used = max(speed.max(), (np.abs(at[:, 1] * change + at[:, 2] * y) / a).max())
+    return float((2.0 * np.diff(grid) / (pace[1:] + pace[:-1])).sum()), float(used)
+
+
+def _bound(path: Path) -> float:
+    """The time at the largest pace that each place permits alone, s."""
+    curve = _OfToppra(path.curve)
+    s = np.linspace(path.x[0], path.x[-1], 200_001)
+    _, first, second, _ = np.moveaxis(curve.at(s), 1, 0)
+    with np.errstate(divide="ignore"):
+        pace = (path.limits.velocity / np.abs(first)).min(axis=1)
+        # With |½q′y′ + q″y| ≤ a of two joints y′ can be eliminated: (|q″₁q′₂ − q″₂q′₁|) y ≤ …
+        for i in range(first.shape[1]):
+            a = path.limits.acceleration
+            cross = np.abs(second[:, i, None] * first - second * first[:, i, None])
+            reach = a[i] * np.abs(first) + a * np.abs(first[:, i, None])
+            cross[:, i] = 0.0
+            pace = np.minimum(pace, np.sqrt((reach / cross).min(axis=1)))
+    return float(np.trapezoid(1.0 / pace, s))
+
+
+def _of_tasks() -> list[Path]:
+    found = []
+    for name in TASKS:
+        task = qt.load_task(name)
+        rows = refine_trajectory(qt.follow(task, slow_down=True))
+        limits = with_default_jerks(
+            with_default_accelerations(motion_limits(task), JointRanges.of(task.model))
+        )
+        run = time_trajectory(rows, limits=limits).trajectory  # rows beside corners
+        assert run is not None and run.feed is not None
+        x = np.concatenate([[0.0], np.cumsum(run.feed / FASTER)])
+        found.append(Path(f"`{name}`", x, run.q, limits))
+    return found
+
+
+def _random(seed: int) -> Path:
+    """A cubic spline through random points, as 60 to 300 rows."""
+    rng = np.random.default_rng(seed)
+    points, rows = int(rng.integers(4, 12)), int(rng.integers(60, 300))
+    spline = CubicSpline(np.linspace(0.0, 1.0, points), rng.normal(size=(points, 6)))
+    v = rng.uniform(1.0, 6.0, size=6)
+    limits = MotionLimits(v, v / 0.25, jerk=v / 0.25 / 0.05)
+    x = np.linspace(0.0, 1.0, rows)
+    return Path(f"random {seed}", x, spline(x), limits)
+
+
+def timing(paths: int = 20, repeats: int = 3) -> str:
+    """Times and processor times beside toppra's."""
+    rows, ratios = [], []
+    for path in [*_of_tasks(), *map(_random, range(paths))]:
+        smooth, plain = path.timed(jerk=True), path.timed(jerk=False)
+        points = max(101, int(np.ceil(plain.times[-1] / 0.008)) + 1)
+        calls = (
+            partial(path.timed, jerk=False), partial(path.timed, jerk=True),
+            partial(_by_toppra, path, points),
+        )  # fmt: skip
+        took: list[list[float]] = [[], [], []]
+        for _, (of, call) in itertools.product(range(repeats), zip(took, calls, strict=True)):
+            begin = time.process_time()
+            call()
+            of.append(time.process_time() - begin)
+        theirs, used = _by_toppra(path, points)
+        T = float(plain.times[-1])
+        least = [min(of) for of in took]
+        ratios.append(
+            (T / theirs, used, least[0] / least[2], least[1] / least[2], T / _bound(path),
+             smooth.times[-1] / T)
+        )  # fmt: skip
+        rows.append((path.name, f"{T:.3f}", *map("{:.4f}".format, ratios[-1])))
+    worst = np.array(ratios).max(axis=0)
+    rows += [
+        ("largest", "", *map("{:.4f}".format, worst)),
+        ("median", "", *map("{:.4f}".format, np.median(ratios, axis=0))),
+    ]
+    return markdown_table(
+        ["path", "s", "over toppra's", "limits used by toppra", "processor", "with jerk limits",
+         "over the bound", "cost of jerk limits"],
+        rows,
+    )  # fmt: skip
+
+
+def timing_moves(moves: int = 100) -> str:
+    """Joint moves beside ruckig's."""
+    rng, ratios = np.random.default_rng(0), []
+    for _ in range(moves):
+        n = int(rng.integers(1, 8))
+        way, v = rng.normal(size=n) * 10.0 ** rng.uniform(-2.0, 0.5), rng.uniform(1.0, 6.0, size=n)
+        limits = MotionLimits(v, v / 0.25, jerk=v / 0.25 / 0.05)
+        asked = ruckig.InputParameter(n)
+        asked.target_position = way.tolist()
+        asked.max_velocity, asked.max_acceleration = v.tolist(), limits.acceleration.tolist()
+        asked.max_jerk = limits.jerk.tolist()
+        asked.synchronization = ruckig.Synchronization.Phase
+        theirs = ruckig.Trajectory(n)
+        ruckig.Ruckig(n).calculate(asked, theirs)
+        ours = Path("", np.array([0.0, 1.0]), np.stack([0.0 * way, way]), limits).timed(jerk=True)
+        ratios.append(float(ours.times[-1]) / theirs.duration)
+    return markdown_table(
+        ["joint moves", "largest of ruckig's time", "median", "least"],
+        [(moves, *map("{:.4f}".format, (max(ratios), statistics.median(ratios), min(ratios))))],
+    )
+
+
+def timing_jumps() -> str:
+    """The largest change of an acceleration within a millisecond."""
+    rows = []
+    paths = [*_of_tasks(), *map(_random, range(20 - len(TASKS)))]
+    for path in paths:
+        motion = path.timed(jerk=True)
+        of = zip(motion.q, motion.velocities, motion.accelerations, strict=True)
+        spline = BPoly.from_derivatives(motion.times, list(of))
+        changes = np.abs(np.diff(spline(np.arange(0.0, motion.times[-1], 1e-3), 2), axis=0))
+        rows.append((changes / 1e-3 / path.limits.jerk).max())
+    return markdown_table(
+        ["motions", "largest jump", "median"],
+        [(len(rows), f"{max(rows):.4f}", f"{statistics.median(rows):.4f}")],
+    )
+
+
+if __name__ == "__main__":
+    parts = {"timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps}
+    raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3))
