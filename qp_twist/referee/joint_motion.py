@@ -56,6 +56,8 @@ class JointMotion:
         q: Joint positions, rad or m, (N, nv).
         velocities: Joint velocities at the rows, rad/s or m/s, (N, nv), or ``None``.
         accelerations: Joint accelerations at the rows, rad/s² or m/s², (N, nv), or ``None``.
+        points: Rows at which a controller makes a ramp of its own, from one move to the next, the
+            first and the last row among them; ``None``: all rows.
 
     What has a wrong shape, fewer than two rows, times that do not increase, or accelerations
     without velocities is refused.
@@ -65,6 +67,7 @@ class JointMotion:
     q: Array
     velocities: Array | None = None
     accelerations: Array | None = None
+    points: Indices | None = None
 
     def __post_init__(self) -> None:
         q = finite_array("q", self.q, (None, None))

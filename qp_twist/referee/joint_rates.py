@@ -6,11 +6,12 @@ equations).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.referee.joint_motion import JointMotion
 
 CLOCK = 1e-9
@@ -95,8 +96,11 @@ def largest_accelerations(motion: JointMotion) -> tuple[Array, Array]:
     Returns:
         Times, s, (K,), and the accelerations, rad/s² or m/s², (K, nv). With velocities K = N − 1
         pieces. Without, the joints move straight and K = N − 2 rows: the acceleration is the change
-        of the mean speed between the middles of the intervals before and after.
+        of the mean speed between the middles of the intervals before and after; at ``points``
+        between the middles of the moves.
     """
+    if motion.points is not None:
+        return motion.times[1:-1], _of_moves(motion, motion.points)
     time, position, velocity, acceleration = _roundings(motion)
     times, v = motion.times, motion.velocities
     if v is None:
@@ -120,6 +124,28 @@ def largest_accelerations(motion: JointMotion) -> tuple[Array, Array]:
         stated = np.abs(motion.accelerations) - acceleration
         _raise(found, 1, np.maximum(stated[:-1], stated[1:]))
     return motion.middles, found
+
+
+def _of_moves(motion: JointMotion, points: Indices) -> Array:
+    """Largest |q̈| at rows of straight pieces, (N − 2, nv), of which some are points of a program.
+
+    Within a move its own rows say it. At a point the controller changes its speed by a ramp of its
+    own, for which it has half of each of both moves.
+    """
+    ends = JointMotion(motion.times[points], motion.q[points])
+    length = np.diff(ends.times)[:, None]
+    found = np.zeros((len(motion.times) - 2, motion.q.shape[1]))
+    for first, last in itertools.pairwise(points.tolist()):
+        if last - first > 1:
+            rows = slice(first, last + 1)
+            inside = JointMotion(motion.times[rows], motion.q[rows])
+            found[first : last - 1] = largest_accelerations(inside)[1]
+    at, speeds = points[1:-1], np.diff(motion.q, axis=0) / np.diff(motion.times)[:, None]
+    changed = np.abs(speeds[at] - speeds[at - 1])
+    doubt = 2.0 * _roundings(ends)[1] / length
+    over = 0.5 * (length[:-1] + length[1:])
+    found[at - 1] = np.maximum(changed - doubt[:-1] - doubt[1:], 0.0) / over
+    return found
 
 
 def largest_jerks(motion: JointMotion) -> Array:

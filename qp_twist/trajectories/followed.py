@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mink
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import Circle, JointMoves, Target
@@ -27,7 +27,7 @@ _MOVED = {"": "stands still", "positioner": "is on a positioner", "hand": "is in
 
 def followed(
     moves: JointMoves, q: Array, joints: ControllerJoints, vias: Sequence[Array | None] = ()
-) -> tuple[Array, Array | None]:
+) -> tuple[Array, Array | None, Indices | None]:
     """The motion of a program with joint positions q (N, n) at its points, nan where it has a pose.
 
     Moves of the tool are followed from where they begin; one to a pose has to arrive with the
@@ -41,8 +41,8 @@ def followed(
         vias: Of each move the joint positions (n,) of the point on its circle; ``None``: a pose.
 
     Returns:
-        The rows (K, n), with those of moves of the tool between, and their times, s, (K,), if the
-        program has times.
+        The rows (K, n), with those of moves of the tool between, their times, s, (K,), if the
+        program has times, and which of them are points (N,), if not all are.
 
     Raises:
         InvalidInput: If the tool or the robot is not known, or the joints do not follow a move;
@@ -51,7 +51,7 @@ def followed(
     if moves.straight is None and not moves.targets:
         given = moves.durations
         times = None if given is None else np.concatenate([[0.0], np.cumsum(given)])
-        return q, times
+        return q, times, None
     lines = moves.straight or (0,) * (len(q) - 1)
     targets = moves.targets or (None,) * len(q)
     tool = joints.tool
@@ -97,11 +97,12 @@ def followed(
         at = more[-1:]
         rows.append(more)
         shares.append(share)
+    points = np.cumsum([len(more) for more in rows]) - 1
     if durations is None:
-        return np.concatenate(rows), None
+        return np.concatenate(rows), None, points
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
-    return np.concatenate(rows), np.concatenate(at_rows)
+    return np.concatenate(rows), np.concatenate(at_rows), points
 
 
 def _move(

@@ -310,14 +310,14 @@ def decode(
             else joints.positions(np.array([each.angles]) / scale)[0]
             for each in moves.circles
         ]  # fmt: skip
-        q, times = followed(moves, joints.positions(angles / scale), joints, vias)
+        q, times, points = followed(moves, joints.positions(angles / scale), joints, vias)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and times is not None:
         notes.append(
             f"{path.name}: checked as {'' if moves.straight is None else 'its straight moves and '}"
             "straight joint moves at constant speed from point to point; the controller's ramps "
-            "and roundings are its own"
+            "and roundings are its own, for which it has half of both moves at a point"
         )
     if "spacing" in moves.header:
         notes.append(f"{path.name}: {moves.header['spacing']}")
@@ -335,6 +335,7 @@ def decode(
         notes=tuple(notes),
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
         own_ramps=rates is None,
+        points=points if rates is None else None,
         program=f"{len(lines)} lines, {moves.points} points",
     )
 

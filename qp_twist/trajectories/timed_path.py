@@ -77,6 +77,8 @@ class TimedPath:
         sources: Whose figures the positions depend on, e.g. the zero positions of a known robot.
         own_ramps: Whether joints move straight between the rows of a program, whose controller
             makes ramps of its own: the rows say nothing of its accelerations.
+        points: Which of these rows are points of the program, (P,), the others being on its moves
+            of the tool; ``None``: all.
         trajectory: The joint path that was timed, with further rows beside rounded corners;
             ``None`` of a file.
         path_rows: Which rows are those of ``trajectory``; the others are between them.
@@ -95,6 +97,7 @@ class TimedPath:
     notes: tuple[str, ...] = ()
     sources: tuple[str, ...] = ()
     own_ramps: bool = False
+    points: Indices | None = None
     trajectory: Trajectory | None = None
     path_rows: Indices | None = None
     limits: MotionLimits | None = None
@@ -163,7 +166,8 @@ class TimedPath:
         """The motion through the rows; without times one row per second."""
         if self.times is None:
             return JointMotion(np.arange(len(self.q), dtype=np.float64), self.q)
-        return JointMotion(self.times, self.q, self.velocities, self.accelerations)
+        rates = self.velocities, self.accelerations
+        return JointMotion(self.times, self.q, *rates, self.points)
 
     def at(self, t: npt.ArrayLike) -> State:
         """q, q̇ and q̈ at a time or at many, s: (nv,) or (K, nv) each."""

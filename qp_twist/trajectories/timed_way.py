@@ -297,5 +297,7 @@ def _passed(c: Array, h: Array, q: Array, f1: Array, f2: Array) -> JointMotion:
 
 def _part(motion: JointMotion, kept: Indices) -> JointMotion:
     """The motion through some of the rows."""
-    rates = (None if r is None else r[kept] for r in (motion.velocities, motion.accelerations))
-    return JointMotion(motion.times[kept], motion.q[kept], *rates)
+    velocities, accelerations = (
+        None if r is None else r[kept] for r in (motion.velocities, motion.accelerations)
+    )
+    return JointMotion(motion.times[kept], motion.q[kept], velocities, accelerations)

@@ -27,6 +27,7 @@ from qp_twist.referee import (
     Tolerances,
     path_errors,
 )
+from qp_twist.referee.joint_rates import largest_accelerations
 from qp_twist.trajectories import TimedPath, check_trajectory
 
 Array = np.ndarray
@@ -456,3 +457,25 @@ def test_a_band_of_ones_own_class_is_asked_as_those_of_the_package_are() -> None
         [between] = [f for f in check.findings if f.name == "outside a band between"]
         assert between.passes == passes == check.passes
         assert between.value == pytest.approx(max(height - 0.03, 0.0), abs=1e-4)
+
+
+def test_at_points_of_a_program_the_speed_changes_over_half_of_both_moves() -> None:
+    """A joint gains speed on its first move, jumps to another, and keeps that on the second."""
+    gain, jump, dt = 3.0, 0.4, 0.01
+    t = np.arange(0.0, 0.2 + 1e-9, dt)
+    first = 0.5 * gain * t**2
+    speed = gain * t[-1]
+    then = np.arange(dt, 0.1 + 1e-9, dt)
+    q = np.concatenate([first, first[-1] + (speed + jump) * then])[:, None]
+    times = np.concatenate([t, t[-1] + then])
+    points = np.array([0, len(t) - 1, len(q) - 1])
+    rows, found = largest_accelerations(JointMotion(times, q, points=points))
+    assert rows == pytest.approx(times[1:-1])
+    at = len(t) - 2
+    # The mean speed of the last piece of the first move is half a step short of its end's.
+    assert found[at, 0] == pytest.approx((jump + 0.5 * gain * dt) / (0.5 * (0.2 + 0.1)))
+    assert found[:at, 0] == pytest.approx(gain)
+    assert found[at + 1 :, 0] == pytest.approx(0.0, abs=1e-9)
+    # Where every row is a point, that is what changes from piece to piece.
+    every = largest_accelerations(JointMotion(times, q))[1]
+    assert every[at, 0] == pytest.approx((jump + 0.5 * gain * dt) / dt)
