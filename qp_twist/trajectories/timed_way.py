@@ -75,6 +75,12 @@ class TimedWay:
     def __init__(self, curve: JointCurve, most: Array, limits: JointLimits) -> None:
         self.curve, self.limits = curve, limits
         self.smooth = bool(np.isfinite(limits.jerk).any())
+        # From rest, d(q̇²) = 2q̈ dq: what accelerations permit, at most. Twice the way, since a curve
+        # may bulge between its rows.
+        way = 2.0 * np.abs(np.diff(curve.q, axis=0)).sum(axis=0)
+        moves, gained = way > 0.0, np.full(len(way), np.inf)
+        gained[moves] = np.sqrt(2.0 * limits.acceleration[moves] * way[moves])
+        self._within_reach = np.minimum(limits.velocity, gained)
         piece = np.searchsorted(curve.rows, np.arange(len(curve.x) - 1), side="right") - 1
         still = ~np.diff(curve.q[curve.rows], axis=0).any(axis=1)
         # Where nothing moves there is no other pace than the feed's.
@@ -150,7 +156,7 @@ class TimedWay:
     def _caps(self, first: Array, cubic: Indices) -> Array:
         """Largest squares of the pace for q′ at places of each cell (C, P, nv), (C, P)."""
         with np.errstate(divide="ignore"):
-            pace = (self.limits.velocity / np.abs(first)).min(axis=2)
+            pace = (self._within_reach / np.abs(first)).min(axis=2)
             share = self.fastest[cubic, None] / np.linalg.norm(first, axis=2)
         caps: Array = np.minimum(pace, self.most[cubic, None] * np.fmin(share, 1.0)) ** 2
         return caps

@@ -80,9 +80,9 @@ def test_a_turn_takes_room_at_the_ends_of_the_path() -> None:
 
 @pytest.fixture(scope="module")
 def robot() -> qt.Trajectory:
-    """Fifteen waypoints of the cap, the roll free."""
+    """Fifteen waypoints of the cap, followed step by step, the roll free."""
     task = qt.load_task("deburring").part(np.arange(0, 60, 4))
-    return qt.follow(task, "qp_planned")
+    return qt.follow(task, "qp_gradient")
 
 
 def errors(task: qt.PathTask, q: Array, data: mujoco.MjData, position: Array, axis: Array) -> Array:

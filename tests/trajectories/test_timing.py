@@ -427,6 +427,21 @@ def test_with_jerk_limits_a_move_takes_the_time_of_seven_sections(
     assert not profile.motion.accelerations[[0, -1]].any()
 
 
+@pytest.mark.parametrize("jerk", [np.inf, 50.0])
+def test_without_speed_limits_a_move_takes_the_time_of_accelerations(jerk: float) -> None:
+    """Rows in even steps but for rounding, of a move that nothing but the rest at its end slows."""
+    noise = np.random.default_rng(3).uniform(-1e-13, 1e-13, (60, 2))
+    q = np.linspace(0.0, 1.0, 60)[:, None] * [2.0, -1.0] + noise
+    rests, free, one = np.zeros(60, dtype=bool), np.full(59, np.inf), np.ones(2)
+    rests[[0, -1]] = True
+    feed = np.full(59, 0.01)
+    profile = speed_profile(q, feed, np.inf * one, 4.0 * one, rests, free, jerk * one)
+    # d = a T²/4; with jerk limits d = a T (T/2 − a/j)/2, since the acceleration is reached
+    ramp = 4.0 / jerk
+    expected = ramp + np.sqrt(ramp**2 + 4.0 * 2.0 / 4.0)
+    assert profile.motion.times[-1] == pytest.approx(expected, rel=1e-3)
+
+
 @pytest.mark.parametrize("jerk", [np.inf, 60.0])
 @pytest.mark.parametrize("off", [-1e-9, 1e-9, -1e-7, 1e-5])
 def test_where_rows_are_nearly_twice_as_far_apart_as_others_nothing_happens(
