@@ -102,6 +102,7 @@ def plan(
         mean z 0.0522, bound 0.0522
     """
     instance("plan(path_task, …)", path_task, PathTask)
+    instance("plan(slow_down=…)", slow_down, bool)
     if cuts not in (None, "fewest"):
         raise InvalidInput(f'plan(cuts=…): expected "fewest" or None, got {cuts!r}.')
     first: Array | None = None

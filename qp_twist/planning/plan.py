@@ -216,7 +216,7 @@ class Plan:
         sign = "<=" if self.objective == "margin" else ">="
         bound = "no bound"
         if np.isfinite(self.bound):
-            amount = self._amount(self.bound).rpartition(" ")[2]
+            amount = self._amount(self.bound).removeprefix("weighted ").removeprefix("mean z ")
             bound = f"{sign} bound {amount}"
         return f"{self.objective}: {self._amount(self.value)} {bound}"
 

@@ -302,6 +302,8 @@ def _proven(trajectory: Trajectory, place: Placing, widths: Array) -> tuple[floa
             high, ends = middle, failed
         else:
             low = middle
+    if low == 0.0:
+        return low, ends.replace("beyond it", "not even in the smallest box,")
     return low, f"every row has a solution nearby, within joint limits and clearance; {ends}"
 
 

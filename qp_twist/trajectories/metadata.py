@@ -61,8 +61,8 @@ def metadata_of(
     if task.joint_moves:  # rows, from 1, where each begins and ends
         ends = [end for end in joint_move_ends(task) if end[1] <= rows.s[-1]]
         found["joint_moves"] = numbers[np.searchsorted(rows.s, ends)].tolist()
-    if task.cuts and task.cuts != "fewest":
-        found["cuts"] = list(task.cuts)
+    if task.cuts:
+        found["cuts"] = [] if task.cuts == "fewest" else list(task.cuts)
     if limits is not None:
         for kind, most, source in (
             ("acceleration", limits.acceleration, limits.accelerations_of),
