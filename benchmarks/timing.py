@@ -30,8 +30,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import ruckig
-import toppra
 from scipy.interpolate import BPoly, CubicSpline
 
 import qp_twist as qt
@@ -50,7 +48,6 @@ TASKS = ("deburring", "deburring_bands", "dome_seams", "turn_tilt", "part_in_han
 FASTER = 20.0
 """Times the feed: the joints' limits count everywhere."""
 LOOKS = 20
-toppra.setup_logging("ERROR")
 
 
 class Path(NamedTuple):
@@ -74,34 +71,38 @@ class Path(NamedTuple):
         return JointCurve.through(self.x, self.q)
 
 
-class _OfToppra(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
-    """The same curve for toppra."""
-
-    waypoints = None
-
-    def __init__(self, curve: JointCurve) -> None:
-        self.curve = curve
-
-    @property
-    def dof(self) -> int:
-        return self.curve.q.shape[1]
-
-    @property
-    def path_interval(self) -> Array:
-        return self.curve.x[[0, -1]]
-
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        values = self.at(np.atleast_1d(np.asarray(s, dtype=float)))[:, order]
-        return values[0] if np.ndim(s) == 0 else values
-
-    def at(self, s: Array) -> Array:
-        """q, q′, q″ and q‴, (K, 4, nv)."""
-        last = len(self.curve.x) - 2
-        return self.curve.at(s, np.clip(np.searchsorted(self.curve.x, s, "right") - 1, 0, last))
+def _at(curve: JointCurve, s: Array) -> Array:
+    """q, q′, q″ and q‴ of a curve, (K, 4, nv)."""
+    last = len(curve.x) - 2
+    return curve.at(s, np.clip(np.searchsorted(curve.x, s, "right") - 1, 0, last))
 
 
 def _by_toppra(path: Path, points: int) -> tuple[float, float]:
     """Its time, s, and the largest share of a limit that its motion uses anywhere."""
+    import toppra  # of no extra
+
+    toppra.setup_logging("ERROR")
+
+    class _OfToppra(toppra.interpolator.AbstractGeometricPath):  # type: ignore[misc]
+        """The same curve for toppra."""
+
+        waypoints = None
+
+        def __init__(self, curve: JointCurve) -> None:
+            self.curve = curve
+
+        @property
+        def dof(self) -> int:
+            return self.curve.q.shape[1]
+
+        @property
+        def path_interval(self) -> Array:
+            return self.curve.x[[0, -1]]
+
+        def __call__(self, s: Array, order: int = 0) -> Array:
+            values = _at(self.curve, np.atleast_1d(np.asarray(s, dtype=float)))[:, order]
+            return values[0] if np.ndim(s) == 0 else values
+
     curve = _OfToppra(path.curve)
     ends = curve.curve.x  # so that cubics end at grid points
     parts = np.maximum(2, np.ceil(points * np.diff(ends) / (ends[-1] - ends[0]))).astype(int)
@@ -118,7 +119,7 @@ def _by_toppra(path: Path, points: int) -> tuple[float, float]:
     found.compute_parameterization(0, 0)
     pace = np.asarray(found.problem_data.sd_vec)
     shares = np.linspace(0.0, 1.0, LOOKS)
-    at = curve.at((grid[:-1, None] + np.diff(grid)[:, None] * shares).ravel())
+    at = _at(curve.curve, (grid[:-1, None] + np.diff(grid)[:, None] * shares).ravel())
     y = ((1.0 - shares) * pace[:-1, None] ** 2 + shares * pace[1:, None] ** 2).ravel()[:, None]
     change = np.repeat(np.diff(pace**2) / np.diff(grid) / 2.0, LOOKS)[:, None]
     speed = np.abs(at[:, 1]) * np.sqrt(y) / v
@@ -128,9 +129,8 @@ def _by_toppra(path: Path, points: int) -> tuple[float, float]:
 
 def _bound(path: Path) -> float:
     """The time at the largest pace that each place permits alone, s."""
-    curve = _OfToppra(path.curve)
     s = np.linspace(path.x[0], path.x[-1], 200_001)
-    _, first, second, _ = np.moveaxis(curve.at(s), 1, 0)
+    _, first, second, _ = np.moveaxis(_at(path.curve, s), 1, 0)
     with np.errstate(divide="ignore"):
         pace = (path.limits.velocity / np.abs(first)).min(axis=1)
         # With |½q′y′ + q″y| ≤ a of two joints y′ can be eliminated: (|q″₁q′₂ − q″₂q′₁|) y ≤ …
@@ -206,6 +206,8 @@ def timing(paths: int = 20, repeats: int = 3) -> str:
 
 def timing_moves(moves: int = 100) -> str:
     """Joint moves beside ruckig's."""
+    import ruckig  # of no extra
+
     rng, ratios = np.random.default_rng(0), []
     for _ in range(moves):
         n = int(rng.integers(1, 8))
