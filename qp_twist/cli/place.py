@@ -136,11 +136,11 @@ def _lines(path_task: PathTask, found: BestPlacement) -> list[str]:
     if found.plan is None or found.offset is None:
         return lines
     shift, turn = found.offset[:3], np.degrees(found.offset[3:])
-    turned = f", turned by the rotation vector {_list(turn, 2)}°" if turn.any() else ""
+    turned = f", turned by the rotation vector {listed(turn, 2)}°" if turn.any() else ""
     lines.append(f"best: {found.plan.result}")
     if found.moves == "base":
-        return [*lines, f"move the robot's base body in the scene by {_list(shift)} m{turned}"]
-    lines.append(f"the part moved by {_list(shift)} m{turned}:")
+        return [*lines, f"move the robot's base body in the scene by {listed(shift)} m{turned}"]
+    lines.append(f"the part moved by {listed(shift)} m{turned}:")
     lines += _placement_keys(path_task, found)
     if found.body is not None:
         lines.append(f"and the body {found.body!r} of the scene, likewise")
@@ -151,7 +151,7 @@ def _placement_keys(path_task: PathTask, found: BestPlacement) -> list[str]:
     """The lines of the task file that put the path there."""
     assert found.offset is not None
     shift, turn = found.offset[:3], mink.SO3.exp(found.offset[3:])
-    about = f"about {_list(found.about)} m" if found.offset[3:].any() else ""
+    about = f"about {listed(found.about)} m" if found.offset[3:].any() else ""
     source = path_task.source
     path = {} if source is None else tomllib.loads(source.read_text("utf-8")).get("path", {})
     if path.get("kind") == "file":
@@ -160,14 +160,15 @@ def _placement_keys(path_task: PathTask, found: BestPlacement) -> list[str]:
         rotation = Rotation.from_matrix(turn.as_matrix() @ table.rotation())
         return [
             "[path.placement]",
-            f"position = {_list(position)}",
-            f"rpy_deg = {_list(rotation.as_euler('xyz', degrees=True), 4)}",
+            f"position = {listed(position)}",
+            f"rpy_deg = {listed(rotation.as_euler('xyz', degrees=True), 4)}",
         ]
     if path.get("kind") == "spherical_patch" and not about:
-        return ["[path]", f"center = {_list(np.array(path['center']) + shift)}"]
+        return ["[path]", f"center = {listed(np.array(path['center']) + shift)}"]
     return [f"in [path] its points, turned {about} and then shifted" if about else
             "in [path] its points, shifted"]  # fmt: skip
 
 
-def _list(values: Array, digits: int = 5) -> str:
+def listed(values: Array, digits: int = 5) -> str:
+    """Numbers as an array of TOML."""
     return f"[{', '.join(f'{round(value, digits) + 0.0:.10g}' for value in values)}]"

@@ -9,7 +9,7 @@ import tyro
 
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import load
-from qp_twist.cli.place import corner
+from qp_twist.cli.place import corner, listed
 from qp_twist.cli.progress import load_machine_code, method_progress, progress_bar
 from qp_twist.following import follow
 from qp_twist.paths import DEFAULT_METHOD, check_method
@@ -57,9 +57,6 @@ def tolerance(
             run, widths, roll=roll, samples=samples, body=body,
             progress=lambda what, share: report(share, what),
         )  # fmt: skip
-    cli.say(
-        f"{path_task.name} by {method}, about {[round(x, 4) for x in found.about.tolist()]} m",
-        str(found),
-    )
+    cli.say(f"{path_task.name} by {method}, about {listed(found.about, 4)} m", str(found))
     if json_:
         cli.show_json({"task": path_task.name, "method": method, **found.to_dict()})

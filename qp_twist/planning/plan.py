@@ -100,8 +100,13 @@ class Plan:
     @property
     def at_waypoints(self) -> Array:
         """The configurations at the waypoints, (N, nq)."""
-        q = self.motion()
-        return q if self.s is None else q[self.s == np.floor(self.s)]
+        found: Array = self.motion()[self._places == np.floor(self._places)]
+        return found
+
+    @property
+    def _places(self) -> Array:
+        """The parameter of the path at each row, (rows,)."""
+        return np.arange(len(self.motion()), dtype=np.float64) if self.s is None else self.s
 
     @cached_property
     def durations(self) -> Array | None:
@@ -114,7 +119,7 @@ class Plan:
         counts = self.objective == "time" or (
             isinstance(self.objective, Mapping) and bool(self.objective.get("time"))
         )
-        path = task.at(np.arange(len(q), dtype=np.float64) if self.s is None else self.s)
+        path = task.at(self._places)
         if path.feed_times is None and not counts:
             return None
         pace = Pace.of_run(task, path) if counts else Pace.stated(task, path)
@@ -134,8 +139,8 @@ class Plan:
         """
         if self.durations is None:
             return None
-        s = np.arange(len(self.motion()), dtype=np.float64) if self.s is None else self.s
-        times = np.append(0.0, np.cumsum(self.durations))[s == np.floor(s)]
+        at_waypoints = self._places == np.floor(self._places)
+        times = np.append(0.0, np.cumsum(self.durations))[at_waypoints]
         longer: Array = np.diff(times, prepend=times[0])
         longer[list(self.path_task.joint_moves)] = 0.0
         at_feed = self.path_task.durations
@@ -186,10 +191,10 @@ class Plan:
         ``tolerances`` are the largest task errors that pass; 0.1 mm and 0.05° if ``None``.
         """
         q = self.motion()
-        s = np.arange(len(q), dtype=np.float64) if self.s is None else self.s
+        at_waypoints = self._places == np.floor(self._places)
         pieces = np.ones(len(q) - 1) if self.durations is None else self.durations
         times = np.append(0.0, np.cumsum(pieces))
-        passing = Passing(times[s == np.floor(s)], self.durations is not None, by_row=True)
+        passing = Passing(times[at_waypoints], self.durations is not None, by_row=True)
         return examine(self.path_task, JointMotion(times, q), tolerances, passing)
 
     def __repr__(self) -> str:
@@ -216,20 +221,24 @@ class Plan:
         sign = "<=" if self.objective == "margin" else ">="
         bound = "no bound"
         if np.isfinite(self.bound):
-            amount = self._amount(self.bound).removeprefix("weighted ").removeprefix("mean z ")
-            bound = f"{sign} bound {amount}"
+            bound = f"{sign} bound {self._number(self.bound)}"
         return f"{self.objective}: {self._amount(self.value)} {bound}"
 
     def _amount(self, value: float) -> str:
         """A value or bound with its unit."""
         if np.isnan(value):
             return "not known"
-        weighted = "weighted " if self.joint_weights else ""
-        if self.objective == "centering":
-            return f"{weighted}mean z {value:.4f}"
-        if self.objective == "time":
-            return f"{value:.4g} s"
-        return f"{weighted}{value:.2f}°" if isinstance(self.objective, str) else f"{value:.5g}"
+        weighted = self.joint_weights and self.objective in ("centering", "travel", "margin")
+        of_z = "mean z " if self.objective == "centering" else ""
+        return f"{'weighted ' if weighted else ''}{of_z}{self._number(value)}"
+
+    def _number(self, value: float) -> str:
+        """The same without its name."""
+        digits = {"centering": ".4f", "time": ".4g"}
+        units = {"centering": "", "time": " s"}
+        if not isinstance(self.objective, str):
+            return f"{value:.5g}"
+        return f"{value:{digits.get(self.objective, '.2f')}}{units.get(self.objective, '°')}"
 
 
 def make_plan(

@@ -143,6 +143,22 @@ def site_of(data: mujoco.MjData) -> Array:
     return rigid(Rotation.from_matrix(data.site("tool").xmat.reshape(3, 3)), data.site("tool").xpos)
 
 
+def corrected(
+    model: mujoco.MjModel, data: mujoco.MjData, point: Array, R: Array, steps: int = 6
+) -> None:
+    """Newton's method to a pose nearby, by MuJoCo's Jacobian."""
+    J = np.zeros((6, 6))
+    for _ in range(steps):
+        now = site_of(data)
+        off = np.append(point - now[:3, 3], Rotation.from_matrix(R @ now[:3, :3].T).as_rotvec())
+        if np.abs(off).max() < 1e-9:
+            return
+        mujoco.mj_jacSite(model, data, J[:3], J[3:], data.site("tool").id)
+        data.qpos[:] += np.linalg.solve(J, off)
+        mujoco.mj_forward(model, data)
+    raise AssertionError("the joints do not follow")
+
+
 def two_angles(begin: Array, end: Array, shares: Array, axis: Array) -> Array:
     """An axis of the tool swings on the great circle, the tool turns about it: KUKA's #VAR."""
     a, b = begin @ axis, end @ axis

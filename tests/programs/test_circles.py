@@ -21,7 +21,7 @@ from oracles.circle_programs import (
     random_circle,
 )
 from oracles.data_sheets import data_of
-from oracles.pose_programs import N, krl_frame, rapid_frame, site_of
+from oracles.pose_programs import N, corrected, krl_frame, rapid_frame, site_of
 from oracles.tool_circles import length_of, moved
 from scipy.spatial.transform import Rotation
 
@@ -119,20 +119,6 @@ def _fanuc_point(inside: str) -> Array:
     pose[:3, :3] = Rotation.from_euler("ZYX", [values[k] for k in "RPW"], degrees=True).as_matrix()
     pose[:3, 3] = [1e-3 * values[k] for k in "XYZ"]
     return pose
-
-
-def corrected(model: mujoco.MjModel, data: mujoco.MjData, point: Array, R: Array) -> None:
-    """Newton's method to a pose nearby, by MuJoCo's Jacobian."""
-    J = np.zeros((6, 6))
-    for _ in range(6):
-        now = site_of(data)
-        off = np.append(point - now[:3, 3], Rotation.from_matrix(R @ now[:3, :3].T).as_rotvec())
-        if np.abs(off).max() < 1e-9:
-            return
-        mujoco.mj_jacSite(model, data, J[:3], J[3:], data.site("tool").id)
-        data.qpos[:] += np.linalg.solve(J, off)
-        mujoco.mj_forward(model, data)
-    raise AssertionError("the joints do not follow")
 
 
 WAYS = [

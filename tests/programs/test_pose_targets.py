@@ -18,6 +18,7 @@ from oracles.pose_programs import (
     Case,
     N,
     case_of,
+    corrected,
     krl_frame,
     on_path,
     rigid,
@@ -43,21 +44,6 @@ Array = np.ndarray
 @pytest.fixture(scope="module")
 def cases() -> dict[str, Case]:
     return {name: case_of(name) for name in ROBOTS}
-
-
-def corrected(model: mujoco.MjModel, data: mujoco.MjData, point: Array, R: Array) -> None:
-    """Newton's method to a pose nearby, by MuJoCo's Jacobian."""
-    J = np.zeros((6, 6))
-    for _ in range(5):
-        now = site_of(data)
-        turn = Rotation.from_matrix(R @ now[:3, :3].T).as_rotvec()
-        off = np.append(point - now[:3, 3], turn)
-        if np.abs(off).max() < 1e-9:
-            return
-        mujoco.mj_jacSite(model, data, J[:3], J[3:], data.site("tool").id)
-        data.qpos[:] += np.linalg.solve(J, off)
-        mujoco.mj_forward(model, data)
-    raise AssertionError("the joints do not follow")
 
 
 @pytest.mark.parametrize(("name", "number"), [*zip(ROBOTS, (None, 2, None, 2), strict=True)])
@@ -103,7 +89,7 @@ def test_a_controller_keeps_the_path_and_the_branch(
         for each, of in [(turns, wanted), *((o, wanted[::20]) for o in others if "KUKA" in name)]:
             assert np.linalg.norm(np.cross(of, each[:, :, 2]), axis=1).max() <= np.radians(0.05)
         for point, R in zip(points[1:], turns[1:], strict=True):
-            corrected(model, data, point, R)
+            corrected(model, data, point, R, steps=5)
             step = np.degrees(signs * data.qpos + offsets)
             assert np.abs(step - theta).max() < 0.5  # in a millisecond
             theta = step

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.data_sheets import about, data_of, links
+from oracles.pose_programs import corrected, site_of
 from oracles.remodelled import remodelled
 from oracles.ur_flange import flange_of
 from scipy.spatial.transform import Rotation, Slerp
@@ -143,26 +144,6 @@ def moves_of(text: str) -> list[Move]:
                  given.get("r", 0.0), np.nan, word == "movep")
         )  # fmt: skip
     return found
-
-
-def site_of(data: mujoco.MjData) -> Array:
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = data.site("tool").xmat.reshape(3, 3), data.site("tool").xpos
-    return pose
-
-
-def corrected(model: mujoco.MjModel, data: mujoco.MjData, point: Array, R: Array) -> None:
-    """Newton's method to a pose nearby, by MuJoCo's Jacobian."""
-    J = np.zeros((6, 6))
-    for _ in range(6):
-        now = site_of(data)
-        off = np.append(point - now[:3, 3], Rotation.from_matrix(R @ now[:3, :3].T).as_rotvec())
-        if np.abs(off).max() < 1e-9:
-            return
-        mujoco.mj_jacSite(model, data, J[:3], J[3:], data.site("tool").id)
-        data.qpos[:] += np.linalg.solve(J, off)
-        mujoco.mj_forward(model, data)
-    raise AssertionError("the joints do not follow")
 
 
 def off_path(task: qt.PathTask, points: Array, axes: Array) -> tuple[float, float]:
