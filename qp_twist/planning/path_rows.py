@@ -150,6 +150,34 @@ class PathRows:
             left = left[arrived & ~inside[left]]
         return q, inside
 
+    def correct_within(
+        self, q: Array, at: Indices, lower: Array, upper: Array
+    ) -> tuple[Array, Mask]:
+        """As :meth:`correct_inside`, in steps that stay in a box, ``lower`` to ``upper`` (K, nv).
+
+        Joints that would leave it stop at its end, and the others take least-norm steps.
+        """
+        q, arrived = np.clip(q, lower, upper), np.zeros(len(q), dtype=bool)
+        left = np.arange(len(q))
+        for _ in range(_ITERATIONS):
+            if not len(left):
+                break
+            back, sides = np.zeros((len(left), 0, q.shape[1])), np.zeros((len(left), 0))
+            if self.hard:
+                back, sides = self.hard.returns(q[left], at[left], _INSET)
+            step, off = np.zeros((len(left), q.shape[1])), np.asarray(sides.any(axis=1))
+            for which, rows, errors in self._groups(q[left], at[left]):
+                off[which] |= np.linalg.norm(errors, axis=1) > ON_TASK
+                stacked = np.concatenate([rows, back[which]], axis=1)
+                within = (bound[left[which]] - q[left[which]] for bound in (lower, upper))
+                aims = np.concatenate([errors, sides[which]], axis=1)
+                step[which] = _shortest_within(stacked, aims, *within)
+            arrived[left] = ~off
+            left, step = left[off], step[off]
+            longest = np.abs(step).max(axis=1, keepdims=True, initial=_LONGEST)
+            q[left] = np.clip(q[left] + step * (_LONGEST / longest), lower[left], upper[left])
+        return q, arrived
+
     def projected(self, rotations: Array, positions: Array, index: int) -> tuple[Array, Array]:
         """Poses (K, 3, 3), (K, 3) moved onto a waypoint by their task error, in what T leaves."""
         targets = (self._rotations[index], self._positions[index])
@@ -251,3 +279,13 @@ def _shortest(rows: Array, sides: Array) -> Array:
     diagonal += np.where(trace > 0.0, _ROUNDING * trace, 1.0)  # rows of zeros
     shortest: Array = (transposed @ np.linalg.solve(normal, sides[:, :, None]))[:, :, 0]
     return shortest
+
+
+def _shortest_within(rows: Array, sides: Array, lower: Array, upper: Array) -> Array:
+    """Solutions x (K, nv) in a box: what least norm would take out of it is held at its end."""
+    held, x = np.zeros(lower.shape, dtype=bool), np.zeros(lower.shape)
+    for _ in range(lower.shape[1] + 1):
+        left = sides - (rows @ np.where(held, x, 0.0)[:, :, None])[:, :, 0]
+        x = np.where(held, x, _shortest(np.where(held[:, None], 0.0, rows), left))
+        held, x = held | (x < lower) | (x > upper), np.clip(x, lower, upper)
+    return x

@@ -14,9 +14,6 @@ from qp_twist.referee import JointMotion, sampled_errors
 _ROUNDS = 12
 _MORE = 0.25
 """A piece is refined only if its error exceeds that of its rows by this share."""
-_CLIPPED = 12
-"""How often a row is moved into the limits and corrected onto the path again. Of what is clipped in
-one joint of n a correction gives back some 1/n: with six joints 1e-9 of it is left."""
 _INSIDE = 1e-9
 """Violation of a limit that is rounding, rad or m."""
 
@@ -115,10 +112,7 @@ def _corrected(
     rows, inside = path.correct_inside(q, at)
     out = np.flatnonzero(~inside)
     rows[out], inside[out] = path.correct(q[out], at[out])
-    for _ in range(_CLIPPED):
-        clipped = np.clip(rows, *box)
-        left = np.flatnonzero(inside & (np.abs(clipped - rows) > _INSIDE).any(axis=1))
-        if not len(left):
-            return rows, inside
-        rows[left], inside[left] = path.correct_inside(clipped[left], at[left])
-    return rows, inside & (np.abs(np.clip(rows, *box) - rows) <= _INSIDE).all(axis=1)
+    left = np.flatnonzero(inside & (np.abs(np.clip(rows, *box) - rows) > _INSIDE).any(axis=1))
+    within = (bound[left] for bound in box)
+    rows[left], inside[left] = path.correct_within(rows[left], at[left], *within)
+    return rows, inside

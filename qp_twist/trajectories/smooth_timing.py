@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.following import Trajectory
+from qp_twist.kinematics import JointRanges
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.referee import SAMPLES, JointMotion, MotionLimits, Tolerances, errors_at
 from qp_twist.trajectories.joint_curve import JointCurve
 from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
@@ -19,6 +23,12 @@ from qp_twist.trajectories.speed_profile import (
 _ROUNDS = 30
 _ROOM = 0.75
 """Share of the tolerances that a rounded corner is meant to use."""
+_INWARDS = 1.5
+"""Times what a curve bulges out of a joint's range by which its rows are moved inwards: the curve
+between rows moves by less than they, and their neighbours follow."""
+_BEYOND = 0.25 * Tolerances().joint_range
+"""What a curve may bulge out of a range, rad or m; rows left out in timing may add half of what a
+check lets pass."""
 _SHORTEST = 1.5e-3
 """Least distance of an inserted row from its neighbours, s at the feed. Nearer, stops are faster
 (deburring at 1 m/s, 1 mm beside its corners: 2.35 s, rounded 2.56)."""
@@ -50,6 +60,7 @@ def smooth_timing(
             return timing.trajectory, timing.profile(limits)
         pieces = np.flatnonzero(leaves)
         if rounds < _ROUNDS:
+            pieces = np.setdiff1d(pieces, timing.moved_inwards())
             timing.round_corners(use, pieces)
         else:
             timing.rests[pieces] = timing.rests[pieces + 1] = True
@@ -63,12 +74,14 @@ class _Timing:
         trajectory: The path so far.
         floor: Least time of each piece, s, (N − 1,).
         rests: Rows at which the joints stand still, (N,).
-        may_help: Errors that linear interpolation keeps within the tolerances, (N − 1, B).
+        may_help: Errors that linear interpolation keeps within the tolerances, (N − 1, B), and the
+            joint ranges.
         whole: Pieces that cannot be divided, (N − 1,).
     """
 
     def __init__(self, trajectory: Trajectory, floor: Array, tolerances: Tolerances) -> None:
         self.trajectory, self.floor, self.tolerances = trajectory, floor, tolerances
+        self.ranges = JointRanges.of(trajectory.path_task.model)
         rows = np.arange(len(trajectory.q))
         straight = JointMotion(rows.astype(np.float64), trajectory.q)
         self.may_help: Mask = self._used(straight, rows, slice(None)) <= 1.0
@@ -79,15 +92,51 @@ class _Timing:
 
     def use(self) -> Array:
         """Largest error in each piece as a share of its tolerance, (N − 1,), of hard bands, too."""
-        x = np.concatenate([[0.0], np.cumsum(self._ratios() * self.floor)])
-        stops = np.flatnonzero(self.rests)
-        found = []
-        for first, last in pairwise(stops.tolist()):
-            part = slice(first, last + 1)
-            curve = JointCurve.through(x[part], self.trajectory.q[part])
-            found.append(self._used(curve.motion, curve.rows, part))
+        found = [self._used(curve.motion, curve.rows, part) for part, curve in self._curves()]
         largest: Array = np.where(self.may_help, np.concatenate(found), 0.0).max(axis=1)
         return largest
+
+    def _curves(self) -> Iterator[tuple[slice, JointCurve]]:
+        """From rest to rest: the rows, and the curve through them."""
+        x = np.concatenate([[0.0], np.cumsum(self._ratios() * self.floor)])
+        for first, last in pairwise(np.flatnonzero(self.rests).tolist()):
+            part = slice(first, last + 1)
+            yield part, JointCurve.through(x[part], self.trajectory.q[part])
+
+    def _beyond(self, motion: JointMotion, rows: Indices) -> Array:
+        """How far each piece of a motion bulges out of the ranges, rad or m, (N − 1, nv)."""
+        room = np.minimum(*(self.ranges.room(q) for q in motion.extremes()))
+        found = np.zeros((len(rows) - 1, room.shape[1]))
+        np.maximum.at(found, np.repeat(np.arange(len(found)), np.diff(rows)), -room)
+        return found
+
+    def moved_inwards(self) -> Indices:
+        """Move rows inwards where the curve bulges out of a joint's range, on the path.
+
+        A plan may lie on the end of a range. The free motion gives way where there is one. Rests
+        stay: the curve is straight there.
+
+        Returns:
+            The pieces beside rows that have moved.
+        """
+        trajectory = self.trajectory
+        parts = [self._beyond(curve.motion, curve.rows) for _, curve in self._curves()]
+        beyond = np.pad(self.may_help[:, -1:] * np.concatenate(parts), ((1, 1), (0, 0)))
+        beyond = np.maximum(beyond[:-1], beyond[1:])
+        moved = (beyond > _BEYOND).any(axis=1) & ~self.rests & trajectory.path.on_path
+        at = np.flatnonzero(moved)
+        q, ranges = trajectory.q.copy(), self.ranges
+        # Joints move away from both ends, up to the middle; others stay where they are outside.
+        room, half = ranges.room(q[at]), 0.5 * (ranges.upper - ranges.lower)
+        inwards = np.minimum(np.maximum(room, 0.0) + _INWARDS * beyond[at], half)
+        inset = np.where(beyond[at] > 0.0, inwards, np.minimum(room, 0.0))
+        box = ranges.lower + inset, ranges.upper - inset
+        path = PathRows(trajectory.path_task, trajectory.s[at])
+        rows, found = path.correct_within(q[at], np.arange(len(at)), *box)
+        at = at[found]
+        q[at] = rows[found]
+        self.trajectory = replace(trajectory, q=q)
+        return np.concatenate([at - 1, at])
 
     def _used(self, motion: JointMotion, rows: Indices, part: slice) -> Array:
         """Each of the errors of a motion through a part of the path, ``rows`` of it, (N − 1, B)."""
@@ -98,7 +147,8 @@ class _Timing:
         errors, units = errors_at(*of, piece, samples)
         largest = np.zeros((len(rows) - 1, len(units)))
         np.maximum.at(largest, piece, errors / (_SEEN * self.tolerances.of(units)))
-        return largest
+        beyond = self._beyond(motion, rows).max(axis=1, keepdims=True, initial=0.0)
+        return np.hstack([largest, beyond / _BEYOND])
 
     def _ratios(self) -> Array:
         """Length of each piece in the parameter of the curve, in its time at the feed, (N − 1,).

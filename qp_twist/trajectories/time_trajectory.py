@@ -30,7 +30,7 @@ def time_trajectory(
 ) -> TimedPath:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
-    The waypoints do not change. Each piece from a row to the next takes at least the time at the
+    All waypoints are passed. Each piece from a row to the next takes at least the time at the
     feed. Without limits of acceleration and jerk every joint moves at constant speed from row to
     row, in :math:`\max(\text{feed},\, \max_j |\Delta q_j|/v_j)`. With them the joints move from
     rest to rest on a smooth curve through the rows
@@ -41,7 +41,8 @@ def time_trajectory(
     A smooth curve cuts corners. Where it would leave the path by more than the tolerances, but
     linear interpolation of the joints would not, a row is inserted on each side of the waypoint
     with the sharper turn, so near that the tolerances are kept. Where these rows would be less than
-    1.5 ms away at the feed, the joints stop.
+    1.5 ms away at the feed, the joints stop. Where the curve would bulge out of a joint's range,
+    because the path lies on the end of it, the free motion moves rows inwards, on the path.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`, preferably with ``slow_down=True``.

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kernel.speed_kernel import reachable, with_jerk_limits
-from qp_twist.referee import FASTER, JointMotion
+from qp_twist.referee import FASTER, JointMotion, Tolerances
 from qp_twist.trajectories.joint_curve import JointCurve
 from qp_twist.trajectories.rest_ramps import RestRamps
 
@@ -35,8 +35,8 @@ _MORE = 1.001
 """Times the excess by which exceeded limits are tightened, so that it comes to an end."""
 _ROUNDING = 5e-10
 """Share by which rounding may exceed a limit."""
-_SAME = 1e-6
-"""Largest change of a joint where a row is left out, rad or m: at 1 m a micrometre."""
+_SAME = 0.5 * Tolerances().joint_range
+"""Largest change of a joint where a row is left out, rad or m: a curve may lie on a joint's end."""
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 

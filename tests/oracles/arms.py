@@ -82,7 +82,7 @@ def random_configuration(
     return rng.uniform(low + margin * (high - low), high - margin * (high - low))
 
 
-def planar_arm(lengths: Sequence[float]) -> mujoco.MjModel:
+def planar_arm(lengths: Sequence[float], tip: str = "tip") -> mujoco.MjModel:
     """Return a planar arm in the xy plane: hinges about z, stretched along x at 0, site ``tip``."""
     opening, closing = "", ""
     for i, length in enumerate(lengths):
@@ -93,7 +93,7 @@ def planar_arm(lengths: Sequence[float]) -> mujoco.MjModel:
           <geom name="geom_{i + 1}" type="capsule" size="0.03" mass="1"
             fromto="0 0 0 {length!r} 0 0" contype="0" conaffinity="0"/>"""
         closing += "</body>"
-    return _compile(f'{opening}<site name="tip" pos="{lengths[-1]!r} 0 0"/>{closing}')
+    return _compile(f'{opening}<site name="{tip}" pos="{lengths[-1]!r} 0 0"/>{closing}')
 
 
 def seven_axes(
