@@ -53,6 +53,8 @@ nitpick_ignore = [
     ("py:class", "Line"),  # a direction and a point
     ("py:class", "qp_twist.robots.axis_geometry.Line"),
     ("py:class", "Part"),  # of a path: approach, contact …
+    ("py:class", "Zone"),  # of a program's points, and the corners that it rounds
+    ("py:class", "Corners"),
     ("py:class", "Posed"),  # what a NamedProblem is made of
     ("py:class", "Counts"),
     ("py:class", "Indices"),

@@ -21,6 +21,7 @@ from .joint_moves import ProgramFrame as ProgramFrame
 from .joint_moves import Speed as Speed
 from .joint_moves import Target as Target
 from .joint_moves import Turning as Turning
+from .joint_moves import Zone as Zone
 from .joint_moves import printed as printed
 from .moves import JointMove as JointMove
 from .moves import Moves as Moves

@@ -36,6 +36,7 @@ from qp_twist.programs.joint_moves import (
     ProgramFrame,
     Speed,
     Target,
+    Zone,
 )
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
@@ -536,7 +537,7 @@ class TpProgram(Program):
             )
             and (word == "C") == (match["q"] is not None)
             and (match["q"] or "P").upper() == "P"
-            and re.fullmatch(r"FINE|CNT\s*\d+", zone, re.I)
+            and re.fullmatch(r"FINE|CNT\s*(?:\d\d?|100)", zone, re.I)
             and re.fullmatch(
                 r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L"), match["options"], re.I
             )
@@ -545,7 +546,8 @@ class TpProgram(Program):
             what = f"{word} is not read; only {self.language.reads} can be checked."
             raise refuse(line, match[0], what)
         if zone and zone.upper() not in ("FINE", "CNT0"):
-            moves.rounds(line, zone)
+            number = re.fullmatch(r"CNT\s*(\d+)", zone, re.I)
+            moves.rounds(Zone(line, zone, share=int(number[1]) / 100.0 if number else 1.0))
         if "ACC" in match["options"].upper():
             moves.noted(line, "ACC", "speed")
         along = _FEEDS[speed[2].lower()] * self.values.number(speed[1]) if speed else math.nan

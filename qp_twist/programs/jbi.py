@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import mink
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.joint_moves import Beside
+from qp_twist.programs.joint_moves import Beside, Zone
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
 from qp_twist.programs.statements import Statements, refuse
@@ -135,7 +135,7 @@ class Job(Program):
         if re.search(r"\bE[CX]\d|\+", match["rest"]):
             self.moves.noted(line, "other axes or robots", "passed")
         if zone := re.search(r"\bPL=\d+", match["rest"], re.IGNORECASE):
-            self.moves.rounds(line, zone[0])
+            self.moves.rounds(Zone(line, zone[0]))
         if name not in self.points:
             raise InvalidInput(f"there is no position {name} under //POS", line=line)
         frame, numbers = self.points[name]

@@ -108,6 +108,29 @@ class Speed(NamedTuple):
         return max(way / self.linear, turn / self.angular)
 
 
+class Zone(NamedTuple):
+    """Where a robot may leave its moves on both sides of a point, which it rounds.
+
+    No controller begins before the middle of the shorter move, but URScript, which leaves out a
+    point whose blend overlaps the next one.
+
+    Attributes:
+        line: Of the program.
+        mark: As the program states it.
+        radius: Distance from the point, m; ∞: half of the shorter move.
+        turning: Likewise from where on the tool turns otherwise, m; ``None``: from the same.
+        share: Of half of the shorter move, in place of a distance.
+        overlaps: Whether blends may overlap.
+    """
+
+    line: int
+    mark: str
+    radius: float = math.inf
+    turning: float | None = None
+    share: float = 1.0
+    overlaps: bool = False
+
+
 class Around(NamedTuple):
     """What stands behind a point of a program: a comment, or the name of a procedure to call."""
 
@@ -134,8 +157,8 @@ class JointMoves:
         external: The last k columns.
         straight: Of each move the line of a program in which the tool moves straight, and 0 of
             joint moves, (N − 1,); ``None`` without straight moves.
-        halves: Half of the shorter of the straight moves beside each point, m, the most that
-            controllers round, (N,); ``None`` without straight moves.
+        halves: Half of the shorter of the moves beside each point, m, the most that controllers
+            round, (N,); ``None`` where the way of the tool is not known.
         shares: Of ``halves`` what the robot may round, (N,); 0: it stops there; ``None``: it
             stops at both ends.
         tool: Number of the tool of straight moves to joint angles.
@@ -150,6 +173,8 @@ class JointMoves:
         frame: Number of the frame that is on such a part.
         parts: Likewise of a program that is read, each with the line of the first such move.
         circles: Those of moves of ``straight`` on a circle, (N − 1,), else ``None``; empty without.
+        zones: Of a program that is read, how points are rounded, (N,), else ``None``; empty
+            without.
     """
 
     angles: Array
@@ -173,6 +198,7 @@ class JointMoves:
     frame: int = 1
     parts: Mapping[str | None, int] = field(default_factory=dict)
     circles: tuple[Circle | None, ...] = ()
+    zones: tuple[Zone | None, ...] = ()
 
     @property
     def stops(self) -> Mask:

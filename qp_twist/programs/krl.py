@@ -35,6 +35,7 @@ from qp_twist.programs.joint_moves import (
     ProgramFrame,
     Speed,
     Target,
+    Zone,
 )
 from qp_twist.programs.krl_frames import CIRCLES, KrlFrames
 from qp_twist.programs.krl_spline import Spline
@@ -154,7 +155,7 @@ _NOTED: Mapping[Kind, Sequence[str]] = {
     # outputs, flags, timers, names for them, and how far from a point rounding begins
     "passed": (
         r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART"
-        r"|\$APO(?:\.\w+)?|\$H_POS)\s*=(?!=)(.*)",
+        r"|\$APO\.\w+|\$H_POS)\s*=(?!=)(.*)",
         rf"(?=(PULSE)){_PULSE}",
         r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
         rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
@@ -253,12 +254,14 @@ class KrlProgram(KrlFrames):
             (r"(?:GOTO|RESUME|SPL|RSI_(?:MOVECORR|ON)|TOUCH\w*)\b.*", self.refuse, "path"),
             (r"RETURN\b.*", "return", "leaves"), (r"EXIT", "break", "leaves"),
             (rf"(WAIT)\s+SEC\s+({NUMBER})", self.wait, "pause"),
-            (_BEGIN, "", "silent"),
+            (_BEGIN, self._begin, "silent"),
+            (r"(?P<word>\$APO(?:\.CDIS)?)\s*=(?!=)(?P<value>.*)", self._rounding, "setting"),
             (r"\$BASE\s*[.\[].*", self.refuse, "path"),
             (r"(\$(?:IPO_MODE|ORI_TYPE|CIRC_TYPE))\s*=(?!=)\s*(.*)", self._mode, "setting"),
             (r"(?P<word>\$VEL)\s*=(?!=)(?P<value>.*)", self._speeds, "speed"),
             (r"(?P<word>BAS)\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,(?P<value>.*)\)", self._speed,
              "speed"),
+            (r"(?P<word>BAS)\s*\(\s*#CP_(?:DAT|PARAMS)\s*\)", self._inline_rounding, "speed"),
             (r"(?P<word>\$VEL\.CP)\s*=(?!=)(?P<value>.*)", self._speed, "speed"),
             (r"(?P<word>\$VEL\.ORI[12])\s*=(?!=)(?P<value>.*)", self._turning, "speed"),
             (r"(?P<word>BAS)\s*\(\s*#(?P<what>BASE|TOOL)\s*,(?P<value>.*)\)", self._set_frame,
@@ -394,8 +397,11 @@ class KrlProgram(KrlFrames):
         parts += [] if sweep else [last]
         if len(parts) != (2 if "CIRC" in word else 1):
             raise refuse(line, match[0], "expected one target, or two of an arc.")
-        if marks.strip() and "#" not in marks:
-            moves.rounds(line, marks.strip())
+        if mark := " ".join(re.sub(r"#\w+", "", marks).split()):
+            if moves.strict and self.spline.open:
+                raise refuse(line, match[0], f"{mark} is not read in a spline.")
+            known = {*mark.upper().split()} == {"C_DIS"} and "APO" not in given.upper()
+            moves.rounds(Zone(line, mark, self.zone if known else math.inf))
         if "PTP" in word:
             self._joint(line, parts[0], relative=relative)
         elif moves.strict:

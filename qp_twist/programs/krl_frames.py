@@ -38,6 +38,7 @@ class KrlFrames(Program):
         turns: ``$VEL.ORI1`` and ``$VEL.ORI2``, rad/s; nan where the file does not state them.
         circle: How the tool turns on circles (``$CIRC_TYPE``); ``None``: not stated.
         unread: By setting, the statement in force for which straight moves are not read.
+        zone: ``$APO.CDIS``, m; ∞ where the file does not state it.
     """
 
     def __init__(self, values: Values, moves: Moves) -> None:
@@ -47,6 +48,7 @@ class KrlFrames(Program):
         self.turns = {"1": math.nan, "2": math.nan}
         self.circle: Turning | None = None
         self.unread: dict[str, str] = {}
+        self.zone = self._inline_zone = math.inf
 
     def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
         """A setting runs or not; a base that it would state has no pose."""
@@ -65,8 +67,32 @@ class KrlFrames(Program):
         if not (self.moves.strict and kind == "speed" and match["word"] != "LDAT_ACT"):
             self.moves.noted(line, match["word"], kind)
 
+    def _begin(self, line: int, match: re.Match[str]) -> None:
+        """What a program begins with, among it the controller's own settings."""
+        self.zone = self.zone if "INITMOV" not in match[0].upper() else math.inf
+
+    def _rounding(self, line: int, match: re.Match[str]) -> None:
+        """``$APO.CDIS``, from how far before a point on it is rounded, also in a record."""
+        self.listing.refuse_calls(line, match["value"])
+        self.moves.noted(line, match["word"], "passed")
+        whole = match["word"].upper() == "$APO"
+        found = self._data(match["value"]).get("cdis") if whole else match["value"]
+        self.zone = self._distance(found)
+
+    def _inline_rounding(self, line: int, match: re.Match[str]) -> None:
+        """What inline forms state, takes effect."""
+        self.moves.noted(line, match["word"], "speed")
+        self.zone = self._inline_zone
+
+    def _distance(self, millimetres: object) -> float:
+        """In m; ∞ if it is not known."""
+        found = self.values.number(str(millimetres))
+        return math.inf if math.isnan(found) else 1e-3 * abs(found)
+
     def _speed(self, line: int, match: re.Match[str]) -> None:
         self._stated(line, match, "speed")
+        if match["word"].upper() == "BAS" and "CP_PARAMS" in match[0].upper():
+            self.zone = self._inline_zone
         self.values.names["_vel"] = {"cp": self.moves.feed}
         self.moves.feed = self.values.number(match["value"])
 
@@ -171,6 +197,7 @@ class KrlFrames(Program):
         self._stated(line, match, "speed")
         data = self._data(match["value"])
         self.circle = CIRCLES.get(f"#{data.get('circ_typ', 'base')}".upper())
+        self._inline_zone = self._distance(data.get("apo_dist"))
         known = data.get("ori_typ", "var") == "var"
         if not self.moves.strict and not (known and self.circle):
             self.refuse(line, match)

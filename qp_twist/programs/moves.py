@@ -20,6 +20,7 @@ from qp_twist.programs.joint_moves import (
     Speed,
     Target,
     Turning,
+    Zone,
 )
 
 _TURNS = {
@@ -88,9 +89,9 @@ class Moves:
         """A wait of known length."""
         self.noted(line, word, "passed")
 
-    def rounds(self, line: int, mark: str) -> None:
+    def rounds(self, zone: Zone) -> None:
         """The next point is rounded."""
-        self.noted(line, mark, "passed")
+        self.noted(zone.line, zone.mark, "passed")
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """A statement that does not move the robot."""
@@ -132,7 +133,8 @@ class Course(Moves):
         self._targets: list[Target | None] = []
         self._speeds: list[Speed | None] = []
         self._circles: list[Circle | None] = []
-        self._rounded = False
+        self._zones: list[Zone | None] = []
+        self._zone: Zone | None = None
         self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
@@ -167,6 +169,8 @@ class Course(Moves):
             self._straight.append(line if tool else 0)
             self._circles.append(circle)
         self._targets.append(target)
+        self._zones.append(self._zone)
+        self._zone = None
         self.external(line, external)
         self._points.append(angles)
         self._externals.append(dict(self._external))
@@ -200,14 +204,9 @@ class Course(Moves):
             self.joint(JointMove(line, at, None, seconds, target=target))
             self._waits.append((line, f"a wait of {seconds:g} s"))
 
-    def rounds(self, line: int, mark: str) -> None:
-        """The first one is noted."""
-        if not self._rounded:
-            self._rounded = True
-            self.note(
-                f"points are rounded from line {line} on ({mark}): the robot rounds these points; "
-                "checked is the path through them"
-            )
+    def rounds(self, zone: Zone) -> None:
+        """The point of the next move."""
+        self._zone = zone
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """Speeds and waits of unknown length leave the program without times."""
@@ -304,6 +303,7 @@ class Course(Moves):
             targets=tuple(self._targets) if targets else (),
             speeds=tuple(self._speeds) if any(self._speeds) else (), parts=self._parts,
             circles=tuple(self._circles) if any(self._circles) else (),
+            zones=tuple(self._zones) if any(self._zones) else (),
         )  # fmt: skip
 
 

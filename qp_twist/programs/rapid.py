@@ -30,6 +30,7 @@ from qp_twist.programs.joint_moves import (
     Speed,
     Target,
     Turning,
+    Zone,
 )
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -52,6 +53,10 @@ _MM = 4
 _SPEED = 4
 """Decimals of speeds, mm/s and degrees/s."""
 _TOOL = "tool0"
+_Z0 = 0.3
+"""Radius of ``z0``, mm; that of ``zN`` is N."""
+_TURNING = 1.6
+"""Largest ratio of pzone_ori to pzone_tcp of predefined zones: 8 mm to 5 mm, of ``z5``."""
 _PREFIX = "run_"
 _WOBJ = "task_wobj"
 
@@ -315,10 +320,29 @@ class RapidModule(Program):
         tool = arguments[targets + 2][0] if len(arguments) > targets + 2 else _TOOL
         if self._is_held(options.get("wobj", "wobj0")) is True or self._is_held(tool) is False:
             raise refuse(line, match[0], CARRIES)
-        zone = arguments[targets + 1][0].strip()
-        if zone.lower() not in ("fine", "z0") or "z" in options:
-            self.moves.rounds(line, zone)
+        zone = self._zone(line, arguments[targets + 1][0].strip(), options.get("z"))
+        if zone and (self.moves.strict or zone.mark.lower() != "z0"):
+            self.moves.rounds(zone)
         return [first.strip() for first, *_ in arguments], options
+
+    def _zone(self, line: int, name: str, radius: str | None) -> Zone | None:
+        r"""How the point is rounded, by zone data, their predefined name, or ``\Z`` (mm)."""
+        try:
+            if radius is not None:
+                size = turning = float(self.values.value(radius))
+            elif own := re.fullmatch(r"z(\d+)", name, re.IGNORECASE | re.ASCII):
+                size, turning = float(own[1]) or _Z0, _TURNING * (float(own[1]) or _Z0)
+            elif name.lower() == "fine":
+                return None
+            else:
+                fine, size, turning, *_ = self.values.value(name)
+                if fine is True:
+                    return None
+                turning = max(size, turning)
+            mark = name if radius is None else f"{name}\\Z:={radius}"
+            return Zone(line, mark, 1e-3 * abs(size), 1e-3 * abs(turning))
+        except (Unknown, TypeError, ValueError):
+            return Zone(line, name)
 
     def _is_held(self, name: str) -> bool | None:
         """Whether the robot holds a tool or work object; ``None`` if the file does not say so."""
@@ -568,7 +592,7 @@ RAPID = Dialect(
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
     to_fill_in=("GripLoad ...;",), frames_to_fill_in=("the tool of the moves, tool0",),
-    zone=0.3e-3, points=("joints", "poses"), parts=_PARTS, circles=("path",),
+    zone=1e-3 * _Z0, points=("joints", "poses"), parts=_PARTS, circles=("path",),
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
 3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""

@@ -33,6 +33,7 @@ from qp_twist.programs.joint_moves import (
     Speed,
     Target,
     Turning,
+    Zone,
 )
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
@@ -313,15 +314,15 @@ class Script(Program):
     def _given(self, line: int, match: re.Match[str]) -> dict[str, str]:
         self.listing.refuse_calls(line, match["arguments"])
         given = by_name(line, match["arguments"], _ARGUMENTS[match["word"]])
-        radius = given.get("r", "0")
+        text, radius = given.get("r", "0"), math.inf
         try:
-            self._blended = float(self.values.value(radius)) > 0.0
+            radius = float(self.values.value(text))
         except (Unknown, TypeError):
             if self.moves.strict:
                 raise
-            self._blended = True
+        self._blended = radius > 0.0
         if self._blended:
-            self.moves.rounds(line, f"r={radius}")
+            self.moves.rounds(Zone(line, f"r={text}", radius, overlaps=True))
         return given
 
     def _joint(self, line: int, match: re.Match[str]) -> None:

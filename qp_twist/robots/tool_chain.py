@@ -86,6 +86,12 @@ class ToolChain(NamedTuple):
         """Poses of the tool for positions of its joints (K, n)."""
         return Poses(*self.chain.poses(self._whole(q)))
 
+    def twists(self, q: Array, change: Array) -> tuple[Array, Array]:
+        """The tool's velocity and turning rate, (K, 3) each, at joint rates (K, n), at q (K, n)."""
+        _, _, J = self.chain.poses_and_jacobians(self._whole(q))
+        found = (J[:, :, [screw.dof for screw in self.chain.screws]] @ change[..., None])[..., 0]
+        return found[:, :3], found[:, 3:]
+
     def axes(self, q: Array) -> list[tuple[Array, Array]]:
         """Direction and a point of each joint's axis at positions q (K, n), m, (K, 3) each."""
         return self.chain.frames(self._whole(q))[2]

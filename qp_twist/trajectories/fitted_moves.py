@@ -11,18 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import (
-    Projector,
-    TwistProjector,
-    geodesic,
-    resolved_twist_error,
-    rotation_vector,
-)
+from qp_twist.geometry import TwistProjector, geodesic, resolved_twist_error, rotation_vector
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import Dialect, Turning
 from qp_twist.robots import ToolChain
 from qp_twist.robots.tool_chain import Poses
+from qp_twist.trajectories.corners import task_rows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -93,7 +88,7 @@ class Fits:
         self._q[::2] = own.q
         self._poses = tool.poses(self._q)
         self._held = np.zeros(len(own.q), dtype=bool) if held is None else held
-        self._tolerances, self._projector = path_task.tolerances, _rows_of(path_task)
+        self._tolerances, self._projector = path_task.tolerances, task_rows(path_task)
         self.on_joint_moves = _on_joint_moves(rows, path_task)
 
     @property
@@ -258,13 +253,6 @@ def _on_joint_moves(rows: TimedPath, path_task: PathTask) -> Mask:
         for k in path_task.joint_moves:
             found |= (times > at[k - 1] + 1e-9) & (times <= at[k] + 1e-9)
     return found
-
-
-def _rows_of(path_task: PathTask) -> TwistProjector:
-    """The directions in which the tool has to stay; all of them where they change on the way."""
-    if not path_task.segments:
-        return path_task.projector
-    return TwistProjector(linear=Projector.full(), angular=Projector.full())
 
 
 def _two_angles(R: Array, share: Array, axis: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import mink
 import numpy as np
@@ -13,6 +14,7 @@ from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import Circle, JointMoves, Target
 from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
+from qp_twist.trajectories.corners import Corners
 
 _TURNED = float(np.radians(0.05))
 """Turn from that in proportion, rad, that counts as none: the tolerance of an axis."""
@@ -25,9 +27,25 @@ _ON = {
 _MOVED = {"": "stands still", "positioner": "is on a positioner", "hand": "is in its hand"}
 
 
+class Followed(NamedTuple):
+    """The motion of a program.
+
+    Attributes:
+        q: Its rows, those of moves of the tool between points, too, (K, n).
+        times: Their times, s, (K,), if the program has times.
+        points: Which rows are points, (N,).
+        corners: Of the tool at the points; ``None`` if no point is rounded, or no tool is known.
+    """
+
+    q: Array
+    times: Array | None
+    points: Indices
+    corners: Corners | None
+
+
 def followed(
     moves: JointMoves, q: Array, joints: ControllerJoints, vias: Sequence[Array | None] = ()
-) -> tuple[Array, Array | None, Indices | None]:
+) -> Followed:
     """The motion of a program with joint positions q (N, n) at its points, nan where it has a pose.
 
     Moves of the tool are followed from where they begin; one to a pose has to arrive with the
@@ -40,18 +58,10 @@ def followed(
         joints: How the controller counts them.
         vias: Of each move the joint positions (n,) of the point on its circle; ``None``: a pose.
 
-    Returns:
-        The rows (K, n), with those of moves of the tool between, their times, s, (K,), if the
-        program has times, and which of them are points (N,), if not all are.
-
     Raises:
         InvalidInput: If the tool or the robot is not known, or the joints do not follow a move;
             with its line.
     """
-    if moves.straight is None and not moves.targets:
-        given = moves.durations
-        times = None if given is None else np.concatenate([[0.0], np.cumsum(given)])
-        return q, times, None
     lines = moves.straight or (0,) * (len(q) - 1)
     targets = moves.targets or (None,) * len(q)
     tool = joints.tool
@@ -66,10 +76,10 @@ def followed(
     order = [] if tool is None else [joints.joint_names.index(name) for name in tool.names]
     durations = None if moves.durations is None else moves.durations.copy()
     at, q = q[:1], q.copy()
-    rows, shares = list[Array](), list[Array]()
+    rows, shares, tool_moves = list[Array](), list[Array](), list[ToolMove | None]()
     for k, target in enumerate(targets):
         line = lines[k - 1] if k else 0
-        share, more = np.ones(1), q[k : k + 1]
+        share, more, move = np.ones(1), q[k : k + 1], None
         try:
             if tool is None:
                 pass
@@ -97,12 +107,16 @@ def followed(
         at = more[-1:]
         rows.append(more)
         shares.append(share)
+        tool_moves.append(move)
+    corners, found = None, np.concatenate(rows)
     points = np.cumsum([len(more) for more in rows]) - 1
+    if tool is not None and moves.zones:
+        corners = Corners.of(tool, found[points][:, order], tool_moves[1:])
     if durations is None:
-        return np.concatenate(rows), None, points
+        return Followed(found, None, points, corners)
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
-    return np.concatenate(rows), np.concatenate(at_rows), points
+    return Followed(found, np.concatenate(at_rows), points, corners)
 
 
 def _move(

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import TwistProjector, resolved_twist_error
+from qp_twist.geometry import TwistProjector
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import Circle, Dialect, JointMoves, ProgramFrame, Speed, Target
 from qp_twist.referee import Tolerances
 from qp_twist.robots import ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
+from qp_twist.trajectories.corners import Corners
 from qp_twist.trajectories.fitted_moves import Fits, FittedMove, farthest
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -66,12 +65,6 @@ class StraightMoves(NamedTuple):
     halves: Array
     shares: Array
     moves: tuple[FittedMove, ...]
-
-    def in_zones(self, zone: float) -> Array:
-        """The shares if points are rounded from ``zone`` m on, or, where that is too far, stops."""
-        most = np.minimum(self.halves, zone)
-        far = np.isfinite(zone) & (self.shares * self.halves < most)
-        return np.where(far, 0.0, self.shares)
 
 
 class LinearMotion(NamedTuple):
@@ -124,7 +117,7 @@ class LinearMotion(NamedTuple):
             )
         moves = replace(
             moves, straight=tuple(int(each) for each in line.straight), tool=self.tool or 1,
-            halves=line.halves, shares=line.in_zones(dialect.zone),
+            halves=line.halves, shares=line.shares,
             tcp=None if joints.arm is None else joints.arm.tool_in_flange,
             part=part, frame=self.frame or 1, circles=_circles(line, joints, dialect),
         )  # fmt: skip
@@ -337,50 +330,25 @@ def straight_moves(
         for each, (begin, end) in zip(moves, itertools.pairwise(points), strict=True)
     )
     passed = np.concatenate([[False], straight[:-1] & straight[1:], [False]])
-    lengths = np.array([each.move.length for each in fitted])
-    halves, shares = np.zeros((2, len(kept)))
-    halves[1:-1] = 0.5 * np.minimum(lengths[:-1], lengths[1:])
-    poses = zip(*(point.pose for point in points), strict=True)
-    corners = Poses(*(np.array(each) for each in poses))
-    tool_moves = [each.move for each in fitted]
-    shares[1:-1] = _rounded(tool_moves, corners, halves[1:-1], fits.projector, path_task.tolerances)
-    return StraightMoves(found, straight, halves * passed, shares * passed, fitted)
+    own = np.array([point.q for point in points])
+    corners = Corners.of(tool, own, [each.move for each in fitted])
+    shares = rounded_shares(corners, fits.projector, path_task.tolerances, dialect.zone)
+    return StraightMoves(
+        found, straight, np.pad(corners.halves, 1) * passed, shares * passed, fitted
+    )
 
 
-def _rounded(
-    moves: Sequence[ToolMove], corners: Poses, reach: Array, projector: TwistProjector,
-    tolerances: Tolerances,
-) -> Array:  # fmt: skip
-    """Shares of ``reach`` (N,), m, from which on inner points may be rounded, (N,).
+def rounded_shares(
+    corners: Corners, projector: TwistProjector, tolerances: Tolerances, zone: float
+) -> Array:
+    """Shares of the moves' halves from which on points may be rounded, (N,); 0: a stop.
 
-    An arc that begins and ends at the distance d from a corner of angle θ passes it at d tan θ/4; a
-    parabola, at d/2 sin θ/2, is nearer. With unit vectors u before and after it that is
-    d |u₂ − u₁| / (2 + |u₁ + u₂|), along u₂ − u₁. Two moves of which one ends while the other
-    begins, in ramps over the distance d, are each d/4 from the corner in the middle, so that
-    circles of curvatures κ towards their centres add d²/32 (κ₁ + κ₂). Where the turn per way
-    changes from w₁ to w₂, the orientation is off by d/4 (w₂ − w₁). Moves shorter than the tolerance
-    count as turns alone.
+    Where points are rounded from ``zone`` m on, a stop is where that is too far.
     """
-    R, p = corners.rotations[1:-1], corners.positions[1:-1]
-    units = np.array([each.tangents() for each in moves])
-    lengths = np.maximum([each.length for each in moves], tolerances.position)
-    rates = np.array([each.turns() for each in moves]) / lengths[:, None, None]
-    bends = np.array([each.bends() for each in moves])
-    before, after = units[:-1, 1], units[1:, 0]
-    both = np.linalg.norm(before + after, axis=1, keepdims=True)
-    d = reach[:, None]
-    turned = R @ Rotation.from_rotvec(0.25 * d * (rates[1:, 0] - rates[:-1, 1])).as_matrix()
-    corner = p + d * (after - before) / (2.0 + both)
-    arcs = p + d**2 / 32.0 * (bends[:-1, 1] + bends[1:, 0])
-    sizes = []
-    for at, turn in ((corner, turned), (arcs, R)):
-        _, error = resolved_twist_error(turn, at, R, p, projector)
-        sizes.append([np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2)])
-    (linear, angular), (square, _) = sizes
+    linear, square, angular = corners.rounding(projector)
     # Of s linear + s² square = a quarter of the tolerance, the solution s above 0.
     most = _ROUNDED * tolerances.position
     root = 0.5 * linear + np.sqrt((0.5 * linear) ** 2 + square * most)
-    found: Array = 1.0 / np.maximum(
-        1.0, np.maximum(root / most, angular / (_ROUNDED * tolerances.axis))
-    )
-    return found
+    shares = 1.0 / np.maximum(1.0, np.maximum(root / most, angular / (_ROUNDED * tolerances.axis)))
+    far = np.isfinite(zone) & (shares * corners.halves < np.minimum(corners.halves, zone))
+    return np.pad(np.where(far, 0.0, shares), 1)

@@ -44,8 +44,14 @@ from qp_twist.robots import (
 from qp_twist.robots.tool_chain import Part
 from qp_twist.robots.wording import listed
 from qp_twist.trajectories.around_moves import around_rows
+from qp_twist.trajectories.corners import Corners, task_rows
 from qp_twist.trajectories.followed import followed
-from qp_twist.trajectories.linear_moves import LinearMotion, StraightMoves, straight_moves
+from qp_twist.trajectories.linear_moves import (
+    LinearMotion,
+    StraightMoves,
+    rounded_shares,
+    straight_moves,
+)
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -231,6 +237,11 @@ def encode(
     external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
     shown = scale * joints.shown(rows.q)
     planned = JointMoves(shown, durations, velocities, external=external)
+    if line is None and path_task is not None and joints.tool is not None:
+        own = rows.of_joints(joints.tool.names).q
+        corners = Corners.of(joints.tool, own, [None] * (len(own) - 1))
+        within = task_rows(path_task), path_task.tolerances
+        planned = replace(planned, shares=rounded_shares(corners, *within, dialect.zone))
     moves = printed(planned, dialect)
     if line is not None and linear is not None:
         moves = linear.moves(moves, planned, line, joints, dialect)
@@ -310,14 +321,14 @@ def decode(
             else joints.positions(np.array([each.angles]) / scale)[0]
             for each in moves.circles
         ]  # fmt: skip
-        q, times, points = followed(moves, joints.positions(angles / scale), joints, vias)
+        found = followed(moves, joints.positions(angles / scale), joints, vias)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
-    if rates is None and times is not None:
+    if rates is None and found.times is not None:
         notes.append(
             f"{path.name}: checked as {'' if moves.straight is None else 'its straight moves and '}"
             "straight joint moves at constant speed from point to point; the controller's ramps "
-            "and roundings are its own, for which it has half of both moves at a point"
+            "are its own, for which it has half of both moves at a point"
         )
     if "spacing" in moves.header:
         notes.append(f"{path.name}: {moves.header['spacing']}")
@@ -328,14 +339,16 @@ def decode(
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
     return TimedPath(
         joints.joint_names,
-        q,
-        times,
+        found.q,
+        found.times,
         rates,
         metadata,
         notes=tuple(notes),
         sources=(joints.origin + (f" ({joints.source})" if joints.source else ""),),
         own_ramps=rates is None,
-        points=points if rates is None else None,
+        points=found.points if rates is None else None,
+        zones=moves.zones,
+        corners=found.corners,
         program=f"{len(lines)} lines, {moves.points} points",
     )
 

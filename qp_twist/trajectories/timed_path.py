@@ -15,6 +15,7 @@ from qp_twist.checks import Array, Indices, finite_array, instance
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
+from qp_twist.programs import Zone
 from qp_twist.referee import (
     JointMotion,
     MotionLimits,
@@ -23,6 +24,7 @@ from qp_twist.referee import (
     Tolerances,
     path_errors,
 )
+from qp_twist.trajectories.corners import Corners
 from qp_twist.trajectories.metadata import metadata_of
 
 if TYPE_CHECKING:
@@ -85,6 +87,8 @@ class TimedPath:
         limits: The limits for which it was timed.
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate rows at which the joints rest.
+        zones: How a program rounds its points, P, else ``None``; empty without.
+        corners: The tool at the points; ``None`` if no point is rounded, or no tool is known.
         program: Lines and points of the program that it was read from, in words; empty of others.
     """
 
@@ -104,6 +108,8 @@ class TimedPath:
     slowed: tuple[Slowed, ...] = ()
     stops: tuple[int, ...] = ()
     program: str = ""
+    zones: tuple[Zone | None, ...] = ()
+    corners: Corners | None = None
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)

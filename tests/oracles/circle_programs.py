@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import mink
@@ -12,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from oracles.data_sheets import about, data_of, links
-from oracles.remodelled import remodelled
+from oracles.mounted_robots import AXIS, FULL, mounted, timed_rows
 from oracles.tool_circles import length_of, moved, sweep_of
 from oracles.ur_flange import LENGTHS, flange_of
-from qp_twist.robots import ControllerJoints, named_robot
-from qp_twist.trajectories import TimedPath, joints_of
+from qp_twist.robots import ControllerJoints
+from qp_twist.trajectories import TimedPath
 
 Array = np.ndarray
 POSTURES = {
@@ -32,10 +31,6 @@ RULES = {
 }  # fmt: skip
 
 
-WHOLE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
-)
 RADIUS, SPEED, SEAM = 0.045, 0.05, 75.0  # m, m/s, degrees
 
 
@@ -52,12 +47,8 @@ class Case(NamedTuple):
 @cache
 def case_of(name: str, kind: str) -> Case:
     """A hole's edge, whose axis is the tool's, or the seam of a cone, with which the tool turns."""
-    robot, rng = named_robot(name), np.random.default_rng(len(name))
-    signs, offsets = rng.choice([-1.0, 1.0], 6), np.zeros(6)
-    offsets[1:3] = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 2))
-    model = remodelled(robot, signs, offsets, (0.1, -0.2, 0.3), "tool")
-    q = (np.radians(POSTURES[name]) - offsets) * signs
-    start = mink.Configuration(model, q).get_transform_frame_to_world("tool", "site")
+    arm = mounted(name, POSTURES[name])
+    start = arm.start
     hole, waypoints = kind == "hole", []
     whole = np.radians(360.0 if hole else SEAM)
     lean = mink.SO3.exp(np.radians(np.array([0.0, 0.0 if hole else 15.0, 0.0])))
@@ -69,16 +60,9 @@ def case_of(name: str, kind: str) -> Case:
                                                            lean.inverse().apply(place))
         )  # fmt: skip
     durations = np.append(0.0, np.full(180, RADIUS * whole / 180.0 / SPEED))
-    task = qt.PathTask(
-        name=kind, title=kind, source=None, scene=Path(f"{kind}.xml"), model=model,
-        frame_name="tool", frame_type="site", projector=AXIS if hole else WHOLE, operational=WHOLE,
-        waypoints=tuple(waypoints), flipped_waypoints=None, start=q, durations=durations,
-        velocity_limits=robot.speeds, acceleration_limits=np.full(6, np.inf),
-    )  # fmt: skip
-    trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
-    rows = TimedPath.of(qt.time_trajectory(trajectory))
+    task = arm.task(kind, waypoints, durations, projector=AXIS if hole else FULL)
     centre = start.apply(lean.inverse().apply(np.array([-RADIUS, 0.0, 0.0])))
-    return Case(name, task, rows, joints_of(task, rows.joint_names, robot=name), centre)
+    return Case(name, task, *timed_rows(task, name), centre)
 
 
 class RandomCircle(NamedTuple):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import NamedTuple
 
 import mink
@@ -13,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from oracles.data_sheets import about
-from oracles.remodelled import remodelled
-from qp_twist.robots import ControllerJoints, named_robot
-from qp_twist.trajectories import TimedPath, joints_of
+from oracles.mounted_robots import mounted, timed_rows
+from qp_twist.robots import ControllerJoints
+from qp_twist.trajectories import TimedPath
 
 Array = np.ndarray
 N = r"-?\d+\.?\d*"
@@ -25,10 +24,6 @@ ROBOTS = {
     "KUKA KR 16-2": (10.0, -70.0, 95.0, 5.0, 50.0, 200.0),
     "KUKA KR 6 R900 sixx": (-30.0, -70.0, 95.0, 5.0, -50.0, 20.0),
 }
-FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
-)
 
 
 class Case(NamedTuple):
@@ -46,28 +41,16 @@ class Case(NamedTuple):
 
 def case_of(name: str) -> Case:
     """A wave of 120 mm whose axis leans by up to 2°, about a posture of the robot."""
-    robot, rng = named_robot(name), np.random.default_rng(len(name))
-    signs, offsets = rng.choice([-1.0, 1.0], 6), np.zeros(6)
-    offsets[1:3] = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 2))
-    model = remodelled(robot, signs, offsets, (0.1, -0.2, 0.3), "tool")
-    q = (np.radians(ROBOTS[name]) - offsets) * signs
-    start = mink.Configuration(model, q).get_transform_frame_to_world("tool", "site")
+    arm = mounted(name, ROBOTS[name])
     waypoints = []
     for share in np.linspace(0.0, 1.0, 121):
         wave = np.sin(np.pi * share)
         turn = mink.SO3.exp(np.radians(2.0) * np.array([wave, share, 0.0]))
         move = np.array([0.06 * (2.0 * share - 1.0), 0.01 * wave, 0.0])
-        waypoints.append(start @ mink.SE3.from_rotation_and_translation(turn, move))
-    task = qt.PathTask(
-        name="loop", title="loop", source=None, scene=Path("loop.xml"), model=model,
-        frame_name="tool", frame_type="site", projector=AXIS, operational=FULL,
-        waypoints=tuple(waypoints), flipped_waypoints=None, start=q,
-        durations=np.append(0.0, np.full(120, 0.015)), velocity_limits=robot.speeds,
-        acceleration_limits=np.full(6, 20.0),
-    )  # fmt: skip
-    trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
-    rows = TimedPath.of(qt.time_trajectory(trajectory))
-    return Case(task, rows, joints_of(task, rows.joint_names, robot=name), name)
+        waypoints.append(arm.start @ mink.SE3.from_rotation_and_translation(turn, move))
+    durations = np.append(0.0, np.full(120, 0.015))
+    task = arm.task("loop", waypoints, durations, acceleration_limits=np.full(6, 20.0))
+    return Case(task, *timed_rows(task, name), name)
 
 
 def rigid(rotation: Rotation, position: Array) -> Array:

@@ -316,7 +316,7 @@ def test_programs_of_others_are_read(ending: str, tmp_path: Path) -> None:
     assert rows.times is None
     notes = "; ".join(rows.notes)
     assert "depends on the controller" in notes
-    assert "rounds" in notes
+    assert sum(zone is not None for zone in rows.zones) >= 1
     assert "passed over" in notes
     assert "no header" in notes
 

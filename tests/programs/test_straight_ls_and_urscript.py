@@ -13,8 +13,8 @@ import mujoco
 import numpy as np
 import pytest
 from oracles.data_sheets import about, data_of, links
+from oracles.mounted_robots import mounted, timed_rows
 from oracles.pose_programs import corrected, site_of
-from oracles.remodelled import remodelled
 from oracles.ur_flange import flange_of
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -23,7 +23,6 @@ from qp_twist.robots import ControllerJoints, named_robot
 from qp_twist.trajectories import (
     TimedPath,
     check_trajectory,
-    joints_of,
     read_trajectory,
     write_checked,
 )
@@ -37,10 +36,6 @@ POSTURES = {
     "Universal Robots UR5e": (10.0, -80.0, 100.0, -110.0, -80.0, 20.0),
     "Universal Robots UR10e": (-100.0, -120.0, 90.0, -50.0, 70.0, -150.0),
 }
-FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
-)
 SPEED = {name: 0.06 if "UR10e" in name else 0.12 for name in POSTURES}
 
 
@@ -60,18 +55,13 @@ class Case(NamedTuple):
 
 def case_of(name: str) -> Case:
     """A round of 80 by 60 mm whose axis leans by up to 8°, and but for the UR10e a corner."""
-    robot, rng = named_robot(name), np.random.default_rng(len(name))
-    signs, offsets = rng.choice([-1.0, 1.0], 6), np.zeros(6)
-    offsets[1:3] = np.radians(rng.choice([-90.0, 0.0, 90.0, 180.0], 2))
-    model = remodelled(robot, signs, offsets, (0.1, -0.2, 0.3), "tool")
-    q = (np.radians(POSTURES[name]) - offsets) * signs
-    start = mink.Configuration(model, q).get_transform_frame_to_world("tool", "site")
+    arm = mounted(name, POSTURES[name])
     waypoints, durations = [], [0.0]
     for angle in np.linspace(0.0, 1.5 * np.pi, 40):
         s, c = np.sin(angle), 1.0 - np.cos(angle)
         turn = mink.SO3.exp(np.radians(8.0) * np.array([s, 0.5 * c, 0.0]))
         move = np.array([0.04 * s, 0.03 * c, 0.0])
-        waypoints.append(start @ mink.SE3.from_rotation_and_translation(turn, move))
+        waypoints.append(arm.start @ mink.SE3.from_rotation_and_translation(turn, move))
     ahead = (0.0, -1.0, 0.0) if "UR10e" in name else (-0.8, -0.6, 0.0)
     for share in np.linspace(0.0, 1.0, 11)[1:]:
         move = 0.05 * share * np.array(ahead)
@@ -79,16 +69,8 @@ def case_of(name: str) -> Case:
         waypoints.append(waypoints[39] @ there)
     places = np.array([w.translation() for w in waypoints])
     durations += (np.linalg.norm(np.diff(places, axis=0), axis=1) / SPEED[name]).tolist()
-    task = qt.PathTask(
-        name="round", title="round", source=None, scene=Path("round.xml"), model=model,
-        frame_name="tool", frame_type="site", projector=AXIS, operational=FULL,
-        waypoints=tuple(waypoints), flipped_waypoints=None, start=q,
-        durations=np.array(durations), velocity_limits=robot.speeds,
-        acceleration_limits=np.full(6, np.inf),
-    )  # fmt: skip
-    trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
-    rows = TimedPath.of(qt.time_trajectory(trajectory))
-    return Case(name, task, rows, joints_of(task, rows.joint_names, robot=name))
+    task = arm.task("round", waypoints, np.array(durations))
+    return Case(name, task, *timed_rows(task, name))
 
 
 @pytest.fixture(scope="module")
