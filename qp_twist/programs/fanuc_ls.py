@@ -41,7 +41,7 @@ from qp_twist.programs.joint_moves import (
 from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown, split
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import (
     Undecided,
@@ -381,6 +381,14 @@ class TpProgram(Program):
                 f"{name}: LINE_COUNT is {count[1]}, but there are {len(found)} lines; a line was "
                 "lost or added."
             )
+        mask = re.search(r"DEFAULT_GROUP\s*=\s*([^;\n]*)", texts["ATTR"], re.ASCII)
+        groups = {1, *map(int, re.findall(r"\bGP(\d)\s*:", texts["POS"]))}
+        stated = {k for k, x in enumerate(split(mask[1] if mask else ""), 1) if x == "1"}
+        if mask and points and stated != groups:
+            raise InvalidInput(
+                f"{name}: DEFAULT_GROUP is {mask[1]}, but its points are of motion group "
+                f"{' and '.join(map(str, sorted(groups)))}; the controller would move others."
+            )
         if left := _POINT.sub("", texts["POS"]).strip():
             raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
         used = {int(n) for _, text in found for n in re.findall(r"\bP\[\s*(\d+)", text)}
@@ -559,6 +567,8 @@ class TpProgram(Program):
         if circle and (first.external or first.tool != tool):
             why = "expected one tool for both points, and no external axes at the first."
             raise refuse(line, match[0], why)
+        if word != "J":
+            moves.uses(self._numbers.get("UT", ""), self._numbers.get("UF", ""))
         if word == "J" or moves.strict:
             unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
             seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
@@ -608,11 +618,11 @@ class TpProgram(Program):
         axes, frame, external = _fields(f"P[{number}]", inside, strict=self.moves.strict)
         tool = (re.search(r"\bUT\s*:\s*(\w+)", inside) or ["", ""])[1]
         for key, own in (("UF", frame), ("UT", tool)):
-            now = self._numbers.get(key, own)
-            if self.moves.strict and own.isdecimal() and int(now) != int(own):
+            now = self._numbers.setdefault(key, own) if own.isdecimal() else own
+            if self.moves.strict and now != own and int(now) != int(own):
                 raise InvalidInput(
                     f"P[{number}] has {key} : {own}, but {key}{'RAME' if key == 'UF' else 'OOL'}"
-                    f"_NUM is {now}; the controller stops there.",
+                    f"_NUM, or a point before it, has {now}; the controller stops there.",
                     line=line,
                 )
         if not {*"XYZ"} & axes.keys():

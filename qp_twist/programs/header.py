@@ -30,6 +30,11 @@ WRITTEN_AS_MODELLED = (
 """What to do with a program whose header says so."""
 
 
+_NUMBERS = {
+    "tool": r"Tool (\d+) has to have its TCP",
+    "frame": r"(?:Frame |UFRAME |wobj|BASE_DATA\[|base, frame )(\d+)(?:\]? has to be|; )",
+}
+"""Numbers that a person has to compare, by the sentences of :func:`_about_frames`."""
 _UNSET = "Tool, base and load: none is set here."
 _OF_VALUE = (
     "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load."
@@ -81,13 +86,19 @@ def header_lines(
 
 
 def _sums(moves: JointMoves, dialect: Dialect) -> str:
-    """The sums of the speeds and of the times that a program states; empty without speeds."""
+    """The sums of speeds, times and accelerations that a program states; empty without speeds."""
     speeds = [speed.linear for speed in moves.speeds if speed is not None]
     if moves.durations is None or not speeds:
         return ""
     timed = np.array([speed is None for speed in moves.speeds])
     seconds = moves.durations[timed].sum()
-    return f"{sum(speeds):.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s"
+    ramps = sum(
+        a or 0.0 for a, other in zip(moves.accelerations[1:], timed, strict=False) if not other
+    )
+    return (
+        f"{sum(speeds):.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s"
+        + (f", accelerations {ramps:.6g} m/s2" if ramps else "")
+    )
 
 
 def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:
@@ -131,6 +142,9 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
             found[key] = value.strip()
         elif re.match(r"\w+ = \S", line):
             equations.append(line)
+        for what, pattern in _NUMBERS.items():
+            if number := re.search(pattern, line):
+                found[what] = number[1]
     missing = [key for key in _KEYS if key not in found]
     if missing:
         raise InvalidInput(
@@ -164,7 +178,9 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
         ("robot", robot or AS_MODELLED, None, WRITTEN_AS_MODELLED if modelled
          else "export the trajectory for this robot."),
         ("points", str(moves.points), wait, "a line was lost or added."),
-        ("speeds", sums, untimed, "a speed or a time was changed."),
+        *((what, moves.numbers.get(what, ""), None, "a number was changed.")
+          for what in _NUMBERS if what in header),
+        ("speeds", sums, untimed, "a speed or a time, or an acceleration, was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
     ):  # fmt: skip
         if (says := header.get(key, "")) != there:

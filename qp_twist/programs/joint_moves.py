@@ -175,6 +175,9 @@ class JointMoves:
         circles: Those of moves of ``straight`` on a circle, (N − 1,), else ``None``; empty without.
         zones: Of a program that is read, how points are rounded, (N,), else ``None``; empty
             without.
+        accelerations: Of the ramps of the moves to the points, m/s² of the tool, or rad/s² of the
+            joint that goes farthest, (N,), else ``None``; empty without.
+        numbers: Of a program that is read, the numbers of ``tool`` and ``frame`` that it uses.
     """
 
     angles: Array
@@ -199,6 +202,8 @@ class JointMoves:
     parts: Mapping[str | None, int] = field(default_factory=dict)
     circles: tuple[Circle | None, ...] = ()
     zones: tuple[Zone | None, ...] = ()
+    accelerations: tuple[float | None, ...] = ()
+    numbers: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def stops(self) -> Mask:

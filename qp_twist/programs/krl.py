@@ -458,6 +458,7 @@ class KrlProgram(KrlFrames):
         frame = ProgramFrame(*self.moves.frame, "positioner" if name.startswith("EK(") else "")
         if not frame.name or not self.tool[0]:
             raise refuse(line, text, "expected $TOOL and $BASE before it; a line was lost.")
+        self.moves.uses(self.tool[0], frame.name)
         return Target(pose, ProgramFrame(*self.tool), frame, tuple(map(int, data)), line)
 
     def _joint(self, line: int, text: str, *, relative: bool) -> None:

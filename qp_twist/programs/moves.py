@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Literal, NamedTuple
@@ -38,7 +39,8 @@ class JointMove(NamedTuple):
     With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
     given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
     of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
-    straight move is that has no time, ``part`` what moves the part on which the tool moves
+    straight move is that has no time, ``acceleration`` of its ramps, m/s², or of the joint that
+    goes farthest, rad/s², if it is stated, ``part`` what moves the part on which the tool moves
     straight to angles, ``circle`` that it is on one.
     """
 
@@ -53,6 +55,7 @@ class JointMove(NamedTuple):
     speed: Speed | None = None
     part: str | None = ""
     circle: Circle | None = None
+    acceleration: float | None = None
 
 
 class Moves:
@@ -92,6 +95,9 @@ class Moves:
     def rounds(self, zone: Zone) -> None:
         """The next point is rounded."""
         self.noted(zone.line, zone.mark, "passed")
+
+    def uses(self, tool: str, frame: str) -> None:
+        """Names or numbers of the tool and the frame of a move of the tool."""
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """A statement that does not move the robot."""
@@ -135,11 +141,13 @@ class Course(Moves):
         self._circles: list[Circle | None] = []
         self._zones: list[Zone | None] = []
         self._zone: Zone | None = None
+        self._accelerations: list[float | None] = []
+        self._numbers: dict[str, dict[str, None]] = {"tool": {}, "frame": {}}
         self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool, target, speed, part, circle = move
+        line, angles, _, seconds, rates, external, tool, target, speed, part, circle, a = move
         if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         angles = [math.nan] * AXES if angles is None else angles
@@ -151,8 +159,8 @@ class Course(Moves):
             raise InvalidInput(
                 f"the move takes {seconds:g} s; a time is positive and finite.", line=line
             )
-        if speed is not None and not all(0.0 < each < math.inf for each in speed):
-            raise InvalidInput("a speed of the tool is not positive and finite.", line=line)
+        if not all(0.0 < each < math.inf for each in (*(speed or ()), 1.0 if a is None else a)):
+            raise InvalidInput("a speed or acceleration is not positive and finite.", line=line)
         if self._points:
             if seconds is None and speed is None:
                 self._without_time(line, "the move", "has no time")
@@ -169,6 +177,7 @@ class Course(Moves):
             self._straight.append(line if tool else 0)
             self._circles.append(circle)
         self._targets.append(target)
+        self._accelerations.append(a)
         self._zones.append(self._zone)
         self._zone = None
         self.external(line, external)
@@ -207,6 +216,11 @@ class Course(Moves):
     def rounds(self, zone: Zone) -> None:
         """The point of the next move."""
         self._zone = zone
+
+    def uses(self, tool: str, frame: str) -> None:
+        """Their numbers, which the header may state."""
+        for what, name in (("tool", tool), ("frame", frame)):
+            self._numbers[what].update(dict.fromkeys(re.findall(r"\d+(?=\D*$)", name)))
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """Speeds and waits of unknown length leave the program without times."""
@@ -304,6 +318,8 @@ class Course(Moves):
             speeds=tuple(self._speeds) if any(self._speeds) else (), parts=self._parts,
             circles=tuple(self._circles) if any(self._circles) else (),
             zones=tuple(self._zones) if any(self._zones) else (),
+            accelerations=tuple(self._accelerations) if any(self._accelerations) else (),
+            numbers={what: ", ".join(each) for what, each in self._numbers.items()},
         )  # fmt: skip
 
 

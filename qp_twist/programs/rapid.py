@@ -424,6 +424,7 @@ class RapidModule(Program):
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
         part = self._moved_by(wobj) if wobj else ""
+        self.moves.uses(straight, wobj)
         if part is None:
             self.moves.note(
                 f"straight moves are in {wobj}, which the program does not state: it has to be on "
@@ -450,6 +451,7 @@ class RapidModule(Program):
             raise refuse(line, match[0], "expected whole numbers cf1, cf4, cf6, cfx.")
         frame = ProgramFrame(*self.moves.frame, self._moved_by(options.get("wobj", "wobj0")))
         target = Target(pose, self._tool(line, name), frame, data, line)
+        self.moves.uses(name, frame.name)
         seconds = float(self.values.value(options["t"])) if "t" in options else None
         circles = [Circle(self._turns, None, target._replace(pose=via)) for via in places]
         self.moves.joint(JointMove(

@@ -182,14 +182,10 @@ def _straight_ends(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, s
     if moves.halves is None or moves.shares is None or moves.durations is None:
         return []
     radii = _MICRO * np.floor(np.minimum(_BLEND, moves.shares) * moves.halves / _MICRO)
-    v = np.array([each.linear if each else 0.0 for each in moves.speeds])
-    # Over the times between the middles of moves, from rest and to rest.
-    between = np.append(0.0, moves.durations) + np.append(moves.durations, 0.0)
-    planned = 2.0 * np.abs(np.diff(v, prepend=0.0, append=0.0)) / between
-    most = max(_ACCELERATION, float(planned.max()))
     found = []
     for k, speed in enumerate(moves.speeds):
-        how = f"a={most:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
+        a = moves.accelerations[k + 1]
+        how = f"a={a:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
         blend = f", r={radii[k + 1]:.6f}" if radii[k + 1] else ""
         word = "movep" if moves.constant and moves.constant[k] else "movel"
         if moves.circles and moves.circles[k]:
@@ -330,7 +326,7 @@ class Script(Program):
             self.refuse(line, match)
         given = self._given(line, match)
         angles = pose = None
-        seconds = 0.0
+        seconds, a = 0.0, math.nan
         try:
             found = self.values.value(given.get("q", ""))
             if isinstance(found, Pose):
@@ -338,13 +334,18 @@ class Script(Program):
             else:
                 angles = [float(x) for x in found]
             seconds = float(self.values.value(given.get("t", "0")))
+            a = float(self.values.value(given.get("a", "1.4")))
         except (Unknown, TypeError, ValueError) as error:
             if self.moves.strict:
                 raise refuse(
                     line, match[0], "expected [q1, …, q6], numbers or constants."
                 ) from error
         self._check_turns(line, match, angles)
-        self.moves.joint(JointMove(line, angles, pose, seconds if seconds > 0.0 else None))
+        timed = seconds > 0.0 or match["word"] == "servoj"  # then a does not count
+        self.moves.joint(JointMove(
+            line, angles, pose, seconds if seconds > 0.0 else None,
+            acceleration=None if timed else a,
+        ))  # fmt: skip
 
     def _straight(self, line: int, match: re.Match[str]) -> None:
         """A straight move or a circle, for ``check``, in a time or at a speed of the tool."""
@@ -353,9 +354,9 @@ class Script(Program):
             angles, target = self._to(given.get("pose", given.get("pose_to", "")))
             if match["word"] == "movec":
                 circle = Circle(self._rule(given), *self._to(given.get("pose_via", "")))
-            seconds, v = (
+            seconds, v, a = (
                 float(self.values.value(given.get(key, default)))
-                for key, default in (("t", "0"), ("v", "0.25"))
+                for key, default in (("t", "0"), ("v", "0.25"), ("a", f"{_ACCELERATION}"))
             )
         except (Unknown, TypeError, ValueError) as error:
             raise refuse(
@@ -368,7 +369,7 @@ class Script(Program):
         timed = seconds > 0.0
         self.moves.joint(JointMove(
             line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,
-            speed=None if timed else Speed(v), circle=circle,
+            speed=None if timed else Speed(v), circle=circle, acceleration=None if timed else a,
         ))  # fmt: skip
 
     def _to(self, text: str) -> tuple[list[float] | None, Target | None]:

@@ -254,9 +254,7 @@ def check_trajectory(
         after = ", ".join(map(str, path_task.cuts))
         unchecked.insert(0, f"lifts off after waypoints {after}, as it states itself: between each "
                             "of them and the next one the path is not asked about")  # fmt: skip
-    if rows.zones and rows.corners is None:
-        unchecked.insert(0, "rounded points not checked: the program was read without the task's "
-                            "tool (joints_of)")  # fmt: skip
+    unchecked = [*rows.unjudged, *unchecked]
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
         if motion.accelerations is None:

@@ -262,9 +262,18 @@ def _with_speeds(
         # Only movep is known to blend with a circle.
         changes = (round_[1:] != round_[:-1]) & ~constant[1:]
         shares = np.where(np.concatenate([[False], changes, [False]]), 0.0, shares)
+    times = np.where(np.isnan(speeds), moves.durations, ways / speeds)
+    accelerations: tuple[float | None, ...] = ()
+    if dialect.constant:
+        # Over the times between the middles of moves, from rest and to rest.
+        changed = np.abs(np.diff(np.nan_to_num(speeds), prepend=0.0, append=0.0))
+        ramps = 2.0 * changed / (np.append(0.0, times) + np.append(times, 0.0))
+        most = float(f"{max(dialect.constant, float(ramps.max())):.6g}")
+        accelerations = (None, *(None if np.isnan(each) else most for each in speeds))
     return replace(
         moves,
-        durations=np.where(np.isnan(speeds), moves.durations, ways / speeds),
+        durations=times,
+        accelerations=accelerations,
         speeds=tuple(None if np.isnan(speed) else Speed(speed) for speed in speeds.tolist()),
         constant=tuple(constant.tolist()),
         shares=shares,

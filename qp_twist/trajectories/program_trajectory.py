@@ -336,6 +336,13 @@ def decode(
         notes.append(
             f"{path.name} has no header of qp_twist: a line that was lost is not noticed as such"
         )
+    unjudged = []
+    if moves.zones and found.corners is None:
+        unjudged.append(
+            "rounded points not checked: the program was read without the task's tool (joints_of)"
+        )
+    if any(moves.accelerations[1:]) and not moves.header:
+        unjudged.append("accelerations that the program states (a) not checked against the limits")
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
     return TimedPath(
         joints.joint_names,
@@ -349,6 +356,7 @@ def decode(
         points=found.points if rates is None else None,
         zones=moves.zones,
         corners=found.corners,
+        unjudged=tuple(unjudged),
         program=f"{len(lines)} lines, {moves.points} points",
     )
 

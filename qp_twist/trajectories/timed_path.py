@@ -88,6 +88,7 @@ class TimedPath:
         slowed: Sections slower than the feed, in the order of the path.
         stops: Indices of the intermediate rows at which the joints rest.
         zones: How a program rounds its points, P, else ``None``; empty without.
+        unjudged: What of a program no check judges, in words for its verdict.
         corners: The tool at the points; ``None`` if no point is rounded, or no tool is known.
         program: Lines and points of the program that it was read from, in words; empty of others.
     """
@@ -110,6 +111,7 @@ class TimedPath:
     program: str = ""
     zones: tuple[Zone | None, ...] = ()
     corners: Corners | None = None
+    unjudged: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         count = len(self.joint_names)

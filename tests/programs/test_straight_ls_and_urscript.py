@@ -274,9 +274,20 @@ def test_numbers_of_tool_and_frame(cases: dict[str, Case], tmp_path: Path) -> No
     assert move.pose is not None
     apart, _ = off_path(case.task, move.pose[None, :3, 3], move.pose[None, :3, 2])
     assert apart < 1e-4
+    for key, number, word in (("UT : ", 3, "UTOOL_NUM="), ("UF : ", 7, "UFRAME_NUM=")):
+        others = text.replace(f"{key}{number}", f"{key}9").replace(f"{word}{number}", f"{word}9")
+        path.write_text(others)
+        with pytest.raises(qt.InvalidInput, match=rf"says \w+: {number}, but here it is 9"):
+            read_trajectory(path, None, case.joints)
     for change, words in (
-        (("UTOOL_NUM=3", "UTOOL_NUM=4"), r"line \d+: P\[1\] has UT : 3, but UTOOL_NUM is 4"),
-        (("UF : 7, UT : 3,\tC", "UF : 6, UT : 3,\tC"), r"has UF : 6, but UFRAME_NUM is 7"),
+        (
+            ("UTOOL_NUM=3", "UTOOL_NUM=4"),
+            r"line \d+: P\[1\] has UT : 3, but UTOOL_NUM.* has 4",
+        ),
+        (
+            ("UF : 7, UT : 3,\tC", "UF : 6, UT : 3,\tC"),
+            r"has UF : 6, but UFRAME_NUM.* has 7",
+        ),
     ):
         path.write_text(text.replace(*change, 1))
         with pytest.raises(qt.InvalidInput, match=words):
@@ -297,6 +308,10 @@ def test_numbers_of_tool_and_frame(cases: dict[str, Case], tmp_path: Path) -> No
         ("Universal Robots UR5e", "joints", (r"movel\((.*), r=0.00.*\n", ""), "a line was lost"),
         ("Universal Robots UR5e", "joints", (r"v=0\.1[12]\d+", "v=0.03"), "a speed or a time"),
         ("Universal Robots UR5e", "joints", (r"v=0\.1[12]\d+", "v=-1"), "positive"),
+        ("Universal Robots UR5e", "joints", (r"(movel.*)a=[^,]*", r"\1a=20"), "an acceleration"),
+        ("Universal Robots UR5e", "joints", (r"(movel.*)a=[^,]*", r"\1a=0"), "positive"),
+        ("Fanuc M-20iA", "poses", (r"(P\[5\]\{\s+GP1:\s+UF : 0, UT : )1", r"\g<1>2"), "UT : 2"),
+        ("Fanuc M-20iA", "joints", (r"(GROUP\s*= )1,\*", r"\1*,1"), "points are of motion group 1"),
         ("Universal Robots UR5e", "joints", (r"movel\(\[", "movec(["), r"line \d+: .*movec"),
         ("Universal Robots UR5e", "joints", (r"movel\(\[.*?\]", "movel(get_pose()"), "get_pose"),
         ("Universal Robots UR5e", "joints", (r"r=0.00\d+\)", "r=0.001, s=1)"), "arguments"),
@@ -352,6 +367,7 @@ end
     assert flange(case.name, middle) @ tcp == pytest.approx(there, abs=1e-6)
     assert shown[-1] == pytest.approx(theta, abs=1e-4)
     assert "where the program states it" in "; ".join(back.notes)
+    assert "accelerations that the program states (a)" in "; ".join(back.unjudged)
     path.write_text(script.replace("movel(", "movej("))
     with pytest.raises(qt.InvalidInput, match=r"line 5.*numbers or constants|Cartesian"):
         read_trajectory(path, None, case.joints)

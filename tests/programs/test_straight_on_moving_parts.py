@@ -162,6 +162,8 @@ def test_a_part_that_moves_otherwise_is_refused(
     text = path.read_text()
     changed = re.sub(*change, text)
     assert changed != text
+    if name != FANUC:  # whose lines are counted; else numbers that the header states are missed
+        changed = re.sub(r".*has to be.*\n", "", changed)
     path.write_text(changed)
     with pytest.raises(qt.InvalidInput, match=words):
         read_trajectory(path, None, of.joints)
