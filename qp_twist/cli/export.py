@@ -177,6 +177,11 @@ def _linear(
     if one_of("--motion", motion, ("joint", "linear")) == "joint":
         if points is not None or frame is not None:
             raise InvalidInput("--points and --frame-number are of --motion linear.")
+        if tool is not None:
+            raise InvalidInput(
+                "--tool-number is of --motion linear: joint moves are the same with every tool; "
+                "leave it out."
+            )
         return None
     if points is not None:
         one_of("--points", points, ("joints", "poses"))

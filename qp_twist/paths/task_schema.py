@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from qp_twist.checks import Array
 from qp_twist.geometry import Projector, ProjectorFrame
@@ -248,6 +249,15 @@ class PlanSection(Section):
         description='"fewest": lift the tool off where no motion follows the whole path, as rarely '
         "as possible; or the waypoints after which it does, counted from 1",
     )
+
+    @field_validator("cuts", mode="before")
+    @classmethod
+    def _in_order(cls, value: Any) -> Any:
+        whole = isinstance(value, list) and all(type(k) is int and k > 0 for k in value)
+        if value == "fewest" or (whole and value == sorted(set(value))):
+            return value if value == "fewest" else tuple(value)
+        expected = 'expected "fewest", or waypoints in their order from 1, such as [12, 40]'
+        raise ValueError(f"{expected}; got {json.dumps(value, default=str)}")
 
 
 class ProgramSection(Section):

@@ -30,8 +30,8 @@ class Certificate:
             between which every connection that was searched breaks the speed limits or the largest
             step; ``"move"``: two between which no joint move was found, which is no proof. With a
             detail, it names only what the best motion found violates, which is no proof either.
-        waypoints: The waypoints concerned, counted from 1; at most twelve that are out of reach or
-            outside the limits.
+        waypoints: The waypoints concerned, counted from 1; of those that are out of reach or
+            outside the limits only such as were looked at, of which a note has the number.
         joints: The joints whose limits exclude a motion.
         grid: The grid that was searched.
         covered: Whether the layers contain all configurations to the grid's spacing. They do not
@@ -114,17 +114,22 @@ def empty_layers(level: Level, covered: bool) -> Certificate:
     pairs = list(zip(level.waypoints, level.layers, strict=True))
     unreached = [index for index, layer in pairs if layer.solutions == 0]
     sampled = all(roadmap.samples_all(index) for index in level.waypoints)
+    seen, count = len(level.waypoints), len(roadmap.path_task.waypoints)
+    note = "" if seen == count else f"{seen} of {count} waypoints were looked at"
     if unreached:
         at = tuple(index + 1 for index in unreached)
-        return Certificate("unreachable", grid, at, (), sampled, roadmap.missed(unreached))
+        missed = roadmap.missed(unreached)
+        return Certificate("unreachable", grid, at, (), sampled, missed, note=note)
     outside = [(index + 1, layer.outside) for index, layer in pairs if layer.outside]
     if outside:
         joints = tuple(dict.fromkeys(name for _, names in outside for name in names))
-        return Certificate("limits", grid, tuple(at for at, _ in outside), joints, sampled)
+        at = tuple(at for at, _ in outside)
+        return Certificate("limits", grid, at, joints, sampled, note=note)
     barred = [(index, layer.bands) for index, layer in pairs if not len(layer.q)]
     names = tuple(dict.fromkeys(name for _, bands in barred for name in bands))
     proven = covered and all(roadmap.covers(index) for index, _ in barred)
-    return Certificate("band", grid, tuple(k + 1 for k, _ in barred), (), proven, bands=names)
+    at = tuple(k + 1 for k, _ in barred)
+    return Certificate("band", grid, at, (), proven, bands=names, note=note)
 
 
 def ended_path(problem: Problem, level: Level, way: LayerPath, covered: bool) -> Certificate:

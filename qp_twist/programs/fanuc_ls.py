@@ -532,6 +532,11 @@ class TpProgram(Program):
         ):
             self.refuse(line, match)
 
+        zone = match["zone"] or "nothing"
+        if self.moves.strict and not re.fullmatch(r"FINE|CNT\s*(?:\d\d?|100)", zone, re.I):
+            what = f"expected FINE, or CNT0 to CNT100, behind the speed, got {zone}."
+            raise refuse(line, match[0], what)
+
     def _move(self, line: int, match: re.Match[str]) -> None:
         word, moves, zone = match["word"].upper(), self.moves, match["zone"] or ""
         self._check_options(line, match)
@@ -545,13 +550,14 @@ class TpProgram(Program):
             )
             and (word == "C") == (match["q"] is not None)
             and (match["q"] or "P").upper() == "P"
-            and re.fullmatch(r"FINE|CNT\s*(?:\d\d?|100)", zone, re.I)
             and re.fullmatch(
                 r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L"), match["options"], re.I
             )
             and match["p"].upper() == "P"
         ):
-            what = f"{word} is not read; only {self.language.reads} can be checked."
+            way = "two points P[…]" if word == "C" else "P[…]"
+            how = "a share or a time" if word == "J" else "a time, or a speed in mm/sec or cm/min"
+            what = f"{word} is not read so; expected {way}, {how}, FINE or CNT, and at most ACC."
             raise refuse(line, match[0], what)
         if zone and zone.upper() not in ("FINE", "CNT0"):
             number = re.fullmatch(r"CNT\s*(\d+)", zone, re.I)

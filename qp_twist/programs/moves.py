@@ -154,7 +154,8 @@ class Course(Moves):
         via = [circle.angles] if circle and circle.angles is not None else []
         for values in (*(() if target else (angles, rates or angles)), *via):
             if len(values) != AXES or not all(map(math.isfinite, values)):
-                raise InvalidInput(f"expected {AXES} angles, got {values}.", line=line)
+                stated = ", ".join(f"{value:g}" for value in values)
+                raise InvalidInput(f"expected {AXES} finite angles, got {stated}.", line=line)
         if seconds is not None and not 0.0 < seconds < math.inf:
             raise InvalidInput(
                 f"the move takes {seconds:g} s; a time is positive and finite.", line=line

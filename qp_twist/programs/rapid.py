@@ -303,12 +303,12 @@ class RapidModule(Program):
     # ------------------------------------------------------------ moves
 
     def _arguments(
-        self, line: int, match: re.Match[str], targets: int
+        self, line: int, match: re.Match[str], targets: int, first: str = ""
     ) -> tuple[list[str], dict[str, str]]:
-        """Targets, speed, zone and tool of a move, and their options."""
+        """Targets, of which ``first`` may be one, speed, zone and tool of a move; their options."""
         arguments = [
             re.split(r"\\(?![^(]*\))", part) if "\\" in part else [part]
-            for part in split(match["arguments"])
+            for part in split(first + match["arguments"])
         ]
         if not arguments[0][0].strip():  # \Conc
             del arguments[0]
@@ -368,10 +368,6 @@ class RapidModule(Program):
 
     def _move_straight(self, line: int, match: re.Match[str]) -> None:
         """To the position of joint angles: a move to these angles, but straight or on a circle."""
-        as_joints = re.match(
-            r"MoveAbsJ(?P<arguments>.*)", f"MoveAbsJ {match['target']}{match['arguments']}", re.S
-        )
-        assert as_joints is not None
         circle = None
         if match["via"]:
             angles, external = self._jointtarget(line, match["via"])
@@ -379,7 +375,7 @@ class RapidModule(Program):
             if match["via_of"].lower() != match["of"].lower() or {*external} != {float(_NONE)}:
                 why = f"expected the tool {match['of']} for both points, and no external axes."
                 raise refuse(line, match[0], why)
-        self._move_joints(line, as_joints, match["of"], match["wobj"] or "", circle)
+        self._move_joints(line, match, match["of"], match["wobj"] or "", circle)
 
     def _circle_mode(self, line: int, match: re.Match[str]) -> None:
         """How the tool turns on circles from here on."""
@@ -405,7 +401,8 @@ class RapidModule(Program):
 
         ``straight``: the tool that moves so, in the work object ``wobj``, or on a circle.
         """
-        (target, *others), options = self._arguments(line, match, 1)
+        stated = match.groupdict().get("target") or ""
+        (target, *others), options = self._arguments(line, match, 1, stated)
         if not self.moves.strict:
             self.moves.joint(JointMove(line, None))
             return

@@ -258,8 +258,9 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
     ("cuts", "message"),
     [
         ("[400]", r"plan\.cuts.*cannot lift off after waypoint 400; expected one from 1 to"),
-        ("[10, 5]", "expected ascending waypoints"),
-        ('"few"', r"plan\.cuts"),
+        ("[10, 5]", r"order from 1, .*got \[10, 5\]"),
+        ('"few"', r'plan\.cuts: expected "fewest", or .*; got "few"\.$'),
+        ("[1.5]", r"plan\.cuts: expected .*; got \[1\.5\]\.$"),
     ],
 )
 def test_cuts_that_a_path_cannot_have_are_refused(tmp_path: Path, cuts: str, message: str) -> None:

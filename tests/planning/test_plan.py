@@ -417,6 +417,10 @@ def test_waypoints_out_of_reach_are_named() -> None:
     assert "does not reach waypoints 4 and 5" in str(plan.certificate)
     with pytest.raises(qt.InvalidInput, match="deburring: no plan: the arm does not reach"):
         plan.motion()
+    whole = qt.load_task("deburring")
+    far = qt.plan(moved(whole, range(100, 150), np.array([0.0, 3.0, 0.0]))).certificate
+    seen = re.search(r"; (\d+) of 401 waypoints were looked at", str(far))
+    assert seen and len(far.waypoints) <= int(seen[1]) < 401
 
 
 def test_the_joint_that_forbids_a_waypoint_is_named() -> None:

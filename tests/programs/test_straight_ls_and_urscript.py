@@ -311,6 +311,7 @@ def test_numbers_of_tool_and_frame(cases: dict[str, Case], tmp_path: Path) -> No
         ("Universal Robots UR5e", "joints", (r"(movel.*)a=[^,]*", r"\1a=20"), "an acceleration"),
         ("Universal Robots UR5e", "joints", (r"(movel.*)a=[^,]*", r"\1a=0"), "positive"),
         ("Fanuc M-20iA", "poses", (r"(P\[5\]\{\s+GP1:\s+UF : 0, UT : )1", r"\g<1>2"), "UT : 2"),
+        ("Fanuc M-20iA", "joints", (r"CNT\d+", "CNT101"), "CNT0 to CNT100, .*got CNT101"),
         ("Fanuc M-20iA", "joints", (r"(GROUP\s*= )1,\*", r"\1*,1"), "points are of motion group 1"),
         ("Universal Robots UR5e", "joints", (r"movel\(\[", "movec(["), r"line \d+: .*movec"),
         ("Universal Robots UR5e", "joints", (r"movel\(\[.*?\]", "movel(get_pose()"), "get_pose"),
