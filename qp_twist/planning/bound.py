@@ -99,7 +99,7 @@ def pointwise_bound(
             z[0] = ranges.centring(start)
         bound += objective.centering * float(z.mean())
     if objective.travel or objective.pace is not None:
-        moved = _least_displacements(path_task, rows.chain, tolerance)
+        moved = least_displacements(path_task, rows.chain, tolerance)
         least = float(np.degrees(np.maximum(moved.turned, moved.travelled).sum()))
         bound += objective.travel * float(objective.joints.min(initial=1.0)) * least
         if objective.pace is not None:
@@ -270,7 +270,7 @@ def _linear_step(
     return there, max(float(found.x[-1]), 0.0)
 
 
-class _Displacements(NamedTuple):
+class Displacements(NamedTuple):
     """Least displacements from each waypoint to the next, (N − 1,) each."""
 
     turned: Array
@@ -285,9 +285,8 @@ class _Displacements(NamedTuple):
     """The joints' degrees of freedom, (n,)."""
 
 
-def _least_displacements(
-    path_task: PathTask, chain: SerialChain, tolerance: Array
-) -> _Displacements:
+def least_displacements(path_task: PathTask, chain: SerialChain, tolerance: Array) -> Displacements:
+    """By what the task prescribes, but for errors of the waypoints, m and rad, (≥ 2,)."""
     ranges, screws = JointRanges.of(path_task.model), chain.screws
     dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
     reference = [screw.reference for screw in screws]
@@ -312,10 +311,10 @@ def _least_displacements(
             moved = 2.0 * shift / (near + np.sqrt(near**2 + 4.0 * farthest * shift))
         found[:, k] = turned - 2.0 * tolerance[1], shift, moved
     turned, shifted, travelled = np.maximum(found, 0.0)
-    return _Displacements(turned, shifted, travelled, levers, dofs)
+    return Displacements(turned, shifted, travelled, levers, dofs)
 
 
-def _least_time(pace: Pace, least: _Displacements) -> float:
+def _least_time(pace: Pace, least: Displacements) -> float:
     """Lower bound of the time of a path, s, by the speeds of all joints together."""
     speeds = pace.velocity[least.dofs]
     turning, shifting = speeds.sum(), np.where(least.levers > 0.0, least.levers * speeds, 0.0).sum()

@@ -175,9 +175,9 @@ class LevelSearch:
     @cached_property
     def _steps(self) -> list[Array]:
         """Largest step of each joint from each layer to the next, (nv,) each."""
-        steps = self.problem.limits.steps
+        steps, stride = self.problem.limits.steps, self.level.stride
         return [
-            np.minimum(steps[a:b].sum(axis=0), np.maximum(self.most, steps[a]))
+            np.minimum(steps[a : min(b, a + stride)].sum(axis=0), np.maximum(self.most, steps[a]))
             for a, b in itertools.pairwise(self.level.waypoints)
         ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
+from qp_twist.planning.bound import least_displacements
 from qp_twist.planning.layer import Layer, inside_limits
 from qp_twist.planning.manifold_net import COVERED, ManifoldNet
 from qp_twist.planning.path_rows import REACHED, PathRows
@@ -27,6 +29,9 @@ searched, and of such waypoints that are looked at."""
 _AT_ONCE = 50
 """Number of configurations of a layer of which the clearance is evaluated before all others."""
 _UNKNOWN = -1
+_DENSE = 1.0 / 30.0
+"""Share of a stage's motion up to which the joints may have to move between selected waypoints that
+are further apart than its stride."""
 
 
 @dataclass(frozen=True)
@@ -154,11 +159,15 @@ class Roadmap:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Layers at some waypoints of a path, from 0, and the roadmap that made them."""
+    """Layers at some waypoints of a path, from 0, and the roadmap that made them.
+
+    Joints move from one layer to the next as far as in ``stride`` steps, if there are more between.
+    """
 
     roadmap: Roadmap
     waypoints: list[int]
     layers: list[Layer]
+    stride: int = sys.maxsize
 
     @property
     def grid(self) -> Grid:
@@ -203,13 +212,24 @@ class Levels:
     def selected(self, stage: SearchStage, steps: Array) -> list[int]:
         """Waypoints of a stage: at its stride, the last, and where the projector changes.
 
-        ``steps`` are the largest ones of the joints, (N − 1, nv).
+        More are skipped where they are dense: while they alone move the joints little. ``steps``
+        are the largest ones of the joints, (N − 1, nv).
         """
         count, in_force = len(self.problem.path_task.waypoints), self.problem.path_task.in_force
         changes = {
             at for k in range(1, count) if in_force[k] is not in_force[k - 1] for at in (k - 1, k)
         }
-        return sorted({*range(0, count, self._stride(stage, steps)), count - 1, *changes})
+        at = np.arange(0, count, self._stride(stage, steps))
+        if stage.motion:
+            least = self._moved[at] // (_DENSE * stage.motion)
+            at = at[np.append(True, np.diff(least) > 0)]
+        return sorted({*at.tolist(), count - 1, *changes})
+
+    @cached_property
+    def _moved(self) -> Array:
+        """How far the joints at least move up to each waypoint, about, rad or m, (N,)."""
+        least = least_displacements(self.problem.path_task, self.problem.rows.chain, np.zeros(2))
+        return np.append(0.0, np.cumsum(least.turned + least.travelled))
 
     def at(self, stage: SearchStage, steps: Array, waypoints: list[int]) -> Level:
         """The level of a stage at some waypoints."""
@@ -227,7 +247,7 @@ class Levels:
         layers = [self.found.get(index, layer) for index, layer in made]
         if start is not None and waypoints[0] == 0:
             layers[0] = Layer.alone(start)
-        return Level(roadmap, waypoints, layers)
+        return Level(roadmap, waypoints, layers, self._stride(stage, steps))
 
     def grid(self, stage: SearchStage, steps: Array) -> Grid:
         """The grid of a stage."""
