@@ -115,8 +115,7 @@ class CompiledStep:
         if data is not self._data:
             arrays.bind(data)
             self._data = data  # the reference keeps the addresses valid
-        for limit, before in arrays.limits.motions:
-            before[:] = limit.velocity
+        arrays.limits.write_velocities()
         status = self._live_step(*self._memory, dt, use_secondary, self._twist_space)
         lost: Callable[[], tuple[LostDirection, ...]] = tuple
         if status != DONE:  # seldom

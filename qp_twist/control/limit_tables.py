@@ -114,7 +114,6 @@ class LimitTables:
     Attributes:
         evaluated: Limits of other classes, which Python evaluates at each step, and their tables.
         uncounted: Whether some are of mink's, or windows, whose changes nobody counts.
-        motions: The limits that follow the joint velocity, and where it stands.
     """
 
     def __init__(self, limits: Sequence[mink.Limit], tables: Array) -> None:
@@ -124,7 +123,7 @@ class LimitTables:
         self._own: list[list[Any]] = [
             [v, v.revision, t] for t, v in both if isinstance(v, PositionLimit)
         ]
-        self.motions = [(v, t[:, 6]) for t, v in both if isinstance(v, MotionLimit)]
+        self._motions = [(v, t[:, 6]) for t, v in both if isinstance(v, MotionLimit)]
         self._minks = [[v, _state(v), t] for t, v in both if is_mink_box(v)]
         self.evaluated = [(t, v) for t, v in both if type(v) not in BOXES and not is_mink_box(v)]
         self.uncounted = bool(self._minks or self._windows)
@@ -146,6 +145,11 @@ class LimitTables:
         for table, window in self._windows:
             _write(table, window)
         return changed
+
+    def write_velocities(self) -> None:
+        """Write the joint velocity that acceleration limits count from."""
+        for limit, before in self._motions:
+            before[:] = limit.velocity
 
     def rows(self, configuration: mink.Configuration, dt: float) -> list[LimitRows | None]:
         """Bounds and rows of the limits that Python evaluates."""

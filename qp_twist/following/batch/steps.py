@@ -96,8 +96,7 @@ def step(
             "DisplacementWindows, JointCentering and, where all joints are hinges and slides, "
             "PostureReferences. Take the steps one by one with Controller.step."
         )
-    for limit, column in arrays.limits.motions:
-        column[:] = limit.velocity
+    arrays.limits.write_velocities()
     own, tasks = arrays.aims(), controller.twist_tasks
     arms = tuple(
         arm_of(SerialChain.of(controller.model, t.frame_name, t.frame_type)) for t in tasks
