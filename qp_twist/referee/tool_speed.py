@@ -192,18 +192,17 @@ def tool_speed(
     times, spans, piece = times[on_path], spans[on_path], piece[on_path]
     if not len(times):
         return None
-    linear, angular = _rates(path_task, motion, times, piece + 1)
     of_path, turning = _programmed(path_task, len(at))
-    moves = of_path[piece] > 0.0
-    asked = np.where(moves, of_path[piece], turning[piece])
-    share = np.where(moves, linear, angular) / np.where(asked > 0.0, asked, np.inf)
-    share[asked <= 0.0] = 1.0
+    state = motion.at(times)
+    linear, angular = _rates(path_task, state.q, state.velocities, piece + 1)
+    share = _shares(linear, angular, of_path[piece], turning[piece])
+    share[(of_path[piece] <= 0.0) & (turning[piece] <= 0.0)] = 1.0
     found: list[Dip] = []
     ramps, seconds, longest = 0, 0.0, 0.0
     run = np.cumsum(np.append(True, _begins(path_task, of_path)))[piece]
     rows = np.clip(np.searchsorted(motion.times, times) - 1, 0, len(motion.times) - 2)
     held = np.diff(motion.times)[rows] * (motion.degree == 1)
-    speeds = np.abs(motion.at(times).velocities)
+    speeds = np.abs(state.velocities)
     spent: Mask = np.any(speeds >= _TIGHT * limits.velocity, axis=1)
     slow = _joined(share < AT_SPEED, run, times)
     edges = np.flatnonzero(np.diff(slow.astype(np.int8)) | (np.diff(run) != 0)) + 1
@@ -239,6 +238,25 @@ def tool_speed(
     return ToolSpeed(times, spans, linear, programmed, share, tuple(found), ramps, seconds, longest)
 
 
+def feed_shares(path_task: PathTask, q: Array, velocities: Array, waypoints: Indices) -> Array:
+    """Speed of the tool, or its rate of turning in place, over the task's, (K,).
+
+    Of configurations and joint velocities (K, nv) on the way to these waypoints (K,), from 0; 0
+    where the task states no speed, as in joint moves.
+    """
+    linear, angular = _rates(path_task, q, velocities, waypoints)
+    of_path, turning = (rate[waypoints - 1] for rate in _programmed(path_task))
+    moves = in_joint_moves(path_task, len(path_task.waypoints))[waypoints - 1]
+    return np.where(moves, 0.0, _shares(linear, angular, of_path, turning))
+
+
+def _shares(linear: Array, angular: Array, of_path: Array, turning: Array) -> Array:
+    """Speeds over the programmed ones, or rates of turning where those are 0; 0 where both are."""
+    asked = np.where(of_path > 0.0, of_path, turning)
+    share: Array = np.where(of_path > 0.0, linear, angular) / np.where(asked > 0.0, asked, np.inf)
+    return share
+
+
 def _instants(motion: JointMotion, begin: float, end: float) -> tuple[Array, Array]:
     """Middles of equal parts of the pieces between rows, from ``begin`` to ``end``, and lengths."""
     edges = np.unique(np.clip(motion.times, begin, end))
@@ -250,14 +268,13 @@ def _instants(motion: JointMotion, begin: float, end: float) -> tuple[Array, Arr
 
 
 def _rates(
-    path_task: PathTask, motion: JointMotion, times: Array, waypoints: Indices
+    path_task: PathTask, q: Array, velocities: Array, waypoints: Indices
 ) -> tuple[Array, Array]:
     """‖v‖ and ‖ω‖ of the frame in the rows in force at waypoints, m/s and rad/s, (K,) each."""
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    state = motion.at(times)
-    R, _, J = chain.poses_and_jacobians(state.q)
-    twists = np.einsum("kij,kj->ki", J, state.velocities)
-    found = np.zeros((len(times), 2))
+    R, _, J = chain.poses_and_jacobians(q)
+    twists = np.einsum("kij,kj->ki", J, velocities)
+    found = np.zeros((len(q), 2))
     targets, held = path_task.poses[0], path_task.in_force
     ids = np.array([id(projector) for projector in held])[waypoints]
     for projector in {id(t): t for t in held}.values():
@@ -270,10 +287,11 @@ def _rates(
     return found[:, 0], found[:, 1]
 
 
-def _programmed(path_task: PathTask, count: int) -> tuple[Array, Array]:
+def _programmed(path_task: PathTask, count: int | None = None) -> tuple[Array, Array]:
     """Speed and rate of turning that the task states before each waypoint but the first."""
     assert path_task.durations is not None
-    (R, p), T = path_task.poses, path_task.durations[1:count]
+    (R, p), count = path_task.poses, count or len(path_task.waypoints)
+    T = path_task.durations[1:count]
     steps = task_errors(
         R[: count - 1], p[: count - 1], R[1:count], p[1:count], path_task.in_force[1:count]
     )

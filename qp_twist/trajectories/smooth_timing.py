@@ -12,7 +12,7 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.referee import SAMPLES, JointMotion, MotionLimits, Tolerances, errors_at
+from qp_twist.referee import SAMPLES, JointMotion, MotionLimits, Tolerances, errors_at, feed_shares
 from qp_twist.trajectories.joint_curve import JointCurve
 from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
 from qp_twist.trajectories.speed_profile import (
@@ -171,7 +171,13 @@ class _Timing:
         most = np.where(free & ~(moved & ~known).any(axis=1), np.inf, ratios)
         length = ratios * self.floor
         bounds = limits.velocity, limits.acceleration
-        return speed_profile(trajectory.q, length, *bounds, self.rests, most, limits.jerk)
+        of = trajectory.q, length, *bounds, self.rests, most, limits.jerk
+        return speed_profile(*of, None if feed is None else self._shares)
+
+    def _shares(self, q: Array, rates: Array, piece: Indices) -> Array:
+        """The tool's share of its programmed speed, of joint velocities (K, nv) on pieces (K,)."""
+        waypoints = np.ceil(self.trajectory.s[piece + 1]).astype(np.intp)
+        return feed_shares(self.trajectory.path_task, q, rates, waypoints)
 
     def round_corners(self, use: Array, pieces: Indices) -> None:
         """A row on each side of the sharper turn of these pieces, or a stop at it.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ import numpy as np
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.referee import JointMotion
 from qp_twist.trajectories.joint_curve import JointCurve
-from qp_twist.trajectories.timed_way import JointLimits, TimedWay
+from qp_twist.trajectories.timed_way import FeedShares, JointLimits, TimedWay
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ def speed_profile(
     rests: Mask,
     most: Array | None = None,
     max_jerk: Array | None = None,
+    shares: Callable[[Array, Array, Indices], Array] | None = None,
 ) -> SpeedProfile:
     r"""The motion through the rows of a joint path, as fast as feed and limits permit.
 
@@ -72,6 +73,8 @@ def speed_profile(
             it is 1, and pieces that the velocity limits do not permit at the feed take longer from
             the outset.
         max_jerk: rad/s³ or m/s³, (nv,); ``None`` or ∞ without a limit.
+        shares: What the tool has of its programmed speed at the pace 1: it is never faster, also
+            where the curve is longer than its chords. ``None`` without a tool.
     """
     if max_jerk is None:
         max_jerk = np.full_like(max_velocity, np.inf)
@@ -85,7 +88,8 @@ def speed_profile(
     for first, last in pairwise(stops.tolist()):
         part = slice(first, last + 1)
         curve = JointCurve.through(x[part], q[part])
-        motion, kept = TimedWay(curve, most[first:last], limits).motion()
+        way = TimedWay(curve, most[first:last], limits, shares and _from_row(shares, first))
+        motion, kept = way.motion()
         uses.append(limits.uses(motion))
         rows.append(count + kept[:-1])
         motions.append(replace(motion, times=begin + motion.times))
@@ -93,6 +97,11 @@ def speed_profile(
     motion, all_rows = _joined(motions), np.append(np.concatenate(rows), count)
     joined = {name: np.vstack([of[name] for of in uses]) for name in limits._fields}
     return SpeedProfile(motion, all_rows, rests, joined)
+
+
+def _from_row(shares: FeedShares, first: int) -> FeedShares:
+    """The shares on a part of the path that begins at this row."""
+    return lambda q, rates, piece: shares(q, rates, first + piece)
 
 
 def straight_profile(q: Array, floor: Array, max_velocity: Array) -> SpeedProfile:

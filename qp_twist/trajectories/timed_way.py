@@ -37,6 +37,8 @@ _ROUNDING = 5e-10
 """Share by which rounding may exceed a limit."""
 _SAME = 0.5 * Tolerances().joint_range
 """Largest change of a joint where a row is left out, rad or m: a curve may lie on a joint's end."""
+_BETWEEN = np.array([[0.25], [0.5], [0.75]])
+"""Where in a cell the tool's speed is looked at again, as shares of its time."""
 _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
@@ -63,6 +65,11 @@ class _Cells(NamedTuple):
     cubic: Indices
 
 
+FeedShares = Callable[[Array, Array, Indices], Array]
+"""Of q and q′ (K, nv) on pieces (K,) from row to row: the share of the programmed speed that the
+tool has at the pace 1, (K,); 0 without one."""
+
+
 class TimedWay:
     """A curve from rest to rest, the largest pace on each of its cubics, the limits of the joints.
 
@@ -70,9 +77,12 @@ class TimedWay:
         curve: The curve.
         most: Largest pace between its rows, (N − 1,); ∞ where limits alone count.
         limits: Of the joints.
+        feed: What the tool has of its programmed speed at the pace 1.
     """
 
-    def __init__(self, curve: JointCurve, most: Array, limits: JointLimits) -> None:
+    def __init__(
+        self, curve: JointCurve, most: Array, limits: JointLimits, feed: FeedShares | None = None
+    ) -> None:
         self.curve, self.limits = curve, limits
         self.smooth = bool(np.isfinite(limits.jerk).any())
         # From rest, d(q̇²) = 2q̈ dq: what accelerations permit, at most. Twice the way, since a curve
@@ -85,11 +95,7 @@ class TimedWay:
         still = ~np.diff(curve.q[curve.rows], axis=0).any(axis=1)
         # Where nothing moves there is no other pace than the feed's.
         self.most = np.where(still, np.minimum(most, 1.0), most)[piece]
-        # Beside a corner a curve may be faster than the path there.
-        speed = np.linalg.norm(np.diff(curve.q[curve.rows], axis=0), axis=1)
-        speed /= np.diff(curve.x[curve.rows])
-        speed = np.maximum.reduce([speed, np.append(speed[1:], 0.0), np.append(0.0, speed[:-1])])
-        self.fastest = np.where(speed > 0.0, (1.0 + FASTER) * speed, np.inf)[piece]
+        self.piece, self.feed = piece, feed
 
     def motion(self) -> tuple[JointMotion, Indices]:
         """The fastest motion, and which of its rows are those of the curve, (N,)."""
@@ -101,6 +107,7 @@ class TimedWay:
             motion = solution(tight)
             # What is exceeded between the places looked at is taken off the limits there.
             use = np.array([of.max(axis=1, initial=0.0) for of in self._uses(motion)])
+            use[0] = np.maximum(use[0], self._over_feed(motion, cells.cubic))
             if use.max() <= 1.0 + most:
                 break
             if self.smooth:  # by y″ a cell counts in its neighbours
@@ -153,12 +160,26 @@ class TimedWay:
 
     # ------------------------------------------------------------ speeds
 
-    def _caps(self, first: Array, cubic: Indices) -> Array:
-        """Largest squares of the pace for q′ at places of each cell (C, P, nv), (C, P)."""
+    def _over_feed(self, motion: JointMotion, cubic: Indices) -> Array:
+        """The tool's largest share of its programmed speed between the ends of cells, (C,)."""
+        if self.feed is None:
+            return np.zeros(len(cubic))
+        state = motion.at((motion.times[:-1] + _BETWEEN * np.diff(motion.times)).ravel())
+        piece = np.tile(self.piece[cubic], len(_BETWEEN))
+        shares = self.feed(state.q, state.velocities, piece).reshape(len(_BETWEEN), -1)
+        over: Array = shares.max(axis=0) / (1.0 + FASTER)
+        return over
+
+    def _caps(self, q: Array, first: Array, cubic: Indices) -> Array:
+        """Largest squares of the pace for q and q′ at places of each cell (C, P, nv), (C, P)."""
         with np.errstate(divide="ignore"):
             pace = (self._within_reach / np.abs(first)).min(axis=2)
-            share = self.fastest[cubic, None] / np.linalg.norm(first, axis=2)
-        caps: Array = np.minimum(pace, self.most[cubic, None] * np.fmin(share, 1.0)) ** 2
+            if self.feed is not None:
+                count, places, nv = q.shape
+                piece = np.repeat(self.piece[cubic], places)
+                share = self.feed(q.reshape(-1, nv), first.reshape(-1, nv), piece)
+                pace = np.minimum(pace, (1.0 + FASTER) / share.reshape(count, places))
+        caps: Array = np.minimum(pace, self.most[cubic, None]) ** 2
         return caps
 
     def _ends(self, cells: _Cells) -> Array:
@@ -169,7 +190,7 @@ class TimedWay:
     def _reachable(self, cells: _Cells, tight: Array) -> Array:
         """Largest squares of the pace at the ends of the cells without jerk limits, (C + 1,)."""
         ends = self._ends(cells)
-        caps = self._caps(ends[:, :, 1], cells.cubic) / tight[0, :, None] ** 2
+        caps = self._caps(ends[:, :, 0], ends[:, :, 1], cells.cubic) / tight[0, :, None] ** 2
         cap = np.minimum(np.append(caps[:, 0], np.inf), np.append(np.inf, caps[:, 1]))
         rows = tight[1, :, None, None, None] * ends[:, :, 1:3]
         return np.asarray(reachable(rows, np.diff(cells.x), self.limits.acceleration, cap))
@@ -197,7 +218,7 @@ class TimedWay:
         f2 = second * X1**2 + first * X2
         f3 = third * X1**3 + 3.0 * second * X1 * X2 + first * X3
         with np.errstate(divide="ignore"):
-            caps = self._caps(first, cubic) / X[:, :, 0] ** 2
+            caps = self._caps(q, first, cubic) / X[:, :, 0] ** 2
         hard = np.stack([0.5 * f1, f2], axis=2) / self.limits.acceleration
         jerky = np.stack([0.5 * f1, 1.5 * f2, f3], axis=2) / self.limits.jerk
         found = np.zeros(len(h) + 2)

@@ -12,7 +12,12 @@ from oracles.joint_paths import evenly, joint_path, short, slider
 
 import qp_twist as qt
 from qp_twist.errors import InvalidInput, TaskFileError
-from qp_twist.referee import ToolSpeed, motion_limits, with_default_accelerations
+from qp_twist.referee import (
+    ToolSpeed,
+    motion_limits,
+    with_default_accelerations,
+    with_default_jerks,
+)
 from qp_twist.trajectories import run_task, steady_trajectory
 
 Array = np.ndarray
@@ -149,6 +154,18 @@ def test_the_speed_is_that_of_differences_of_the_tool_s_position(fast: qt.PathTa
     # The waypoints are chords of a sphere: the path's own speed differs from 1 m/s by 1e-5.
     assert found.at_speed == pytest.approx(ways[speeds >= 0.98].sum() / ways.sum(), abs=0.01)
     assert min(dip.share for dip in found.dips) == pytest.approx(speeds[50:-50].min(), abs=0.02)
+
+
+def test_the_feed_is_a_cap_beside_rounded_corners_too() -> None:
+    """By differences; along these waypoints the curve is up to 4 % longer than its chords."""
+    task = qt.load_task("dome_seams").part(slice(240, 300))
+    assert task.durations is not None and not task.joint_moves
+    run = qt.refine_trajectory(qt.follow(task, slow_down=True, fine=True))
+    limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
+    for whose in (limits, with_default_jerks(limits)):
+        timed = qt.time_trajectory(run, limits=whose)
+        assert own_shares(task, timed.motion)[0].max() <= 0.05 * 1.003
+        assert timed.times[-1] < 1.1 * task.durations.sum()
 
 
 def test_the_free_motion_moves_before_the_tool_slows_down(
