@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -16,8 +16,10 @@ from qp_twist.files import of_file
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.programs import DIALECTS, Dialect, dialect_of
+from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import (
     Check,
+    TimedPath,
     joints_of,
     read_trajectory,
     write_checked,
@@ -30,6 +32,10 @@ OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar
 PointsName = Annotated[str | None, tyro.conf.arg(metavar="joints|poses")]
 MotionName = Annotated[str, tyro.conf.arg(metavar="joint|linear")]
 Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
+_OF_PROGRAMS = (
+    "--robot, --as-modelled, --external, --motion linear and --force are for programs; a bag has "
+    "the model's joints."
+)
 _MS = 3
 """Decimals of seconds in whole milliseconds."""
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": ".mcap"}
@@ -82,10 +88,7 @@ def export(
     cli.check_file(out)
     dialect = dialect_of(out)
     if dialect is None and (robot or as_modelled or external or force or linear):
-        raise InvalidInput(
-            "--robot, --as-modelled, --external, --motion linear and --force are for programs; a "
-            "bag has the model's joints."
-        )
+        raise InvalidInput(_OF_PROGRAMS)
     if task is None and (path is not None or force):
         raise InvalidInput("--path and --force are for the check: it needs a task; give it, too.")
     if dialect_of(trajectory) is not None:
@@ -98,12 +101,9 @@ def export(
     joints = None
     if dialect is not None:
         joints = joints_of(
-            path_task,
-            rows.joint_names,
-            robot=robot,
-            as_modelled=as_modelled,
+            path_task, rows.joint_names, robot=robot, as_modelled=as_modelled,
             external=equations(external),
-        )
+        )  # fmt: skip
         with of_file(out if named else f"--to {to}"):
             use = f"use --to {joints.program or 'mcap (a bag)'}"
             check_language(dialect, joints, None if named else use)
@@ -116,40 +116,48 @@ def export(
     else:
         with working("checking"):
             found, written = write_checked(
-                rows,
-                out,
-                path_task,
-                joints,
-                joint_names=names,
-                force=force,
-                linear=linear,
+                rows, out, path_task, joints, joint_names=names, force=force, linear=linear
             )
     cli.only_json(json_)
     of = "points" if linear is None else "rows, of which it has some"
     cli.say(f"{'wrote' if written else 'did not write'} {out}: {len(rows.q)} {of}")
     axes: list[str] = []
     if joints is not None and dialect is not None:
-        if rows.accelerations is not None:
-            cli.say("its accelerations are left out: between points the program has own curves")
-        axes = list(joints.equations(axis_names(dialect, joints)))
-        cli.say(joints.origin + (f" ({joints.source})" if joints.source else ""))
-        cli.say(*(f"  {axis}" for axis in axes))
-        if written:
-            cli.say("no controller has run it: try it slowly, without a tool, first")
+        axes = _say_of_program(rows, dialect, joints, written=written)
     cli.say(*_notes(found, path_task, None if linear else dialect))
     if json_:
-        facts = {
-            "file": str(out),
-            "written": written,
-            "robot": None if joints is None else joints.robot,
-            "axes": axes,
-            "check": None if found is None else found.to_dict(),
-        }
-        cli.show_json(facts)
+        cli.show_json(_facts(out, written, joints, axes, found))
     if found is not None:
         if not found.passes:
             cli.fail(failure(out, found, written))
         cli.say(found.verdict)
+
+
+def _say_of_program(
+    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, *, written: bool
+) -> list[str]:
+    """Print how a program counts the joints, and what it leaves out; return its axes."""
+    if rows.accelerations is not None:
+        cli.say("its accelerations are left out: between points the program has own curves")
+    axes = list(joints.equations(axis_names(dialect, joints)))
+    cli.say(joints.origin + (f" ({joints.source})" if joints.source else ""))
+    cli.say(*(f"  {axis}" for axis in axes))
+    if written:
+        cli.say("no controller has run it: try it slowly, without a tool, first")
+    return axes
+
+
+def _facts(
+    out: Path, written: bool, joints: ControllerJoints | None, axes: list[str], found: Check | None
+) -> dict[str, Any]:
+    """What was written, ready for JSON."""
+    return {
+        "file": str(out),
+        "written": written,
+        "robot": None if joints is None else joints.robot,
+        "axes": axes,
+        "check": None if found is None else found.to_dict(),
+    }
 
 
 def _notes(found: Check | None, path_task: PathTask | None, of_joints: Dialect | None) -> list[str]:

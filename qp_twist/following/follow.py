@@ -87,14 +87,7 @@ def follow(
     instance("follow(path_task, …)", path_task, PathTask)
     path_task = without_via_points(path_task)
     if plan is not None:
-        instance("follow(plan=…)", plan, Plan)
-        path_task = _lifted(path_task, plan)
-        planned = len(plan.at_waypoints)
-        if planned != len(path_task.waypoints):
-            raise InvalidInput(
-                f"follow(plan=…): the plan has {planned} waypoints, the path "
-                f"{len(path_task.waypoints)}; plan this path."
-            )
+        path_task = _of_plan(path_task, plan)
     for name, function in (("progress", progress), ("stop", stop), ("planning", planning)):
         if function is not None and not callable(function):
             raise InvalidInput(f"follow({name}=…): expected a function, got {function!r}.")
@@ -119,18 +112,22 @@ def follow(
     if plan is not None and plan.is_slower:
         paced = replace(path_task, durations=plan.pace)
     trajectory = follow_stretches(
-        paced,
-        method,
-        settings,
-        start=None if motion is None else motion[0],
-        solver=solver,
-        plan=motion,
-        slow_down=slow_down,
-        fine=fine,
-        progress=progress,
-        stop=stop,
-    )
+        paced, method, settings, start=None if motion is None else motion[0], solver=solver,
+        plan=motion, slow_down=slow_down, fine=fine, progress=progress, stop=stop,
+    )  # fmt: skip
     return replace(trajectory, path_task=path_task, plan=plan)
+
+
+def _of_plan(path_task: PathTask, plan: Plan) -> PathTask:
+    """The task with the lift-offs of a plan, which has to be one of its path."""
+    instance("follow(plan=…)", plan, Plan)
+    path_task = _lifted(path_task, plan)
+    planned, count = len(plan.at_waypoints), len(path_task.waypoints)
+    if planned != count:
+        raise InvalidInput(
+            f"follow(plan=…): the plan has {planned} waypoints, the path {count}; plan this path."
+        )
+    return path_task
 
 
 def _lifted(path_task: PathTask, plan: Plan) -> PathTask:
