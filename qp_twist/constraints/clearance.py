@@ -12,12 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, Indices, Mask, checked, instance, number
-from qp_twist.constraints.colliding_pairs import (
-    check_shapes,
-    colliding_pairs,
-    geom_name,
-    geoms_of,
-)
+from qp_twist.constraints.colliding_pairs import check_shapes, colliding_pairs, geom_name, geoms_of
 from qp_twist.constraints.constraint import Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges

@@ -10,12 +10,7 @@ import mujoco
 import numpy as np
 
 from qp_twist.checks import Array
-from qp_twist.constraints.any_limit import (
-    LimitRows,
-    Named,
-    RowName,
-    box_of_mink,
-)
+from qp_twist.constraints.any_limit import LimitRows, Named, RowName, box_of_mink
 from qp_twist.constraints.box import Box, BoxLimit, Intersection
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.constants import UNLIMITED

@@ -66,10 +66,7 @@ def _corrected(
 
 
 def _clear_velocity(
-    clearances: Sequence[Clearance],
-    limits: GatheredLimits,
-    velocity: Array,
-    dt: float,
+    clearances: Sequence[Clearance], limits: GatheredLimits, velocity: Array, dt: float
 ) -> Array | None:
     """A velocity near another one that keeps all clearances.
 

@@ -89,11 +89,7 @@ class CompiledStep:
         return arrays
 
     def compute(
-        self,
-        composed: Controller,
-        configuration: mink.Configuration,
-        dt: float,
-        h: Displacement,
+        self, composed: Controller, configuration: mink.Configuration, dt: float, h: Displacement
     ) -> Step | None:
         """Compute the step; ``None`` if the reference has to.
 

@@ -7,13 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from qp_twist.constraints import (
-    BoxLimit,
-    DisplacementWindow,
-    MotionLimit,
-    PositionLimit,
-    kind_of,
-)
+from qp_twist.constraints import BoxLimit, DisplacementWindow, MotionLimit, PositionLimit, kind_of
 from qp_twist.kinematics import TwistTask
 
 BOXES = (PositionLimit, MotionLimit, DisplacementWindow)

@@ -13,13 +13,7 @@ import mink
 import mujoco
 import numpy as np
 
-from qp_twist.checks import (
-    Array,
-    did_you_mean,
-    finite_array,
-    number,
-    one_of,
-)
+from qp_twist.checks import Array, did_you_mean, finite_array, number, one_of
 from qp_twist.constraints import (
     BoxLimit,
     Constraint,

@@ -214,12 +214,7 @@ class TargetStream:
         return before
 
     def _follow(
-        self,
-        given: Input,
-        goal: Array,
-        now: float,
-        configuration: mink.Configuration,
-        behind: bool,
+        self, given: Input, goal: Array, now: float, configuration: mink.Configuration, behind: bool
     ) -> None:
         motion, settings, dt = self._motion, self._settings, self._settings.period
         twist = _AT_REST

@@ -21,10 +21,7 @@ class NoSolutionFound(QpTwistError, mink.NoSolutionFound):
     """
 
     def __init__(
-        self,
-        message: str,
-        problem: QuadraticProgram | None = None,
-        binding: Sequence[Any] = (),
+        self, message: str, problem: QuadraticProgram | None = None, binding: Sequence[Any] = ()
     ) -> None:
         Exception.__init__(self, message)
         self.problem = problem
