@@ -257,10 +257,8 @@ def check_trajectory(
     unchecked = [*rows.unjudged, *unchecked]
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
-        if motion.accelerations is None:
-            unchecked.append("jerks not checked: no accelerations")
-        elif limits.jerks_of:
-            sources.append(f"jerks checked against {limits.jerks_of}")
+        jumps, unknown, source = _of_jerks(path_task, limits, ranges, motion)
+        findings, unchecked, sources = (*findings, *jumps), unchecked + unknown, sources + source
     return Check(
         path_task.name,
         len(rows.q),
@@ -279,6 +277,23 @@ def check_trajectory(
         speed,
         tolerances,
     )
+
+
+def _of_jerks(
+    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, motion: JointMotion
+) -> tuple[list[Finding], list[str], list[str]]:
+    """A finding where jerks that the task limits are unknown; what is not checked, and sources."""
+    stated = np.isfinite(MotionLimits.of(path_task).jerk)
+    if motion.accelerations is None:
+        if not (stated & np.any(motion.q != motion.q[0], axis=0)).any():
+            return [], ["jerks not checked: no accelerations"], []
+        where = "rows, at which accelerations may jump, since none are stated: write them, too"
+        return [Finding("jerk limits", np.inf, 100.0, "%", where, passes=False)], [], []
+    if not limits.jerks_of:
+        return [], [], []
+    others = ", ".join(np.array(ranges.names)[~stated])
+    whose = f" of {others}, which the task does not state," if stated.any() else ""
+    return [], [], [f"jerks{whose} checked against {limits.jerks_of}"]
 
 
 def _matched(

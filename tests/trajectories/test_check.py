@@ -635,6 +635,21 @@ def test_a_verdict_says_first_what_was_not_checked_and_passes_with_it() -> None:
     assert fast.verdict.startswith("does not pass: velocity limits: 200 %")
 
 
+def test_jerk_limits_of_the_task_do_not_pass_unseen_and_defaults_name_their_joints() -> None:
+    trajectory = corner(velocity=2.0, acceleration=40.0)
+    jerk = np.array([800.0, np.inf])
+    task = dataclasses.replace(trajectory.path_task, jerk_limits=jerk)
+    rest = np.zeros_like(trajectory.q)
+    cubic = TimedPath(NAMES, trajectory.q, np.arange(21) * 0.5, rest)
+    assert check_trajectory(cubic, trajectory.path_task).passes
+    check = check_trajectory(cubic, task)
+    assert "jerk limits: inf % at rows, at which accelerations may jump" in check.verdict
+    quintic = check_trajectory(dataclasses.replace(cubic, accelerations=rest), task)
+    assert quintic.passes
+    source = "jerks of slide_2, which the task does not state, checked against the default"
+    assert source in quintic.verdict
+
+
 def test_single_joints_without_limits_and_models_without_ranges_are_named() -> None:
     trajectory = corner(velocity=np.array([2.0, np.inf]), acceleration=40.0)
     rows = TimedPath(NAMES, trajectory.q, np.arange(21) * 0.1)
