@@ -65,6 +65,7 @@ from .kinematics import target_twist as target_twist
 from .pages import report as report
 from .paths import METHODS as METHODS
 from .paths import PathTask as PathTask
+from .paths import Preference as Preference
 from .paths import load_task as load_task
 from .paths import read_toolpath as read_toolpath
 from .planning import Plan as Plan

@@ -51,7 +51,7 @@ def run(
 
     Args:
         method: Method name; if omitted, qp_gradient, and where it does not pass, qp_planned
-            (without --gain and --weight, which are the method's own).
+            (without --gain and --weight, which are the method's own); with a [preference] at once.
         out: File to write: trajectory.csv, .npz, or .json in the fields of ROS' JointTrajectory; a
             ROS 2 bag (.mcap); a robot program (.script, .mod, .src, .ls). A missing folder is
             created, with a note.
@@ -60,6 +60,8 @@ def run(
     path_task = load(task, path, feed, max_dip, calls)
     stated = gain is not None or weight is not None
     methods = [DEFAULT_METHOD, _OTHERWISE] if method is None else [method]
+    if method is None and path_task.preference is not None:
+        methods = [_OTHERWISE]  # which weighs it
     methods = methods[:1] if stated else methods
     path_task = with_secondary(path_task, [check_method(methods[0])], gain, weight)
     cli.check_file(out)
@@ -187,5 +189,9 @@ def _how(trajectory: Trajectory, *, stated: bool) -> list[str]:
         lines.insert(0, f"{method}: planning was interrupted; the best plan by then: {plan.result}")
     elif (plan := trajectory.plan) is not None and (plan.cuts or plan.certificate.slower > 1.0):
         lines.append(f"{method}: {plan.certificate}")
+    if plan is not None and plan.preferred:
+        lines.append(f"{method}: {plan.preferred}")
+    elif path_task.preference is not None:
+        lines.append(f"{method}: does not weigh [preference], as {_OTHERWISE} does")
     status = metrics(trajectory)["status"]
     return lines if status == "ok" else [*lines, f"{method}: {status}"]

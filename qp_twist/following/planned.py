@@ -57,7 +57,8 @@ def plan(
     with **s** from the task's speed limits and feed and from ``max_step_deg``; 15° without either.
     Acceleration limits hold between the waypoints, too. Hard tolerance bands hold to 1e-9 at the
     waypoints and, with linearly interpolated joints, provably to 0.05° and 0.1 mm between them;
-    soft bands are ignored. Where the task has joint moves, each stretch between them is planned by
+    soft bands are ignored. What a :class:`~qp_twist.Preference` of the task costs is added to f.
+    Where the task has joint moves, each stretch between them is planned by
     itself, from another start if no joint move leads to its best plan; the plan has the rows of the
     joint moves, too (``plan.s``). Mean z is that of the waypoints, travel and margin count joint
     moves.

@@ -18,6 +18,7 @@ from qp_twist.paths import MethodSettings, PathTask, stretches
 from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.preferred import PreferredPoses
 from qp_twist.planning.starts import what_forbids
 
 _STARTS = 12
@@ -249,6 +250,9 @@ def _joined_plans(
     if goal.centering:  # of the waypoints, not of the joint moves' rows
         z = goal.ranges.centring
         value += goal.centering * float(z(q[s == np.floor(s)]).mean() - z(q).mean())
+    preferred = PreferredPoses.of(path_task)
+    if preferred is not None:
+        value += preferred.cost(q[s == np.floor(s)])
     slowest = int(np.argmax([np.nan_to_num(plan.certificate.slower) for plan in plans]))
     certificate = plans[slowest].certificate
     if slowest and certificate.note:

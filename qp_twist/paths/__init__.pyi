@@ -15,6 +15,7 @@ from .path_task import twist_task as twist_task
 from .placement import base_moved as base_moved
 from .placement import leaned as leaned
 from .placement import placed as placed
+from .preference import Preference as Preference
 from .read_toolpath import read_toolpath as read_toolpath
 from .rerooted import Rerooted as Rerooted
 from .rerooted import rerooted as rerooted

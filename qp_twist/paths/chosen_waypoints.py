@@ -54,4 +54,5 @@ def with_waypoints(path_task: PathTask, source: Indices) -> PathTask:
             for at, text in path_task.process
         ),
         from_start="nothing" if source[0] else path_task.from_start,
+        preference=path_task.preference and path_task.preference.part(source),
     )

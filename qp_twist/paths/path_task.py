@@ -39,6 +39,7 @@ from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pos
 from qp_twist.paths.chosen_waypoints import with_waypoints
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
+from qp_twist.paths.preference import Preference
 from qp_twist.paths.process_words import check_calls
 from qp_twist.paths.rerooted import OLD_WORLD, check_body, rerooted
 from qp_twist.paths.segment import (
@@ -120,6 +121,7 @@ class PathTask:
         cuts: ``"fewest"``: where no motion follows the whole path, a plan may lift the tool off, as
             rarely as possible. Of a path with lift-offs (``paths.LiftOffs``) the waypoints, from 1,
             after which they are, as counted without them.
+        preference: How the tool should lean and turn where that is free, which a plan weighs.
 
     Raises:
         InvalidInput: If segments or joint moves do not fit, a constraint cannot be evaluated on a
@@ -166,6 +168,7 @@ class PathTask:
     max_dip: float | None = None
     cuts: Literal["fewest"] | tuple[int, ...] = ()
     jerk_limits: Array | None = None
+    preference: Preference | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.scene, str):
@@ -179,6 +182,9 @@ class PathTask:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
         check_calls(self.calls)
+        if self.preference is not None:
+            instance("PathTask(preference=…)", self.preference, Preference)
+            self.preference.at(len(self.waypoints))
         if self.cuts != "fewest" and not isinstance(self.cuts, tuple):
             raise InvalidInput(
                 f'cuts: expected "fewest" or a tuple of waypoints, got {self.cuts!r:.80}.',

@@ -37,6 +37,7 @@ from qp_twist.paths.lift_offs import LiftOffs
 from qp_twist.paths.methods import METHODS
 from qp_twist.paths.orientation import poses, roll_by_plane
 from qp_twist.paths.path_task import FromStart, PathTask, check_carrier
+from qp_twist.paths.preference import curve_numbers
 from qp_twist.paths.rerooted import rerooted
 from qp_twist.paths.section import problems
 from qp_twist.paths.segment import Segment
@@ -248,6 +249,11 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         constant_speed=file.feed is not None and file.feed.mode == "constant",
         max_dip=None if file.feed is None else file.feed.max_dip,
         cuts="fewest" if file.plan.cuts == "fewest" else (),
+        preference=None
+        if file.preference is None
+        else file.preference.on_curves(
+            curve_numbers(built.parts, built.joint_moves, len(built.positions))
+        ),
     )
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))

@@ -8,15 +8,22 @@ from collections.abc import Callable
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    field_validator,
+    model_validator,
+)
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.geometry import Projector, ProjectorFrame
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
 from qp_twist.paths.file_path_schema import FilePath, WorkpieceTable
 from qp_twist.paths.methods import MethodName, MethodSettings
+from qp_twist.paths.preference import VALUES, Preference, on_curves
 from qp_twist.paths.projector_schema import ProjectorSection
-from qp_twist.paths.section import Number, Positive, Section, Vector
+from qp_twist.paths.section import NotNegative, Number, Positive, Section, Vector
 
 Name = Annotated[str, Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -260,6 +267,54 @@ class PlanSection(Section):
         raise ValueError(f"{expected}; got {json.dumps(value, default=str)}")
 
 
+def _several(value: object) -> object:
+    """A number as the only one of a list, and a list as the tuple that strict checks expect."""
+    return tuple(value) if isinstance(value, list) else (value,)
+
+
+Angles = Annotated[tuple[Number, ...], BeforeValidator(_several), Field(min_length=1)]
+"""One angle, or one for each curve of the path, degrees."""
+
+
+class PreferenceSection(Section):
+    """Lean and roll of the tool that a plan prefers where the task leaves them free."""
+
+    lead_deg: Angles | None = Field(
+        default=None,
+        description="lean of the frame's z from the waypoint's towards the direction of the path; "
+        "one angle, or one for each curve",
+    )
+    tilt_deg: Angles | None = Field(
+        default=None, description="lean to the left of it as seen from the tip of z, likewise"
+    )
+    roll_deg: Angles | None = Field(
+        default=None, description="turn about the waypoint's z, from its roll, likewise"
+    )
+    within_deg: Annotated[float, Field(ge=0.0, le=180.0)] = Field(
+        default=0.0, description="a smaller difference costs nothing"
+    )
+    weight: NotNegative = Field(
+        default=1.0, description="cost of a radian: half of it, in the objective's unit"
+    )
+    roll_smoothness: NotNegative = Field(
+        default=0.0, description="cost of a roll that turns evenly by a radian: half of it"
+    )
+
+    def on_curves(self, curves: Indices) -> Preference:
+        """The preference at waypoints (N,) of curves, −1 for none."""
+        given = {name: getattr(self, f"{name}_deg") for name in VALUES}
+        return Preference(
+            **{
+                name: on_curves(name, angles, curves)
+                for name, angles in given.items()
+                if angles is not None
+            },
+            within=math.radians(self.within_deg),
+            weight=self.weight,
+            roll_smoothness=self.roll_smoothness,
+        )
+
+
 class ProgramSection(Section):
     """What robot programs of this path have around it."""
 
@@ -405,6 +460,7 @@ class TaskFile(Section):
     limits: LimitsSection = LimitsSection()
     program: ProgramSection = ProgramSection()
     plan: PlanSection = PlanSection()
+    preference: PreferenceSection | None = None
     clearance: ClearanceSection | None = None
     iteration: IterationSection = IterationSection()
     methods: dict[MethodName, MethodSettings] = Field(default_factory=dict)

@@ -60,6 +60,7 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
     task = dataclasses.replace(
         path_task, waypoints=path_task.waypoints[index : index + 1], durations=None,
         projector=path_task.in_force[index], segments=(), flipped_waypoints=None, joint_moves=(),
+        preference=None,
     )  # fmt: skip
     rows, ranges = PathRows(task), JointRanges.of(task.model)
     roadmap = central_roadmap(task, rows)

@@ -111,6 +111,8 @@ class LevelSearch:
             + STRICTNESS[self.strict] * self._price * float((grid / self._steps[k]).max())
             for k in np.flatnonzero(~blocked).tolist()
         ]
+        if (preferred := self.problem.objective.preferred) is not None:
+            longest.append(len(blocked) * preferred.largest)
         # More than two paths with equally many of them can differ by.
         one = 1.0 + sum(longest) + sum(float(cost[np.isfinite(cost)].max(initial=0.0))
                                        for cost in self._centering)  # fmt: skip
@@ -169,8 +171,24 @@ class LevelSearch:
     def _centering(self) -> list[Array]:
         ranges = self.problem.objective.ranges
         costs = [self._weight * ranges.centring(layer.q) for layer in self.level.layers]
+        if (preferred := self.problem.objective.preferred) is not None:
+            costs = [
+                cost + preferred.costs(values, np.full(len(cost), at)) / len(costs)
+                for cost, at, values in zip(
+                    costs, self.level.waypoints, self._preferred, strict=True
+                )
+            ]
         costs[0] = np.where(self._first_clear, costs[0], np.inf)
         return costs
+
+    @cached_property
+    def _preferred(self) -> list[Array]:
+        """Lead, tilt and roll of each layer's configurations, rad, (K, 3) each."""
+        preferred = self.problem.objective.preferred
+        if preferred is None:
+            return []
+        layers = zip(self.level.layers, self.level.waypoints, strict=True)
+        return [preferred.values(layer.q, np.full(len(layer.q), at)) for layer, at in layers]
 
     @cached_property
     def _steps(self) -> list[Array]:
@@ -195,6 +213,10 @@ class LevelSearch:
         share = (apart / self._steps[number]).T.copy()  # the largest of columns takes less time
         beyond = np.maximum(share.max(axis=0) - 1.0, 0.0)
         cost: Array = STRICTNESS[self.strict] * self._price * beyond + self._way(number, apart)
+        if (preferred := self.problem.objective.preferred) is not None:
+            rolls = [values[:, 2] for values in self._preferred[number : number + 2]]
+            turned = rolls[1][edge.end] - rolls[0][edge.start]
+            cost += preferred.change_costs(turned, *self.level.waypoints[number : number + 2])
         return cost
 
     def _way(self, number: int, apart: Array) -> Array:

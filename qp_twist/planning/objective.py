@@ -12,6 +12,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.planning.pace import Pace
+from qp_twist.planning.preferred import PreferredPoses
 
 OBJECTIVES = ("centering", "travel", "margin", "time")
 _WEIGHED = ("centering", "travel", "time")
@@ -43,6 +44,7 @@ class Objective:
         margin: Whether the objective is the margin.
         time: Weight of the time, 1/s.
         pace: The times of a path, if they count.
+        preferred: The task's preference, whose cost is added, if it has one.
     """
 
     ranges: JointRanges
@@ -52,6 +54,7 @@ class Objective:
     margin: bool = False
     time: float = 0.0
     pace: Pace | None = None
+    preferred: PreferredPoses | None = None
 
     @classmethod
     def of(
@@ -102,13 +105,20 @@ class Objective:
         )
 
     def along(self, path_task: PathTask) -> Objective:
-        """The objective with the times of a task's motions, if these count.
+        """The objective with a task's preference, and the times of its motions, if these count.
 
         Raises:
-            InvalidInput: If nothing limits the speed.
+            InvalidInput: If nothing limits the speed, or nothing can be preferred.
         """
+        if self.margin and path_task.preference is not None:
+            raise InvalidInput(
+                "the margin is that of the worst waypoint, and not traded against a preference; "
+                "use objective='centering', 'travel' or 'time', or leave [preference] out.",
+                key="preference",
+            )
+        goal = replace(self, preferred=PreferredPoses.of(path_task))
         if not self.time:
-            return self
+            return goal
         pace = Pace.of_run(path_task)
         endless = np.flatnonzero(~np.isfinite(pace.velocity))
         if path_task.durations is None and len(endless):
@@ -118,7 +128,7 @@ class Objective:
                 "nothing says how long a motion takes; add [feed] to the task file, or "
                 "[limits.velocity]."
             )
-        return replace(self, pace=pace)
+        return replace(goal, pace=pace)
 
     def slowed(self, path_task: PathTask) -> Objective:
         """The objective of a motion that cannot keep the feed: as little slower as possible.
@@ -127,6 +137,8 @@ class Objective:
         z of 0.1 less counts as much as a thousandth of the time, as do 100° of travel.
         """
         less = replace(self, margin=False, centering=1e-2, travel=0.0)
+        if self.preferred is not None:
+            less = replace(less, preferred=self.preferred.scaled(1e-2))
         if self.travel:
             less = replace(self, centering=1e-2 * bool(self.centering), travel=1e-5)
         pace = Pace.of_run(path_task)
@@ -138,6 +150,8 @@ class Objective:
             return float(self.margins(q).min())
         way = np.degrees((self.joints * np.abs(np.diff(q, axis=0))).sum())
         value = self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(way)
+        if self.preferred is not None:
+            value += self.preferred.cost(q)
         return value if self.pace is None else value + self.time * float(self.pace.seconds(q).sum())
 
     @property
@@ -146,7 +160,8 @@ class Objective:
         largest = max(float(self.joints.max(initial=0.0)), 1.0)
         weighted = largest * (10.0 * self.centering + 1e5 * self.travel)
         slowest = 1.0 if self.pace is None else float(self.pace.velocity.min(initial=1.0))
-        return weighted + 1e4 * self.margin + 1e3 * self.time / slowest
+        preferred = 0.0 if self.preferred is None else 10.0 * self.preferred.largest
+        return weighted + preferred + 1e4 * self.margin + 1e3 * self.time / slowest
 
     def better(self, a: float, b: float) -> bool:
         """Whether value ``a`` is better than ``b``."""

@@ -22,6 +22,7 @@ from qp_twist.planning.levels import Progress
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.pace import SLOWED, Pace
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.planning.preferred import PreferredPoses
 from qp_twist.planning.problem import PathConstraints, Problem, motion_limits
 from qp_twist.planning.search import PlanSearch, SearchResult, Trials
 from qp_twist.referee import (
@@ -50,7 +51,8 @@ class Plan:
             is none. Between waypoints violations are proven to be at most 0.05° or 0.1 mm, the
             tolerance of a check.
         value: Value of the objective: mean z (centering), degrees (travel, margin), seconds (time),
-            or the weighted sum; NaN if there is no motion.
+            or the weighted sum, with the cost of a :class:`~qp_twist.Preference`; NaN if there is
+            no motion.
         bound: Bound of the value over all motions, each waypoint taken for itself
             (``planning.bound.pointwise_bound``); NaN if a waypoint has no configuration, and for
             centering and margin if one leaves more than three degrees free.
@@ -160,6 +162,12 @@ class Plan:
         return straight_errors(self.path_task, self.motion(), self.s)
 
     @property
+    def preferred(self) -> str:
+        """Ranges of the lean and roll that the task prefers, in words; empty if it has none."""
+        preferred = PreferredPoses.of(self.path_task)
+        return "" if preferred is None else preferred.described(self.at_waypoints)
+
+    @property
     def promise(self) -> str:
         """What was proven about the motion, at and between the waypoints, in a sentence."""
         found = self.between
@@ -230,6 +238,8 @@ class Plan:
             return "not known"
         weighted = self.joint_weights and self.objective in ("centering", "travel", "margin")
         of_z = "mean z " if self.objective == "centering" else ""
+        if self.path_task.preference is not None:
+            of_z = f"{of_z}and preference ".removeprefix("and ")
         return f"{'weighted ' if weighted else ''}{of_z}{self._number(value)}"
 
     def _number(self, value: float) -> str:

@@ -25,6 +25,7 @@ from qp_twist.planning.level_search import ABOUT, STRICTNESS, LevelSearch, searc
 from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
+from qp_twist.planning.preferred_nodes import with_preferred
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
 from qp_twist.planning.smooth import ITERATIONS, smooth
 
@@ -214,7 +215,7 @@ class PlanSearch:
         covered = not problem.has_clearance and level.covers
         if level.has_gaps:
             return _Found(level, empty_layers(level, covered))
-        self._level = level
+        self._level, level = level, with_preferred(problem, level)
         nearest, before, of_grid = None, None, np.nan
         coarse = stage is not STAGES[-1]
         again = _LOOKS if problem.has_clearance and not coarse else 0

@@ -181,6 +181,10 @@ def _solved(problem: Problem, q: Array, basis: Array, radius: float, settle: boo
         share = objective.centering or _TIE_BREAK
         P = share * (move.T @ sparse.diags(weight) @ move)
         c = share * (move.T @ (weight * (q - objective.ranges.middle).ravel()))
+        if objective.preferred is not None:
+            A, b = objective.preferred.linear(q)
+            A = A @ move
+            P, c = P + A.T @ A, c + A.T @ b
         G, change = move[nv:] - move[:-nv], np.diff(q, axis=0)
         if objective.pace is not None:
             each, times, least = _times(objective.pace, q, G, radius, largest)

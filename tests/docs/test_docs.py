@@ -297,6 +297,7 @@ SECTIONS = {
     "[feed]": task_schema.FeedSection,
     "[plan]": task_schema.PlanSection,
     "[limits]": task_schema.LimitsSection,
+    "[preference]": task_schema.PreferenceSection,
     "[clearance]": task_schema.ClearanceSection,
     "[iteration]": task_schema.IterationSection,
     "[methods.NAME]": MethodSettings,
