@@ -9,7 +9,8 @@ checked against a task whose waypoints are where the trajectory leads. Bags are 
 With --poses instead straight moves, to poses (URScript: to joint angles): through the rows of COUNT
 random trajectories, there and back; and COUNT changed texts of one program each, by the changes of
 ``toolpath_mutations.py``. What still passes is read and moved once more by the tests' own simulator
-(``tests/oracles/program_simulator.py``): *off the path*, or *unread*, if it finds other moves.
+(``tests/oracles/program_simulator.py``): *off the path*, or *unread*, if it finds other moves. In
+rows with *forms* the changes are of zones, tools, frames, groups, speeds and accelerations.
 
 With --circles COUNT random circles of others in each language, against formulas of the tests' own;
 and the points per metre of a hole's edge and of a seam about a cone, with circles and without.
@@ -17,7 +18,9 @@ and the points per metre of a hole's edge and of a seam about a cone, with circl
 
 from __future__ import annotations
 
+import itertools
 import random
+import re
 import sys
 import tempfile
 import time
@@ -33,7 +36,7 @@ from oracles import circle_programs
 from oracles.joint_paths import joint_path
 from oracles.program_cells import Job, job_of, measured
 from oracles.program_rows import DECIMALS, random_rows
-from oracles.program_simulator import Controller, read
+from oracles.program_simulator import Controller, read, rounded
 from oracles.remodelled import remodelled
 from program_grid import grid
 from toolpath_mutations import mutated
@@ -108,8 +111,9 @@ def poses(count: int) -> None:
             print(_there_and_back(program, count, Path(folder)), flush=True)
         print("\n| changed | texts | refused | fail | pass | off the path | unread | traceback |")
         print("| :-- | --: | --: | --: | --: | --: | --: | --: |")
-        for name, points in CHANGED.items():
-            print(_changed(job_of(name, "", 0.03, 31), points, count, Path(folder)), flush=True)
+        for (name, points), forms in itertools.product(CHANGED.items(), (False, True)):
+            job = job_of(name, "", 0.03, 31)
+            print(_changed(job, points, count, Path(folder), forms=forms), flush=True)
 
 
 def _there_and_back(program: str, count: int, folder: Path) -> str:
@@ -141,7 +145,7 @@ def _there_and_back(program: str, count: int, folder: Path) -> str:
     return f"| {program} | {count} | {done} | {refused} | {equal} | {worst:.2g} |"
 
 
-def _changed(job: Job, points: str, count: int, folder: Path) -> str:
+def _changed(job: Job, points: str, count: int, folder: Path, *, forms: bool) -> str:
     path = folder / f"loop{job.suffix}"
     linear = LinearMotion(points=points)  # type: ignore[arg-type]
     write_checked(job.rows, path, job.task, job.joints, linear=linear)
@@ -149,7 +153,7 @@ def _changed(job: Job, points: str, count: int, folder: Path) -> str:
     whole = len(read(text, job.suffix).moves)
     refused = fails = passes = off = unread = wrong = 0
     for _ in range(count):
-        changed = mutated(text, [text], rng)
+        changed = _form(text, job.suffix, rng) if forms else mutated(text, [text], rng)
         path.write_text(changed)
         try:
             check = check_trajectory(read_trajectory(path, None, job.joints), job.task)
@@ -169,8 +173,9 @@ def _changed(job: Job, points: str, count: int, folder: Path) -> str:
             program = read(changed, job.suffix)
             if len(program.moves) != whole:
                 raise ValueError("other moves")
-            found = measured(job, Controller(job.cell, program).run())
-            assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05), found
+            motion = Controller(job.cell, program).run()
+            found, cut = measured(job, motion), rounded(motion, program.moves)
+            assert max(found.off_path, cut) <= 1e-4 and found.off_axis <= np.radians(0.05), found
         except AssertionError as error:
             off += 1
             print(f"passes: {error!r}", *difference(text, changed), sep="\n", file=sys.stderr)
@@ -178,7 +183,37 @@ def _changed(job: Job, points: str, count: int, folder: Path) -> str:
             unread += 1
             print(f"unread: {error!r}", *difference(text, changed), sep="\n", file=sys.stderr)
     counts = (count, refused, fails, passes, off, unread, wrong)
-    return f"| {job.cell.name} | {' | '.join(map(str, counts))} |"
+    return f"| {job.cell.name}{', forms' * forms} | {' | '.join(map(str, counts))} |"
+
+
+FORMS = {
+    ".mod": {r"\bz0\b": ("z1", "z10", "z200", "fine"), r"\btask_tool\b": ("tool0", "tool7"),
+             r"\btask_wobj\b": ("wobj0", "wobj7"),
+             r"(?<=\],\[)[\d.]+(?=,[\d.]+,5000)": ("1", "900")},
+    ".src": {r"CDIS=[\d.]+": ("CDIS=1", "CDIS=200"), r" C_DIS": ("", " C_VEL", " C_PTP"),
+             r"VEL\.CP=[\d.]+": ("VEL.CP=0.001", "VEL.CP=2"), r"#VAR": ("#JOINT", "#CONSTANT"),
+             r"(?<=[$]TOOL=).*": ("TOOL_DATA[3]",), r"(?<=[$]BASE=).*": ("BASE_DATA[3]",)},
+    ".ls": {r"CNT\d+": ("CNT0", "CNT50", "CNT100", "FINE"), r"(?<=UTOOL_NUM=)\d": ("2", "9"),
+            r"(?<=UFRAME_NUM=)\d": ("2", "9"), r"(?<=UT : )\d": ("2", "9"),
+            r"(?<=UF : )\d": ("3", "9"),
+            r"(?<=GROUP\t= )1,\*": ("*,1", "1,1"), r"\d+(?=mm/sec)": ("1", "900")},
+    ".script": {r"(?<=r=)[\d.]+": ("0", "0.01", "0.5"), r"(?<=a=)[\d.]+": ("0.01", "15"),
+                r"(?<=v=)[\d.]+": ("0.01", "1"), r"movel": ("movep", "movej")},
+}  # fmt: skip
+"""Changes of zones, tools, frames, groups, speeds and accelerations."""
+
+
+def _form(text: str, suffix: str, rng: random.Random) -> str:
+    """A text with one such change, in one place or all; in half of them without a header."""
+    pattern, others = rng.choice(list(FORMS[suffix].items()))
+    found, other = [*re.finditer(pattern, text)], rng.choice(others)
+    if not found:
+        return text
+    at = rng.choice(found)
+    changed = f"{text[: at.start()]}{other}{text[at.end() :]}"
+    changed = changed if rng.random() < 0.5 else re.sub(pattern, other, text)
+    bare = suffix != ".ls" and rng.random() < 0.5  # whose lines are counted
+    return re.sub(r"(?m)^ *[!;#].*\n", "", changed) if bare else changed
 
 
 def circles(count: int) -> None:

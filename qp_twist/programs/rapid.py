@@ -34,7 +34,15 @@ from qp_twist.programs.joint_moves import (
 )
 from qp_twist.programs.moves import JointMove, Kind, Moves
 from qp_twist.programs.program import Program
-from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
+from qp_twist.programs.statements import (
+    CARRIES,
+    NUMBER,
+    Statements,
+    refuse,
+    shown,
+    split,
+    without_texts,
+)
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import (
     IN_DEGREES,
@@ -191,6 +199,8 @@ _COMPARISON = [("<>", "!="), (r"(?<![<>!:=])=(?!=)", "==")]
 
 
 def _translate(text: str) -> str:
+    if re.search(r"%|//|\*\*", text):  # operators of Python alone
+        raise Unknown(f"{shown(text)} is no expression of RAPID")
     text = re.sub(r"\\(\w+)\s*:=", r",\1=", text)
     text = re.sub(r"(?<=[\w\]}])\.\s*([a-z]\w*)", lambda m: f"[{_FIELDS[m[1]]}]", text)
     text = re.sub(r"\{([^{}]*)\}", lambda m: "".join(f"[({i})-1]" for i in split(m[1])), text)

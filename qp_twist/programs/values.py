@@ -7,6 +7,7 @@ import json
 import math
 import operator
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import deepcopy
@@ -240,7 +241,9 @@ class Values:
 
 @lru_cache(maxsize=4096)
 def _parsed(text: str) -> ast.AST:
-    return ast.parse(text.strip(), mode="eval").body
+    with warnings.catch_warnings():  # of numbers that run into words, which no language has
+        warnings.simplefilter("error")
+        return ast.parse(text.strip(), mode="eval").body
 
 
 IN_DEGREES: dict[str, Callable[..., Any]] = {

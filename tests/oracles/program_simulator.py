@@ -44,7 +44,8 @@ class Move(NamedTuple):
     """To shown angles (rad in URScript, else degrees) or a pose, straight or not.
 
     In seconds, or at speeds in m/s and rad/s; with rates at its end each joint is on a cubic; on a
-    circle ``via`` shown angles or a pose.
+    circle ``via`` shown angles or a pose. Its end is rounded from ``zone`` m on, at most from the
+    ``share`` of half of the shorter move.
     """
 
     straight: bool
@@ -58,6 +59,8 @@ class Move(NamedTuple):
     on_part: bool = False
     via: Array | None = None
     rule: str = "space"
+    zone: float = 0.0
+    share: float = 1.0
 
 
 class Text(NamedTuple):
@@ -127,12 +130,13 @@ def _rapid(text: str) -> Text:
             data = tuple(int(each) for each in groups[2].split(","))
             v, w = numbers(groups[4])[:2]
             speeds = MS * v, np.radians(w)
+        zone = re.search(r",z(\d+),", rest)
         given = zip("abcdef", others.split(","), strict=True)
         external = {f"eax_{key}": float(value) for key, value in given if value.strip() != "9E9"}
         found.append(
             Move(word != "MoveAbsJ", None if theta is None else np.array(numbers(theta)), pose,
                  external, data, seconds, speeds, None, "WObj" in rest and "task_wobj" not in rest,
-                 via, "path")
+                 via, "path", MS * (float(zone[1]) or 0.3) if zone else 0.0)
         )  # fmt: skip
     return Text(found, *(None if m is None else quaternion_pose(*numbers(m[1])[:7])
                          for m in (tool, frame)))  # fmt: skip
@@ -141,7 +145,7 @@ def _rapid(text: str) -> Text:
 def _krl(text: str) -> Text:
     stated = [re.search(rf"^\${word}=\{{(.*)\}}", text, re.M) for word in ("TOOL", "BASE")]
     coupled, speeds, found = "EK(" in text, {"CP": np.nan, "ORI1": np.inf}, list[Move]()
-    rule = "space"
+    rule, zone = "space", np.inf
     for written in text.splitlines():
         line, via = written, None
         places = re.findall(r"\{.*?\}", written)
@@ -149,6 +153,8 @@ def _krl(text: str) -> Text:
             via_fields = dict(re.findall(rf"\b([A-Z]) ({N})", places[0]))
             via = angles_pose(*(float(via_fields[key]) for key in "XYZABC"))
             line = f"LIN {places[1]}"
+        elif apo := re.fullmatch(rf"\$APO\.CDIS=({N})", line):
+            zone = MS * float(apo[1])
         elif turn := re.fullmatch(r"\$CIRC_TYPE=#(\w+)", line):
             rule = {"PATH": "path", "BASE": "space"}[turn[1]]
         fields = {key: float(value) for key, value in re.findall(rf"\b([A-Z]\d?) ({N})", line)}
@@ -166,8 +172,9 @@ def _krl(text: str) -> Text:
             pose = angles_pose(*(fields[key] for key in "XYZABC"))
             both = speeds["CP"], np.radians(speeds["ORI1"])
             found.append(
-                Move(True, None, pose, external, data, np.nan, both, None, coupled, via, rule)
-            )
+                Move(True, None, pose, external, data, np.nan, both, None, coupled, via, rule,
+                     {"": 0.0, "C_DIS": zone}.get(written.rpartition("}")[2].strip(), np.inf))
+            )  # fmt: skip
     return Text(found, *(None if m is None else angles_pose(*numbers(re.sub("[A-Z]", "", m[1])))
                          for m in stated))  # fmt: skip
 
@@ -176,10 +183,10 @@ def _ls(text: str) -> Text:
     points = dict(re.findall(r"^P\[(\d+)\]\{(.*?)\};", text, re.S | re.M))
     in_base, found = "UFRAME_NUM=0" in text, list[Move]()
     pattern = (
-        r":\s*([JLC])\s*(?:P\[(\d+)\]\n\s*:\s*)?P\[(\d+)\]\s*\+?(\S+?)\s*(?:FINE|CNT\d+)\s*"
+        r":\s*([JLC])\s*(?:P\[(\d+)\]\n\s*:\s*)?P\[(\d+)\]\s*\+?(\S+?)\s*(FINE|CNT\d+)\s*"
         r"(COORD|RTCP|)\s*;"
     )
-    for word, between, number, how, option in re.findall(pattern, text):
+    for word, between, number, how, end, option in re.findall(pattern, text):
         assert bool(between) == (word == "C")
         via = _fanuc_place(points[between]) if between else None
         first, _, second = points[number].partition("GP2:")
@@ -199,7 +206,8 @@ def _ls(text: str) -> Text:
             letters, *turns = re.search(r"CONFIG\s*:\s*'([^']*)'", first)[1].split(",")  # type: ignore[index]
             data = (*(int(each in "FDB") for each in letters.split()), *map(int, turns))
         found.append(Move(word != "J", theta, pose, external, data, seconds, (speed, np.inf), None,
-                          bool(option), via))  # fmt: skip
+                          bool(option), via, "space", np.inf,
+                          0.0 if end == "FINE" else int(end[3:]) / 100.0))  # fmt: skip
     of_poses = in_base and any(move.pose is not None for move in found)
     return Text(found, None, np.eye(4) if of_poses else None)
 
@@ -227,7 +235,8 @@ def _urscript(text: str) -> Text:
         via = np.array(groups[0]) if word == "movec" else None
         theta = np.array(groups[word == "movec"])
         found.append(Move(word in ("movel", "movep", "movec"), theta, None, {}, (), seconds,
-                          (v, np.inf), rates, False, via))  # fmt: skip
+                          (v, np.inf), rates, False, via, "space",
+                          given.get("r", 0.0)))  # fmt: skip
     return Text(found)
 
 
@@ -367,6 +376,25 @@ class Controller:
             corners.append(len(rows) - 1)
             at, rates = poses[-1], move.rates
         return Motion(np.array(times), np.array(rows), np.array(poses), corners)
+
+
+def rounded(motion: Motion, moves: list[Move]) -> float:
+    """How far a parabola about a corner passes it at most, m: within any zone it is nearest."""
+    most, places = 0.0, motion.poses[:, :3, 3]
+    for k, move in enumerate(moves[1:-1], start=1):
+        sides = places[motion.corners[k] :: -1], places[motion.corners[k] :]
+        counts = np.diff(motion.corners)[k - 1 : k + 1] + 1
+        ways = [
+            np.append(0.0, np.cumsum(np.linalg.norm(np.diff(side[:count], axis=0), axis=1)))
+            for side, count in zip(sides, counts, strict=True)
+        ]
+        reach = move.share * min(move.zone, *(0.5 * way[-1] for way in ways))
+        ends = [
+            [np.interp(reach, way, side[:count, axis]) for axis in range(3)]
+            for side, count, way in zip(sides, counts, ways, strict=True)
+        ]
+        most = max(most, 0.5 * float(np.linalg.norm(0.5 * np.sum(ends, axis=0) - sides[1][0])))
+    return most
 
 
 HEIGHTS = {

@@ -184,6 +184,7 @@ END
         ("ABB IRB 120", (r"MoveL (.*?)\],\[0,0,0,0\]", r"MoveL \1],[0,0,0,1]"),
          r"line \d+: the robot arrives with the configuration \[0, 0, 0, 0\], .* \[0, 0, 0, 1\]"),
         ("ABB IRB 120", (r"\[0,0,0,0\],\[9E9", "[0,0,0.5,0],[9E9"), "expected whole numbers cf1"),
+        ("ABB IRB 120", (r"MoveL \[\[(\d+\.\d)", r"MoveL [[\g<1>%9"), "no expression of RAPID"),
         ("ABB IRB 120", ("MoveL ", "MoveC "), r"line \d+: .*expected 2 targets"),
         ("ABB IRB 120", (r"tooldata task_tool:=\[TRUE", "tooldata task_tool:=[FALSE"),
          "carries the part"),
