@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,6 +78,19 @@ def centred(q: Array, ranges: JointRanges) -> Array:
     """Remove full turns so that every hinge is nearest to the middle of its range."""
     turns = np.round((q - ranges.middle) / TURN)
     return q - TURN * np.where(ranges.hinge, turns, 0.0)
+
+
+def wound(apart: Array) -> Array:
+    """Differences of angles, the shorter way round."""
+    shorter: Array = apart - TURN * np.round(apart / TURN)
+    return shorter
+
+
+def distances(a: Array, b: Array, apart: Callable[[Array, Array], Array]) -> Array:
+    """How far each of a (E, B, nv) is from each of b (E, C, nv), (E, B, C); infinite for NaN."""
+    each = [np.linalg.norm(apart(a[:, [k]], b), axis=2) for k in range(a.shape[1])]
+    found: Array = np.nan_to_num(np.stack(each, axis=1), nan=np.inf)
+    return found
 
 
 def boxed(q: Array, period: Array) -> Array:

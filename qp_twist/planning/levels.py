@@ -127,6 +127,8 @@ class Roadmap:
         for done, index in enumerate(waypoints, start=1):
             rolls, before = self.rolls(index), found[-1] if found else None
             layer = self._net.layer(index, before) if rolls is None else rolls.layer(index)
+            if rolls is not None and not rolls.arm.labelled:
+                layer = replace(layer, branch=self._net.pieces(layer.q))
             found.append(layer)
             progress(done)
         return found

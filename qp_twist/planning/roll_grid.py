@@ -13,7 +13,7 @@ from qp_twist.geometry import ProjectorKind
 from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
-from qp_twist.planning.layer import TURN, Layer, empty_layer, inside_limits
+from qp_twist.planning.layer import TURN, Layer, distances, empty_layer, inside_limits, wound
 
 FINEST = 16
 """Largest number of parts of a grid interval in which the joints move fast."""
@@ -117,7 +117,7 @@ class RollGrid:
         return not self.hard.constraints and self._edges(index)[1]
 
     def branches(self, index: int) -> Array:
-        """Joint positions at the rolls of the grid, (R, 8, 6), NaN where out of reach."""
+        """Joint positions at the rolls of the grid, (R, B, 6), NaN where out of reach."""
         return self._branches(index, self.rolls)
 
     def _branches(self, index: int, rolls: Array) -> Array:
@@ -126,9 +126,16 @@ class RollGrid:
     def _divided(self, index: int) -> tuple[Array, Array]:
         """The grid, with more rolls where joints move fast and bands end: rolls and branches."""
         grid = self.branches(index)
-        change = np.diff(grid, axis=0, append=grid[:1])
-        change -= TURN * np.round(change / TURN)
-        times = np.nan_to_num(np.abs(change) / self._joints).max(axis=(1, 2))
+        after = np.roll(grid, -1, axis=0)
+        if self.arm.labelled:
+            times = np.nan_to_num(np.abs(wound(after - grid)) / self._joints).max(axis=(1, 2))
+        else:
+            distance = distances(grid, after, lambda a, b: wound(b - a) / self._joints)
+            there, here = np.isfinite(after[:, :, 0]), np.isfinite(grid[:, :, 0])
+            times = np.maximum(
+                np.where(here, distance.min(axis=2), 0.0).max(axis=1),
+                np.where(there, distance.min(axis=1), 0.0).max(axis=1),
+            )
         parts = np.clip(np.ceil(times), 1, FINEST).astype(int)
         number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
         rolls = np.repeat(self.rolls, parts) + self.spacing * number / np.repeat(parts, parts)

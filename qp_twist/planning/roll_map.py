@@ -13,7 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import ProjectorKind, twist_angle
 from qp_twist.kinematics import JointRanges, ParametrisedArm
 from qp_twist.paths import PathTask
-from qp_twist.planning.layer import TURN, centred
+from qp_twist.planning.layer import TURN, centred, wound
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import motion_limits
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
@@ -113,8 +113,7 @@ class RollMap:
         NaN where a configuration is not on its waypoint's axis by more than a degree.
         """
         rotations, positions = self.arm.chain.poses(q)
-        apart = self.arm.branches(rotations, positions) - q[:, None]
-        apart -= TURN * np.round(apart / TURN)
+        apart = wound(self.arm.branches(rotations, positions) - q[:, None])
         distance = np.where(np.isfinite(apart), np.abs(apart), np.inf).max(axis=2)
         rolls = np.full(len(q), np.nan)
         for k, (rotation, target) in enumerate(
@@ -127,12 +126,13 @@ class RollMap:
 
 
 def roll_arm(path_task: PathTask) -> ParametrisedArm | None:
-    """The arm of a task whose roll is free everywhere, if it has closed-form kinematics."""
+    """The arm of a task whose roll is free everywhere, if branches keep their index along it."""
     free = all(
         RollGrid.applies(path_task, k) and projector.angular.kind is ProjectorKind.PLANE
         for k, projector in enumerate(path_task.in_force)
     )
-    return closed_form_arm(path_task) if free else None
+    arm = closed_form_arm(path_task) if free else None
+    return arm if arm is not None and arm.labelled else None
 
 
 def _wrapped(angles: Array) -> Array:
@@ -146,7 +146,6 @@ def _connected(q: Array, after: Array, step: Array, spacing: float) -> Mask:
     found = np.zeros(q.shape[:2], dtype=bool)
     reach = int(_REACH / spacing)
     for shift in range(-reach, reach + 1):
-        apart = np.roll(after, shift, axis=0) - q
-        apart -= TURN * np.round(apart / TURN)
+        apart = wound(np.roll(after, shift, axis=0) - q)
         found |= (np.abs(apart) <= step).all(axis=2)
     return found

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, ParametrisedArm
 from qp_twist.paths import PathTask
-from qp_twist.planning.layer import TURN, boxed, centred
+from qp_twist.planning.layer import TURN, boxed, centred, distances
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid, rolled
 
@@ -18,7 +18,7 @@ _FAR, _COVERED, _HALVINGS, _LARGEST = 1.5, 0.9, 4, 40_000
 """Distance of neighbours of a grid, in units of the net's spacing, beyond which points between them
 are added; how often; and the number of points beyond which none are."""
 _DRAWN = 300
-"""Number of random ones where there is no grid: each gives up to eight configurations."""
+"""Number of random ones where there is no grid: each gives up to 16 configurations."""
 
 
 class Seeds:
@@ -128,8 +128,8 @@ class _Grid:
     """The solutions on the grid of one choice of given joints, and its intervals.
 
     Attributes:
-        q: The solutions, (K, 8, nv).
-        near: Which of them are inside the limits or near them, (K, 8).
+        q: The solutions, (K, B, nv).
+        near: Which of them are inside the limits or near them, (K, B).
     """
 
     def __init__(self, seeds: Seeds, index: int, arm: ParametrisedArm) -> None:
@@ -145,6 +145,9 @@ class _Grid:
         """Halve the intervals on which a branch moves far or ends; whether there were any."""
         a, b = self.q[self._first], self.q[self._second]
         near = self.near[self._first] | self.near[self._second]
+        if not self.arm.labelled:
+            a, b = self._paired(a, b)
+            near = self.seeds.near(a) | self.seeds.near(b)
         # Where a branch ends, it turns into another one, which ends there, too.
         ends = near & (np.isnan(a[:, :, 0]) != np.isnan(b[:, :, 0]))
         other = b.copy()
@@ -172,6 +175,13 @@ class _Grid:
         self._first, self._second = np.append(first, new), np.append(new, second)
         self._begin, self._end = np.vstack([begin, middle]), np.vstack([middle, end])
         return True
+
+    def _paired(self, a: Array, b: Array) -> tuple[Array, Array]:
+        """Each of a (E, B, nv) beside the nearest of b, and each of b beside that of a."""
+        distance = distances(a, b, self.seeds.apart)
+        before = np.take_along_axis(a, distance.argmin(axis=1)[:, :, None], axis=1)
+        after = np.take_along_axis(b, distance.argmin(axis=2)[:, :, None], axis=1)
+        return np.concatenate([a, before], axis=1), np.concatenate([after, b], axis=1)
 
 
 def _box(lower: Array, upper: Array, spacing: Array, around: int) -> tuple[Array, Indices, Indices]:
