@@ -16,6 +16,8 @@ from qp_twist.paths.orientation import tangents
 from qp_twist.paths.preference import VALUES, Preference
 
 _Z = np.array([0.0, 0.0, 1.0])
+_LISTED = 4
+"""Most preferred angles that are listed."""
 _NO_SWING = 1e-9
 """Angle below which the frame's z has no direction in which it leans, rad."""
 
@@ -127,6 +129,8 @@ class PreferredPoses:
                 away = np.degrees(_nearest(np.radians(values[of, column] - held[of])))
                 seen = held[of] + away
                 wanted = "/".join(dict.fromkeys(f"{angle:.4g}°" for angle in held[of]))
+                if len(np.unique(held[of])) > _LISTED:
+                    wanted = f"{held[of].min():.4g}° to {held[of].max():.4g}°"
                 found.append(f"{name} {seen.min():.1f}° to {seen.max():.1f}° (preferred {wanted})")
         if self.preference.roll_smoothness:
             turns = np.abs(np.degrees(_nearest(np.radians(np.diff(values[:, 2])[self.smooth]))))

@@ -9,7 +9,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, SerialChain
-from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.paths import PathTask, Tolerances, in_joint_moves
 from qp_twist.paths.toolpath import SAME_POINT
 from qp_twist.referee.findings import Finding, Passing, acceleration_use, jerk_use, velocity_use
 from qp_twist.referee.joint_motion import JointMotion
@@ -36,6 +36,8 @@ _NAMED = 3
 """Most limits that a dip names."""
 _REST = 1e-6
 """The robot rests where all joints are slower, rad/s or m/s."""
+_OFF = Tolerances()
+"""What the tool may be off."""
 CORNER = float(np.radians(10.0))
 """Turn of the path's direction at a point from which it counts as a corner, rad: a tool at 50 mm/s
 turns by 9 mm/s there, within some milliseconds."""
@@ -288,7 +290,11 @@ def _rates(
 
 
 def _programmed(path_task: PathTask, count: int | None = None) -> tuple[Array, Array]:
-    """Speed and rate of turning that the task states before each waypoint but the first."""
+    """Speed and rate of turning that the task states before each waypoint but the first.
+
+    The speed is 0 where the tool turns in place: it moves by less than a check lets it be off, and,
+    in terms of what passes, turns by more. The speed of so short a way would be that of its errors.
+    """
     assert path_task.durations is not None
     (R, p), count = path_task.poses, count or len(path_task.waypoints)
     T = path_task.durations[1:count]
@@ -297,7 +303,8 @@ def _programmed(path_task: PathTask, count: int | None = None) -> tuple[Array, A
     )
     moved, turned = np.linalg.norm(steps.reshape(-1, 2, 3), axis=2).T
     rate = np.divide(1.0, T, out=np.zeros_like(T), where=T > 0.0)
-    moved = np.where(moved < SAME_POINT, 0.0, moved)
+    stands = (moved < _OFF.position) & (moved / _OFF.position < turned / _OFF.axis)
+    moved = np.where((moved < SAME_POINT) | stands, 0.0, moved)
     return moved * rate, turned * rate
 
 
