@@ -18,7 +18,6 @@ import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from collections.abc import Set as AbstractSet
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -26,7 +25,8 @@ import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
-from qp_twist.files import of_file, text_lines
+from qp_twist.files import of_file
+from qp_twist.programs.fanuc_files import MORE, TpFiles, label_of
 from qp_twist.programs.joint_moves import (
     AXES,
     Beside,
@@ -38,10 +38,8 @@ from qp_twist.programs.joint_moves import (
     Target,
     Zone,
 )
-from qp_twist.programs.listing import Procedure
 from qp_twist.programs.moves import JointMove, Kind, Moves
-from qp_twist.programs.program import Program
-from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown, split
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, shown
 from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import (
     Undecided,
@@ -59,8 +57,6 @@ _GROUP = "GP2_"
 """What the names of axes of the second motion group begin with: those of a positioner."""
 _REMARK = 32
 """Characters of a remark."""
-_MORE = ".."
-"""Mark of a remark that continues the one above."""
 _PLACES = ("FN", "DU", "BT")
 """Letters of a configuration: flip or not, down or up, back or front (top)."""
 _MS = 32000
@@ -226,12 +222,10 @@ def _speed(speed: float) -> str:
 
 def _remarks(line: str) -> list[str]:
     """A header line in remarks short enough; a semicolon would end them."""
-    first, *others = textwrap.wrap(line.replace(";", ","), _REMARK - len(_MORE)) or [""]
-    return [first, *(f"{_MORE}{text}" for text in others)]
+    first, *others = textwrap.wrap(line.replace(";", ","), _REMARK - len(MORE)) or [""]
+    return [first, *(f"{MORE}{text}" for text in others)]
 
 
-_SECTION = re.compile(r"/(PROG\b.*|ATTR|APPL|MN|POS|END)\s*", re.ASCII)
-_POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
 _FIELD = re.compile(
     rf"GP(?P<group>\d)\s*:|(?:UF\s*:\s*(?P<frame>\w+)|UT\s*:\s*\w+)|CONFIG\s*:\s*'[^']*'"
     rf"|(?P<axis>[JE]\d|[XYZWPR])\s*=\s*(?P<value>{NUMBER}|\*+)\s*(?P<unit>\w*)",
@@ -261,11 +255,6 @@ def _key(text: str) -> str:
     return re.sub(r"\br\s*\[\s*(\d+)\s*(?::[^\]]*)?\]", r"r_\1", text.lower())
 
 
-def _label(text: str) -> str:
-    """A label without its comment: LBL[1:next] is LBL[1]."""
-    return re.sub(r"\s*\[\s*(\d+)[^\]]*\].*", r"[\1]", text.upper())
-
-
 def _translate(text: str) -> str:
     return re.sub(r"\bdiv\b", "//", re.sub(r"\bmod\b", "%", text))
 
@@ -280,11 +269,10 @@ class _Point(NamedTuple):
     target: Target | None = None
 
 
-class TpProgram(Program):
+class TpProgram(TpFiles):
     """A program, and those that it calls.
 
     Attributes:
-        comments: Remarks.
         last_line: Of its last statement.
     """
 
@@ -301,12 +289,9 @@ class TpProgram(Program):
     )  # fmt: skip
 
     def __init__(self, moves: Moves, beside: Beside) -> None:
-        super().__init__(Values(_key, _translate, {}, lambda text: None, _COMPARISON), moves)
-        self.comments: list[str] = []
-        self._beside = beside
-        self._points: dict[str, dict[int, str]] = {}
+        values = Values(_key, _translate, {}, lambda text: None, _COMPARISON)
+        super().__init__(values, moves, beside)
         self._file = ""
-        self._labels: set[str] = set()
         self._at_labels: dict[str, dict[str, Any]] = {}
         self._numbers: dict[str, str] = {}
         self.last_line = 0
@@ -346,69 +331,6 @@ class TpProgram(Program):
             (r".*", self.refuse, "path"),
         )  # fmt: skip
 
-    def read(self, lines: Sequence[str], key: str = "") -> Statements:
-        """The statements of a program; its points are kept."""
-        strict = self.moves.strict
-        name, parts = _parts(lines)
-        texts = {part: "\n".join(text for _, text in each) for part, each in parts.items()}
-        order = [part for part in parts if part != "APPL"]
-        sections = ["", "PROG", "ATTR", "MN", "POS", "END"]
-        beside = (texts[""] + texts.get("END", "")).strip()
-        if "MN" not in parts or (strict and (order != sections or beside)):
-            raise InvalidInput("this is no TP program: expected /PROG, /ATTR, /MN, /POS and /END.")
-        found = _statements(parts["MN"], strict=strict)
-        tail = texts.get("POS", "")
-        points = self._points[key] = dict[int, str]()
-        for match in _POINT.finditer(tail):
-            if int(match[1]) in points and strict:
-                at, _ = parts["POS"][tail.count("\n", 0, match.start())]
-                raise InvalidInput(f"P[{match[1]}] stands twice.", line=at)
-            points[int(match[1])] = match[2]
-        self._labels |= {text for _, text in found if text.startswith("LBL")}
-        if strict:
-            self._check_file(name, texts, found, points.keys())
-        return found
-
-    def _check_file(
-        self, name: str, texts: Mapping[str, str], found: Statements, points: AbstractSet[int]
-    ) -> None:
-        """Refuse a program of which a line was lost or added."""
-        for number, text in found:
-            self._remark(number, text)
-        count = re.search(r"LINE_COUNT\s*=\s*(\d+)", texts["ATTR"], re.ASCII)
-        if count and int(count[1]) != len(found):
-            raise InvalidInput(
-                f"{name}: LINE_COUNT is {count[1]}, but there are {len(found)} lines; a line was "
-                "lost or added."
-            )
-        mask = re.search(r"DEFAULT_GROUP\s*=\s*([^;\n]*)", texts["ATTR"], re.ASCII)
-        groups = {1, *map(int, re.findall(r"\bGP(\d)\s*:", texts["POS"]))}
-        stated = {k for k, x in enumerate(split(mask[1] if mask else ""), 1) if x == "1"}
-        if mask and points and stated != groups:
-            raise InvalidInput(
-                f"{name}: DEFAULT_GROUP is {mask[1]}, but its points are of motion group "
-                f"{' and '.join(map(str, sorted(groups)))}; the controller would move others."
-            )
-        if left := _POINT.sub("", texts["POS"]).strip():
-            raise InvalidInput(f"under /POS, something is left that is no point: {left[:60]!r}.")
-        used = {int(n) for _, text in found for n in re.findall(r"\bP\[\s*(\d+)", text)}
-        if unused := sorted(points - used):
-            raise InvalidInput(
-                f"{name}: no line moves to P[{unused[0]}]; a line was lost, or the point is left "
-                "over."
-            )
-
-    def _remark(self, number: int, statement: str) -> None:
-        """Collect a remark; one that continues the remark above is joined with it."""
-        if re.match("!|//|--", statement):
-            text = statement.lstrip("!/-")
-            if text.startswith(_MORE) and self.comments:
-                self.comments[-1] += " " + text.removeprefix(_MORE)
-            else:
-                self.comments.append(text)
-        elif not statement.isascii():
-            raise refuse(number, statement, "expected ASCII characters outside remarks.")
-
     # ------------------------------------------------------------ what runs
 
     def _call_file(self, line: int, match: re.Match[str]) -> str | None:
@@ -426,27 +348,6 @@ class TpProgram(Program):
             signal = self._call(line, key, [])
         self._file = before
         return signal
-
-    def _load(self, name: str) -> bool:
-        """Read a program beside this one, if it is there."""
-        key = name.lower()
-        if key not in self.listing.procedures:
-            content = self._beside(f"{name}.ls")
-            if content is None:
-                return False
-            with of_file(f"{name}.ls"):
-                statements = self.read(text_lines(content), key)
-                if self.moves.strict:
-                    self.check(statements)
-            self.listing.procedures[key] = Procedure(1, [], statements)
-            self.load_called(statements)
-        return True
-
-    def load_called(self, statements: Statements) -> None:
-        """Read the programs that statements call, as far as they are beside this one."""
-        for _, text in statements:
-            if called := re.search(r"\b(?:CALL|RUN)\s+(\w+)", text, re.IGNORECASE):
-                self._load(called[1])
 
     def first(self, uncalled: list[str]) -> list[str]:
         """What stands in the file runs, and what it calls."""
@@ -474,7 +375,7 @@ class TpProgram(Program):
 
     def _jump_to(self, line: int, match: re.Match[str]) -> str:
         """A jump; back to a label since which no register has changed, it would be for ever."""
-        label = _label(match["label"])
+        label = label_of(match["label"])
         if label not in self._labels and line < self.last_line:
             raise refuse(line, match[0], f"there is no {match['label']}.")
         if label not in self._labels or self._at_labels.get(label) == self._registers():
@@ -527,11 +428,9 @@ class TpProgram(Program):
         options = f"{match['speed']} {match['options']}".upper()
         if re.search(r"\bRTCP\b", options) and not self.moves.strict:
             raise refuse(line, match[0], CARRIES)
-        if match["word"].upper() == "A" or re.search(
-            r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)", options
-        ):
+        unread = r"\b(?:INC|OFFSET|TOOL_OFFSET|VOFFSET|SKIP|EV|COORD\[)"
+        if match["word"].upper() == "A" or re.search(unread, options):
             self.refuse(line, match)
-
         zone = match["zone"] or "nothing"
         if self.moves.strict and not re.fullmatch(r"FINE|CNT\s*(?:\d\d?|100)", zone, re.I):
             what = f"expected FINE, or CNT0 to CNT100, behind the speed, got {zone}."
@@ -542,19 +441,11 @@ class TpProgram(Program):
         self._check_options(line, match)
         timed = re.fullmatch(rf"({NUMBER})\s*(%|sec|msec)", match["speed"], re.I)
         speed = re.fullmatch(r"(.+?)\s*(mm/sec|cm/min|inch/min)", match["speed"], re.I)
-        if moves.strict and not (
-            (
-                (word == "J" or timed[2] != "%")
-                if timed
-                else word != "J" and speed and re.fullmatch(NUMBER, speed[1])
-            )
-            and (word == "C") == (match["q"] is not None)
-            and (match["q"] or "P").upper() == "P"
-            and re.fullmatch(
-                r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L"), match["options"], re.I
-            )
-            and match["p"].upper() == "P"
-        ):
+        fast = word != "J" and speed and re.fullmatch(NUMBER, speed[1])
+        known = (word == "J" or timed[2] != "%") if timed else fast
+        points = f"{match['p']}{match['q'] or ''}".upper() == ("PP" if word == "C" else "P")
+        more = r"(\s*ACC\s*\d+)?" + r"(\s*(COORD|RTCP))?" * (word == "L")
+        if moves.strict and not (known and points and re.fullmatch(more, match["options"], re.I)):
             way = "two points P[…]" if word == "C" else "P[…]"
             how = "a share or a time" if word == "J" else "a time, or a speed in mm/sec or cm/min"
             what = f"{word} is not read so; expected {way}, {how}, FINE or CNT, and at most ACC."
@@ -576,9 +467,8 @@ class TpProgram(Program):
         if word != "J":
             moves.uses(self._numbers.get("UT", ""), self._numbers.get("UF", ""))
         if word == "J" or moves.strict:
-            unit = {"%": math.nan, "sec": 1.0, "msec": 1e-3}
-            seconds = unit[timed[2].lower()] * float(timed[1]) if timed else math.nan
-            timing = None if math.isnan(seconds) else seconds
+            unit = {"sec": 1.0, "msec": 1e-3}
+            timing = unit[timed[2].lower()] * float(timed[1]) if timed and timed[2] != "%" else None
             part = self._part(line, match, target) if word == "L" else ""
             moves.joint(JointMove(
                 line, angles, pose, timing, None, external, "" if word == "J" else tool,
@@ -597,8 +487,7 @@ class TpProgram(Program):
             last = self._point(line, match["q"], match["q_number"]).pose
             if last is None:
                 self.refuse(line, match)
-            else:
-                moves.arc(line, pose, last)
+            moves.arc(line, pose, last)
 
     def _part(self, line: int, match: re.Match[str], target: Target | None) -> str:
         """What moves the part on which a straight move is."""
@@ -669,20 +558,6 @@ def _configuration(line: int, point: str, inside: str) -> tuple[int, ...]:
     return (*(int(a == b[0]) for a, b in zip(letters, _PLACES, strict=True)), *map(int, turns))
 
 
-def _parts(lines: Sequence[str]) -> tuple[str, dict[str, list[tuple[int, str]]]]:
-    """The program's name, and the numbered lines of its sections."""
-    parts: dict[str, list[tuple[int, str]]] = {"": []}
-    section, name = "", ""
-    for number, line in enumerate(lines, start=1):
-        if match := _SECTION.fullmatch(line):
-            section, _, title = match[1].partition(" ")
-            name = title.strip() or name
-            parts[section] = []
-        else:
-            parts[section].append((number, line))
-    return name, parts
-
-
 def _fields(
     point: str, inside: str, *, strict: bool
 ) -> tuple[dict[str, float], str, dict[str, tuple[float, str]]]:
@@ -719,45 +594,6 @@ def _fields(
     if strict and (left := _FIELD.sub("", inside).replace(",", " ").strip()):
         raise InvalidInput(f"{point}: {left[:60]!r} is not read.")
     return axes, frame, external
-
-
-def _statements(lines: Sequence[tuple[int, str]], *, strict: bool) -> Statements:
-    """The statements of a program, each with its line in the file.
-
-    A statement ends with a semicolon; a line without a number continues the one above.
-
-    Raises:
-        InvalidInput: If that is strict, and a number or a semicolon is missing.
-    """
-    found: Statements = []
-    numbered, open_ = 0, False
-    for number, line in lines:
-        if not line.strip():
-            continue
-        match = re.fullmatch(r"\s*(\d*)\s*:([^;]*)(;?)\s*", line, re.ASCII)
-        if strict:
-            numbered += bool(match and match[1])
-            wrong = "expected a line of a TP program, NUMBER: … ;, with one statement."
-            if match and open_ and match[1]:
-                wrong = "the line above has no semicolon at its end."
-            elif match and match[1] and int(match[1]) != numbered:
-                wrong = f"expected line number {numbered}; a line was lost or added."
-            elif match and not match[3] and re.match(r"\s*(?:!|//|--)", match[2]):
-                wrong = "a remark ends with a semicolon on its line."
-            elif match:
-                wrong = ""
-            if wrong:
-                raise refuse(number, line, wrong)
-        for part in re.findall(r"[^;]+;?", re.sub(r"^\s*\d*\s*:", "", line)):
-            code = part.rstrip("; \t").strip()
-            if open_:
-                found[-1] = found[-1][0], f"{found[-1][1]} {code}".strip()
-            elif code or strict:
-                found.append((number, code))
-            open_ = bool(part.strip()) and not part.rstrip().endswith(";") and bool(found)
-    if open_ and strict:
-        raise refuse(found[-1][0], found[-1][1], "expected a semicolon at its end.")
-    return [(k, _label(text) if re.match("LBL", text, re.I) else text) for k, text in found]
 
 
 def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> list[str]:

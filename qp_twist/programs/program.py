@@ -7,58 +7,36 @@ otherwise a statement without coordinates is passed over and listed.
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
-from functools import partial
 from itertools import zip_longest
-from typing import NoReturn
 
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_lines
-from qp_twist.programs.listing import Listing, Procedure
+from qp_twist.programs.acts import Acts
+from qp_twist.programs.listing import Procedure
 from qp_twist.programs.loops import rounds
-from qp_twist.programs.moves import Kind, Moves
+from qp_twist.programs.moves import Moves
 from qp_twist.programs.statements import Statements, refuse, shown, split
-from qp_twist.programs.syntax import Language, Rule
 from qp_twist.programs.values import Undecided, Values
 
 _MOST = 200_000
 """Statements that a program may execute."""
 _DEEPEST = 30
 """Calls inside each other."""
-_COMPONENTS = re.compile(r"\.\s*(?:trans|rot|[xyzabc])\b", re.IGNORECASE | re.ASCII)
-"""Components of positions."""
 
 
-class Program:
-    """A program while it is executed. A language is a subclass: patterns of its statements.
-
-    Attributes:
-        values: Variables and expressions.
-        moves: Takes what it does.
-        listing: Its text.
-    """
-
-    language = Language()
+class Program(Acts):
+    """A program while it is executed. A language is a subclass: patterns of its statements."""
 
     def __init__(self, values: Values, moves: Moves) -> None:
-        self.values, self.moves = values, moves
-        self.listing = Listing(self.language, self.grammar(), values, strict=moves.strict)
+        super().__init__(values, moves)
         self._called: set[str] = set()
         self._running: list[str] = []
         self._threads: dict[str, Statements] = {}
         self._count = 0
         self._unknown: dict[str, list[int]] = {}
-
-    def grammar(self) -> Sequence[Rule]:
-        """Statements; the first rule that fits counts, and the last one fits all."""
-        raise NotImplementedError
-
-    def noting(self, patterns: Mapping[Kind, Sequence[str]]) -> list[Rule]:
-        """Rules of statements that do not move the robot: their word, and their expressions."""
-        return [(p, partial(self._note, kind), kind) for kind, ps in patterns.items() for p in ps]
 
     # ------------------------------------------------------------ what runs
 
@@ -88,8 +66,7 @@ class Program:
             listed = ", ".join(f"{n} ({of_lines(at)})" for n, at in self._unknown.items())
             self.moves.note(f"not known here, and taken to move nothing: {listed}")
         for name in left:
-            line = procedures[name].line
-            self.moves.note(f"{name} (line {line}) is never called, and left out")
+            self.moves.note(f"{name} (line {procedures[name].line}) is never called, and left out")
 
     def first(self, uncalled: list[str]) -> list[str]:
         """The procedures that run first, of those that no other calls."""
@@ -98,15 +75,11 @@ class Program:
         return [] if self._called else uncalled
 
     def _say_order(self, names: Sequence[str]) -> None:
-        order = ", ".join(names)
+        order, unsaid = ", ".join(names), "nothing says which of these runs"
         if self.moves.strict:
-            raise InvalidInput(
-                f"nothing says which of these runs: {order}; expected one main, "
-                "or one that calls the others."
-            )
-        self.moves.note(
-            f"nothing says which of these runs first; they are read in this order: {order}"
-        )
+            expected = "expected one main, or one that calls the others."
+            raise InvalidInput(f"{unsaid}: {order}; {expected}")
+        self.moves.note(f"{unsaid} first; they are read in this order: {order}")
 
     def check(self, statements: Statements) -> None:
         """Refuse what is not known."""
@@ -139,61 +112,6 @@ class Program:
             if signal:
                 return signal
         return ""
-
-    # ------------------------------------------------------------ what statements do
-
-    def assign(self, line: int, match: re.Match[str]) -> None:
-        """An assignment or declaration: groups ``name``, ``part``, ``value``, ``kind``."""
-        groups = match.groupdict(default="")
-        name, kind, value = groups["name"], groups.get("kind", ""), groups["value"]
-        part, key = "" if kind else groups.get("part", ""), self.values.base(name)
-        if part and _COMPONENTS.search(part) and key not in self.values.names:
-            raise refuse(line, match[0], "is a coordinate of what is not in the file.")
-        self.listing.refuse_calls(line, part + value)
-        if kind:
-            self.values.local(key)
-        if value and not self.listing.changes(key):
-            self.values.assign(line, name + part, value)
-        elif kind and not value:
-            self.values.forget(name, f"{name} is declared in line {line} without a value")
-        if self.moves.strict:
-            if (
-                self.listing.act(f"{name}()")[2] not in ("call", "path")
-                or key in self.values.functions
-            ):
-                raise refuse(line, match[0], "this name has a meaning already.")
-            if part or not isinstance(self.values.names[key], int | float | list | dict):
-                self.moves.noted(line, kind or name, "passed")
-
-    def _note(self, kind: Kind, line: int, match: re.Match[str]) -> None:
-        groups = match.groups(default="")
-        self.listing.refuse_calls(line, groups[1] if len(groups) > 1 else "")
-        self.moves.noted(line, groups[0] or match[0], kind)
-
-    def skip(self, line: int, match: re.Match[str]) -> None:
-        """A statement that moves nothing."""
-        word = re.match(r"[^\s(=]+", match[0])
-        self.moves.noted(line, word[0] if word else match[0], "passed")
-
-    def wait(self, line: int, match: re.Match[str]) -> None:
-        """A wait: its word, and its seconds."""
-        seconds = self.values.number(match[2])
-        if not math.isnan(seconds):
-            self.moves.wait(line, match[1], seconds)
-        elif self.moves.strict:
-            raise refuse(line, match[0], "expected a number of seconds.")
-
-    def refuse(self, line: int, match: re.Match[str]) -> None:
-        """A statement after which the path is not known."""
-        raise refuse(
-            line, match[0],
-            "is not read, and may move the robot or lead it elsewhere; write a program without it.",
-        )  # fmt: skip
-
-    def undecided(self, line: int, match: re.Match[str]) -> NoReturn:
-        """A statement that decides what runs, by what the program does not state."""
-        why = "decides by what is not in the file which lines run; write a program without it."
-        raise refuse(line, match[0], why)
 
     def call(self, line: int, match: re.Match[str]) -> str | None:
         """A call: groups ``called`` and ``arguments``."""
@@ -278,18 +196,6 @@ class Program:
             if effect in ("setting", "speed"):
                 self.unsettle(number, text, match, f"depends on {shown(begin)} of line {line}")
         self.moves.noted(line, begin.split(maxsplit=1)[0], "passed")
-
-    def unsettle(self, line: int, text: str, match: re.Match[str], why: str) -> None:
-        """A setting runs or not: the frame or the speed that it would set is not known."""
-        act, moves = self.listing.act(text)[0], self.moves
-        frame, feed = moves.frame, moves.feed
-        if not isinstance(act, str):
-            act(line, match)
-        if moves.frame is not frame:
-            moves.frame = f"a frame that {why} (line {line})", None
-        elif moves.feed != feed:
-            moves.feed = math.nan
-        moves.note(f"{shown(text)} (line {line}) {why}, which is not decided in the file")
 
     def beside(self, line: int, match: re.Match[str]) -> None:
         """What may run beside the program, or interrupt it: group ``beside``."""

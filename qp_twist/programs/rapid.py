@@ -14,45 +14,17 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import mink
 
 from qp_twist.errors import InvalidInput
-from qp_twist.programs.joint_moves import (
-    AXES,
-    Beside,
-    Circle,
-    Dialect,
-    JointMoves,
-    ProgramFrame,
-    Speed,
-    Target,
-    Turning,
-    Zone,
-)
+from qp_twist.programs.joint_moves import AXES, Beside, Circle, Dialect, JointMoves, Target
 from qp_twist.programs.moves import JointMove, Kind, Moves
-from qp_twist.programs.program import Program
-from qp_twist.programs.statements import (
-    CARRIES,
-    NUMBER,
-    Statements,
-    refuse,
-    shown,
-    split,
-    without_texts,
-)
+from qp_twist.programs.rapid_data import EXTERNAL, TOOL, WOBJ, Z0, RapidData
+from qp_twist.programs.statements import CARRIES, NUMBER, Statements, refuse, split, without_texts
 from qp_twist.programs.syntax import Language, Rule
-from qp_twist.programs.values import (
-    IN_DEGREES,
-    Unknown,
-    Values,
-    fixed,
-    list_literal,
-    pose_of,
-    zyx_quaternion,
-)
+from qp_twist.programs.values import Unknown, fixed
 
 _NONE = "9E9"
 _OFFS = "\\NoEOffs,"
@@ -60,13 +32,7 @@ _MM = 4
 """Decimals of positions, mm."""
 _SPEED = 4
 """Decimals of speeds, mm/s and degrees/s."""
-_TOOL = "tool0"
-_Z0 = 0.3
-"""Radius of ``z0``, mm; that of ``zN`` is N."""
-_TURNING = 1.6
-"""Largest ratio of pzone_ori to pzone_tcp of predefined zones: 8 mm to 5 mm, of ``z5``."""
 _PREFIX = "run_"
-_WOBJ = "task_wobj"
 
 
 def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, str]:
@@ -81,16 +47,13 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
 
     def pose(to: Target, joints: str) -> str:
         external = joints.partition("],[")[2].partition("]")[0]
-        return f"[{_pose_text(to.pose)},{_json(to.configuration)},[{external}]]"
+        return f"[{_pose_text(to.pose)},[{','.join(map(str, to.configuration))}],[{external}]]"
 
     first, *others = (target(point) for point in moves.angles.tolist())
     count = len(others)
     none = (None,) * count
-    targets, speeds, circles = (
-        moves.targets[1:] or none,
-        moves.speeds or none,
-        moves.circles or none,
-    )
+    targets, speeds = moves.targets[1:] or none, moves.speeds or none
+    circles = moves.circles or none
     tool, frame, data = f"tool{moves.tool}", "", list[str]()
     if stated := next(filter(None, targets), None):
         tool, frame, data = _stated(stated)
@@ -134,10 +97,6 @@ def _pose_text(pose: mink.SE3) -> str:
     return f"[{xyz}],[{','.join(fixed(x, 9) for x in w)}]"
 
 
-def _json(values: Sequence[int]) -> str:
-    return f"[{','.join(map(str, values))}]"
-
-
 def _stated(target: Target) -> tuple[str, str, list[str]]:
     """Names of the tool and the work object of a target, and the data where they have values.
 
@@ -150,7 +109,7 @@ def _stated(target: Target) -> tuple[str, str, list[str]]:
         value = f"[TRUE,[{_pose_text(target.tool.pose)}],{load}]"
         data.append(f"  LOCAL PERS tooldata {tool}:={value};")
     if target.frame.pose is not None:
-        frame = _WOBJ
+        frame = WOBJ
         own = "[[0,0,0],[1,0,0,0]]"
         value = f'[FALSE,TRUE,"",[{_pose_text(target.frame.pose)}],{own}]'
         data.append(f"  LOCAL PERS wobjdata {frame}:={value};")
@@ -190,41 +149,6 @@ _HEAD = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 """What no semicolon ends."""
-_FIELDS = {
-    **dict.fromkeys(("trans", "x", "q1", "v_tcp"), 0), **dict.fromkeys(("rot", "y", "q2"), 1),
-    "z": 2, "q3": 2, "robconf": 2, "q4": 3, "extax": 3, "uframe": 3, "oframe": 4,
-}  # fmt: skip
-"""Places of the components of data."""
-_COMPARISON = [("<>", "!="), (r"(?<![<>!:=])=(?!=)", "==")]
-
-
-def _translate(text: str) -> str:
-    if re.search(r"%|//|\*\*", text):  # operators of Python alone
-        raise Unknown(f"{shown(text)} is no expression of RAPID")
-    text = re.sub(r"\\(\w+)\s*:=", r",\1=", text)
-    text = re.sub(r"(?<=[\w\]}])\.\s*([a-z]\w*)", lambda m: f"[{_FIELDS[m[1]]}]", text)
-    text = re.sub(r"\{([^{}]*)\}", lambda m: "".join(f"[({i})-1]" for i in split(m[1])), text)
-    return text.replace(" mod ", " % ").replace(" div ", " // ")
-
-
-def _offs(target: list[Any], x: float, y: float, z: float) -> list[Any]:
-    return [[a + b for a, b in zip(target[0], (x, y, z), strict=True)], *target[1:]]
-
-
-def _rel_tool(
-    target: list[Any], x: float, y: float, z: float, rx: float = 0, ry: float = 0, rz: float = 0
-) -> list[Any]:
-    w, *v = zyx_quaternion(-rz, -ry, -rx)  # of the inverse of R_x R_y R_z
-    moved = pose_of(target[0], target[1]) @ pose_of((x, y, z), (w, *(-a for a in v)))
-    return [(1e3 * moved.translation()).tolist(), moved.rotation().wxyz.tolist(), *target[2:]]
-
-
-_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "offs": _offs, "reltool": _rel_tool, "orientzyx": zyx_quaternion, **IN_DEGREES,
-}  # fmt: skip
-
-
-_WORLD = "wobj0", mink.SE3.identity()
 _PARTS = {
     "positioner joints": "wobj{frame} has to be on the part (ufprog FALSE, ufmec its unit).",
     "positioner poses": "wobj{frame} has to be the part's frame (ufprog FALSE, ufmec its unit).",
@@ -233,7 +157,7 @@ _PARTS = {
 }  # fmt: skip
 
 
-class RapidModule(Program):
+class RapidModule(RapidData):
     """A module."""
 
     language = Language(
@@ -254,14 +178,6 @@ class RapidModule(Program):
         reads="joint moves (MoveAbsJ, MoveJ), straight ones (MoveL) and circles (MoveC) to "
         "literals or constants, one after the other,",
     )  # fmt: skip
-
-    def __init__(self, moves: Moves) -> None:
-        super().__init__(
-            Values(str.lower, _translate, _FUNCTIONS, list_literal, _COMPARISON), moves
-        )
-        self.values.adds_vectors = True
-        self.values.names |= {"true": True, "false": False}
-        self._turns: Turning = "path"
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, data, words that move nothing, calls."""
@@ -327,42 +243,13 @@ class RapidModule(Program):
         given = (option.partition(":=") for _, *options in arguments for option in options)
         options = {key.strip().lower(): value.strip() for key, _, value in given}
         self.moves.frame = self._frame(options.get("wobj", "wobj0"))
-        tool = arguments[targets + 2][0] if len(arguments) > targets + 2 else _TOOL
+        tool = arguments[targets + 2][0] if len(arguments) > targets + 2 else TOOL
         if self._is_held(options.get("wobj", "wobj0")) is True or self._is_held(tool) is False:
             raise refuse(line, match[0], CARRIES)
         zone = self._zone(line, arguments[targets + 1][0].strip(), options.get("z"))
         if zone and (self.moves.strict or zone.mark.lower() != "z0"):
             self.moves.rounds(zone)
         return [first.strip() for first, *_ in arguments], options
-
-    def _zone(self, line: int, name: str, radius: str | None) -> Zone | None:
-        r"""How the point is rounded, by zone data, their predefined name, or ``\Z`` (mm)."""
-        try:
-            if radius is not None:
-                size = turning = float(self.values.value(radius))
-            elif own := re.fullmatch(r"z(\d+)", name, re.IGNORECASE | re.ASCII):
-                size, turning = float(own[1]) or _Z0, _TURNING * (float(own[1]) or _Z0)
-            elif name.lower() == "fine":
-                return None
-            else:
-                fine, size, turning, *_ = self.values.value(name)
-                if fine is True:
-                    return None
-                turning = max(size, turning)
-            mark = name if radius is None else f"{name}\\Z:={radius}"
-            return Zone(line, mark, 1e-3 * abs(size), 1e-3 * abs(turning))
-        except (Unknown, TypeError, ValueError):
-            return Zone(line, name)
-
-    def _is_held(self, name: str) -> bool | None:
-        """Whether the robot holds a tool or work object; ``None`` if the file does not say so."""
-        if self.moves.strict:
-            return None
-        try:
-            held = self.values.value(name)[0]
-        except (Unknown, TypeError, LookupError):
-            return None
-        return held if isinstance(held, bool) else None
 
     def _straight_rule(self) -> Sequence[Rule]:
         """Straight moves and circles to joint angles and poses, which ``check`` reads."""
@@ -392,17 +279,6 @@ class RapidModule(Program):
         self.moves.noted(line, match[1], "setting")
         self._turns = "path" if match["mode"].lower() == "pathframe" else "space"
 
-    def _jointtarget(self, line: int, text: str) -> tuple[list[float], list[float]]:
-        """Angles and external axes."""
-        found = self.values.value(text)
-        try:
-            angles, external = ([float(x) for x in part] for part in found)
-        except (TypeError, ValueError):
-            raise refuse(line, text, "expected a jointtarget, [[6 angles],[6 axes]].") from None
-        if len(external) != 6:
-            raise refuse(line, text, f"expected 6 external axes, got {len(external)}.")
-        return angles, external
-
     def _move_joints(
         self, line: int, match: re.Match[str], straight: str = "", wobj: str = "",
         circle: Circle | None = None,
@@ -424,7 +300,7 @@ class RapidModule(Program):
         if straight and of != (straight.lower(), wobj.lower()):
             what = f"the work object {wobj}" if wobj else "no work object"
             raise refuse(line, match[0], f"expected the tool {straight} and {what}.")
-        if others[2].lower() != _TOOL and not straight:
+        if others[2].lower() != TOOL and not straight:
             self.moves.noted(line, others[2], "setting")
         angles, external = self._jointtarget(line, target)
         given = zip(RAPID.external, external, strict=True)
@@ -452,13 +328,9 @@ class RapidModule(Program):
             )  # fmt: skip
         *vias, text, speed, _, name = arguments
         places = [self._pose(line, each) for each in vias]
-        found, straight, pose = self.values.value(text), kind != "J", self._pose(line, text)
-        data = tuple(map(int, found[2]))
-        if list(data) != found[2]:
-            raise refuse(line, match[0], "expected whole numbers cf1, cf4, cf6, cfx.")
-        frame = ProgramFrame(*self.moves.frame, self._moved_by(options.get("wobj", "wobj0")))
-        target = Target(pose, self._tool(line, name), frame, data, line)
-        self.moves.uses(name, frame.name)
+        straight = kind != "J"
+        target = self._target(line, match[0], text, name, options.get("wobj", "wobj0"))
+        self.moves.uses(name, target.frame.name)
         seconds = float(self.values.value(options["t"])) if "t" in options else None
         circles = [Circle(self._turns, None, target._replace(pose=via)) for via in places]
         self.moves.joint(JointMove(
@@ -467,39 +339,9 @@ class RapidModule(Program):
             speed=self._tool_speed(speed, options) if straight and seconds is None else None,
         ))  # fmt: skip
 
-    def _refuse_lost(self, name: str) -> None:
-        """Refuse data of the file, or of a program of this package, that state no pose."""
-        own = self.values.base(name) in self.values.names or name.lower() in ("task_tool", _WOBJ)
-        if self.moves.strict and own:
-            raise InvalidInput(f"the file does not state the pose of {name}; a line was changed.")
-
-    def _tool(self, line: int, name: str) -> ProgramFrame:
-        """A tool; its pose in the flange if the file states it."""
-        if name.lower() == _TOOL:
-            return ProgramFrame(name, mink.SE3.identity())
-        try:
-            held, pose, _ = self.values.value(name)
-            place = pose_of(*pose)
-        except (Unknown, TypeError, ValueError):
-            self._refuse_lost(name)
-            return ProgramFrame(name)
-        if held is not True:
-            raise InvalidInput(CARRIES, line=line)
-        return ProgramFrame(name, place)
-
-    def _tool_speed(self, speed: str, options: Mapping[str, str]) -> Speed | None:
-        """Of speed data, or of its predefined name, which turns by 500 degrees/s."""
-        linear = self._feed(speed, options)
-        if re.fullmatch(r"v\d+", speed, re.IGNORECASE | re.ASCII):
-            angular = 500.0
-        else:
-            angular = float(self.values.value(speed)[1])
-        return None if math.isnan(linear) else Speed(linear, math.radians(angular))
-
     def _move(self, line: int, match: re.Match[str]) -> None:
         kind = match["kind"].upper()
-        count = 2 if kind == "C" else 1
-        arguments, options = self._arguments(line, match, count)
+        arguments, options = self._arguments(line, match, count := 2 if kind == "C" else 1)
         try:
             poses = [self._pose(line, text) for text in arguments[:count]]
         except Unknown:
@@ -513,49 +355,6 @@ class RapidModule(Program):
             self.moves.line(line, poses[0])
         else:
             self.moves.arc(line, poses[0], poses[1], rule=self._turns)
-
-    def _pose(self, line: int, text: str) -> mink.SE3:
-        target = self.values.value(text)
-        if not isinstance(target, list) or len(target) != 4:
-            raise Unknown(f"expected a robtarget, [[x,y,z],[q1,q2,q3,q4],[…],[…]], got {text}")
-        given = zip(RAPID.external, target[3], strict=False)
-        self.moves.external(line, {axis: (value, "") for axis, value in given if value < 8e9})
-        return pose_of(target[0], target[1])
-
-    def _feed(self, speed: str, options: Mapping[str, str]) -> float:
-        """m/s: of the option V, of speed data, or of its predefined name (v100, mm/s)."""
-        try:
-            if "t" in options:  # a time, so that the length would have to be known
-                return math.nan
-            name = re.fullmatch(r"v(\d+)", speed, re.IGNORECASE | re.ASCII)
-            found = self.values.value(options["v"]) if "v" in options else None
-            found = found or (float(name[1]) if name else self.values.value(speed)[0])
-            return 1e-3 * float(found)
-        except (Unknown, TypeError):
-            return math.nan
-
-    def _moved_by(self, name: str) -> str | None:
-        """What moves a work object; ``None`` if the file does not say so."""
-        if name.lower() == "wobj0":
-            return ""
-        try:
-            held, fixed, *_ = self.values.value(name)
-        except (Unknown, TypeError, ValueError):
-            return None
-        return "hand" if held else "" if fixed else "positioner"
-
-    def _frame(self, name: str) -> tuple[str, mink.SE3 | None]:
-        """A work object; its pose if the file states it, and no axis moves it."""
-        if name.lower() == "wobj0":
-            return _WORLD
-        try:
-            held, fixed, unit, user, own = self.values.value(name)
-            known = not held and fixed and not unit
-            pose = pose_of(*user) @ pose_of(*own) if known else None
-        except (Unknown, TypeError, ValueError):
-            self._refuse_lost(name)
-            return name, None
-        return name, pose
 
 
 def _heading(lines: Sequence[str]) -> int:
@@ -599,9 +398,9 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 RAPID = Dialect(
     "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
-    external=tuple(f"eax_{k}" for k in "abcdef"), period=0.004,
+    external=EXTERNAL, period=0.004,
     to_fill_in=("GripLoad ...;",), frames_to_fill_in=("the tool of the moves, tool0",),
-    zone=1e-3 * _Z0, points=("joints", "poses"), parts=_PARTS, circles=("path",),
+    zone=1e-3 * Z0, points=("joints", "poses"), parts=_PARTS, circles=("path",),
 )  # fmt: skip
 """RAPID. Its period is that of the planned position: 250 Hz (ABB, *Robot Reference Interface*,
 3HAC031973); that of the path planner before it is not public. The zone is z0's (zonedata)."""
