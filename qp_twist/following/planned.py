@@ -124,6 +124,8 @@ def plan(
             paced=paced, slow_down=slow_down and paced,
         )  # fmt: skip
 
+    if path_task.preference is not None:
+        path_task.preference.refuse_fixed(path_task.projectors)
     path_task = without_via_points(path_task)
     paced = cuts is None and path_task.cuts != "fewest"
     if paced:

@@ -8,11 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, Indices, finite_array, number, read_only
+from qp_twist.checks import Array, Indices, float_array, number, read_only
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry import TwistProjector
+from qp_twist.kinematics import ConeBand, RollBand
 
 VALUES = ("lead", "tilt", "roll")
 """What may be preferred, in the order of arrays."""
+HEAVIEST = 1e6
+"""Largest weight: programs are solved to 1e-8 of their largest cost, z beside it."""
+_Z = np.array([0.0, 0.0, 1.0])
+ROLL = RollBand(_Z, -1.0, 1.0, frame="target")
+"""Measures the roll; its range is not used."""
+_LEAN = ConeBand(_Z, _Z, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +52,8 @@ class Preference:
         roll_smoothness: w_s, likewise.
 
     Raises:
-        InvalidInput: If nothing is preferred, or a value has the wrong type or range.
+        InvalidInput: If nothing is preferred, or a value has the wrong type or range: angles are
+            within a whole turn.
     """
 
     lead: npt.ArrayLike | None = None
@@ -59,10 +68,10 @@ class Preference:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _angles(name, getattr(self, name)))
         for name in ("within", "weight", "roll_smoothness"):
-            number(f"Preference({name}=…)", getattr(self, name), at_least=0.0)
+            number(f"Preference({name}=…)", getattr(self, name), at_least=0.0, at_most=HEAVIEST)
         if all(getattr(self, name) is None for name in VALUES) and not self.roll_smoothness:
             raise InvalidInput(
-                "Preference: nothing is preferred; give lead, tilt, roll, or a roll_smoothness.",
+                "nothing is preferred; give a lead, tilt or roll, or a roll_smoothness.",
                 key="preference",
             )
 
@@ -85,6 +94,18 @@ class Preference:
                 )
             found[:, column] = value
         return found
+
+    def refuse_fixed(self, projectors: Sequence[TwistProjector]) -> None:
+        """Refuse a value that all these projectors of a path hold."""
+        lean = all(_LEAN.fixed(T)[0] for T in projectors)
+        fixed = {"lead": lean, "tilt": lean, "roll": all(ROLL.fixed(T)[0] for T in projectors)}
+        for name in VALUES:
+            if fixed[name] and getattr(self, name) is not None:
+                raise InvalidInput(
+                    f"the projector holds the {name}, so that no other can be preferred; free it "
+                    f"there, or leave it out.",
+                    key=f"preference.{name}_deg",
+                )
 
     def part(self, source: Indices) -> Preference:
         """Those of waypoints at indices (M,)."""
@@ -122,9 +143,13 @@ def curve_numbers(parts: Sequence[str], joint_moves: Sequence[int], count: int) 
 
 
 def _angles(name: str, value: npt.ArrayLike) -> Array:
-    """Angles, rad, () or (N,); NaN in an array stands for any."""
+    """Angles, rad, () or (N,), within a whole turn; NaN in an array stands for any."""
     if np.ndim(value) == 0:
-        return read_only(np.array(number(f"Preference({name}=…)", value)))  # type: ignore[arg-type]
-    array = np.asarray(value, dtype=np.float64)
-    finite_array(f"Preference({name}=…)", np.where(np.isnan(array), 0.0, array), (len(array),))
-    return read_only(array.copy())
+        value = number(f"Preference({name}=…)", value)  # type: ignore[arg-type]
+    angles = float_array(f"Preference({name}=…)", value)
+    if angles.ndim > 1 or (np.abs(angles) > 2.0 * np.pi).any():
+        raise InvalidInput(
+            f"expected an angle, or one for each waypoint, within a whole turn; got {value!r:.80}.",
+            key=f"preference.{name}_deg",
+        )
+    return read_only(angles)

@@ -14,7 +14,6 @@ from qp_twist.errors import InvalidInput
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
 _WORDING = {
     r"Input should be (greater|less) than": r"expected a number \1 than",

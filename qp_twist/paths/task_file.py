@@ -255,6 +255,8 @@ def _build(path: Path, file: TaskFile) -> PathTask:
             curve_numbers(built.parts, built.joint_moves, len(built.positions))
         ),
     )
+    if task.preference is not None:
+        task.preference.refuse_fixed(task.projectors)
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
         for key in settings.model_fields_set & set(unused):

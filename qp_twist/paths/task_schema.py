@@ -21,9 +21,9 @@ from qp_twist.geometry import Projector, ProjectorFrame
 from qp_twist.kinematics import BoxBand, ConeBand, RollBand, SlabBand, ToleranceBand
 from qp_twist.paths.file_path_schema import FilePath, WorkpieceTable
 from qp_twist.paths.methods import MethodName, MethodSettings
-from qp_twist.paths.preference import VALUES, Preference, on_curves
+from qp_twist.paths.preference import HEAVIEST, VALUES, Preference, on_curves
 from qp_twist.paths.projector_schema import ProjectorSection
-from qp_twist.paths.section import NotNegative, Number, Positive, Section, Vector
+from qp_twist.paths.section import Number, Positive, Section, Vector
 
 Name = Annotated[str, Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
@@ -274,6 +274,7 @@ def _several(value: object) -> object:
 
 Angles = Annotated[tuple[Number, ...], BeforeValidator(_several), Field(min_length=1)]
 """One angle, or one for each curve of the path, degrees."""
+Weight = Annotated[float, Field(ge=0.0, le=HEAVIEST)]
 
 
 class PreferenceSection(Section):
@@ -293,10 +294,10 @@ class PreferenceSection(Section):
     within_deg: Annotated[float, Field(ge=0.0, le=180.0)] = Field(
         default=0.0, description="a smaller difference costs nothing"
     )
-    weight: NotNegative = Field(
+    weight: Weight = Field(
         default=1.0, description="cost of a radian: half of it, in the objective's unit"
     )
-    roll_smoothness: NotNegative = Field(
+    roll_smoothness: Weight = Field(
         default=0.0, description="cost of a roll that turns evenly by a radian: half of it"
     )
 

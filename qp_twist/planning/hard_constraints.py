@@ -159,12 +159,13 @@ class HardConstraints:
             rows, rooms = band.rows(pair)
             values = np.arange(first, first + rows.shape[1])
             rooms = np.where(fixed[:, values, None], np.inf, rooms)
-            on_twist = rows.reshape(len(J), -1, 6)
+            count = rows.shape[1] * rows.shape[2]  # stated: there may be no pose
+            on_twist = rows.reshape(len(J), count, 6)
             if progress is not None:
                 carried = on_twist @ band.carried(pair)[:, :, None]
                 on_twist = on_twist - carried * progress[:, None, :]
             on_q = on_twist @ J
-            found.append((on_q, rooms.reshape(len(J), -1), np.repeat(values, rows.shape[2])))
+            found.append((on_q, rooms.reshape(len(J), count), np.repeat(values, rows.shape[2])))
             first += rows.shape[1]
         for constraint in self.constraints:
             rows, rooms, of = constraint.rows(q)

@@ -8,12 +8,11 @@ import numpy as np
 from scipy import sparse
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.errors import InvalidInput
 from qp_twist.geometry import cross, geodesic
-from qp_twist.kinematics import ConeBand, FramePair, RollBand, SerialChain
+from qp_twist.kinematics import FramePair, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.paths.orientation import tangents
-from qp_twist.paths.preference import VALUES, Preference
+from qp_twist.paths.preference import ROLL, VALUES, Preference
 
 _Z = np.array([0.0, 0.0, 1.0])
 _LISTED = 4
@@ -51,7 +50,6 @@ class PreferredPoses:
             return None
         rotations, positions = path_task.poses
         held = preference.at(len(positions))
-        _refuse_fixed(path_task, preference)
         along = np.zeros_like(positions)
         leans = np.isfinite(held[:, :2]).any(axis=1)
         ends = np.flatnonzero(np.diff(leans, prepend=False, append=False)).reshape(-1, 2)
@@ -150,7 +148,7 @@ class PreferredPoses:
         z, t = pair.target_rotation[:, :, 2], self.along[at]
         swing = geodesic(z, pair.rotation[:, :, 2])
         lead, tilt = (swing * cross(z, t)).sum(axis=1), (swing * t).sum(axis=1)
-        return np.column_stack([lead, tilt, _ROLL.values(pair)[:, 0]])
+        return np.column_stack([lead, tilt, ROLL.values(pair)[:, 0]])
 
     def _gradients(self, pair: FramePair, at: Indices) -> Array:
         """Gradients of lead, tilt and roll on the frame's angular velocity, (K, 3, 3).
@@ -171,7 +169,7 @@ class PreferredPoses:
             along = (direction * e).sum(axis=1, keepdims=True)
             across = (direction * k).sum(axis=1, keepdims=True)
             found.append(along * k + across * sideways)
-        return np.stack([*found, _ROLL.gradients(pair)[:, 0, 3:]], axis=1)
+        return np.stack([*found, ROLL.gradients(pair)[:, 0, 3:]], axis=1)
 
     def _beyond(self, values: Array, at: Indices) -> Array:
         """By how much values (K, 3) differ from the preferred ones by more than δ, with sign."""
@@ -180,26 +178,7 @@ class PreferredPoses:
         return beyond
 
 
-_ROLL = RollBand(_Z, -1.0, 1.0, frame="target")
-_LEAN = ConeBand(_Z, _Z, 1.0)
-
-
 def _nearest(angles: Array) -> Array:
     """The same angles modulo whole turns, from −π to π."""
     nearest: Array = angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
     return nearest
-
-
-def _refuse_fixed(path_task: PathTask, preference: Preference) -> None:
-    fixed = {
-        "lead": all(_LEAN.fixed(T)[0] for T in path_task.projectors),
-        "roll": all(_ROLL.fixed(T)[0] for T in path_task.projectors),
-    }
-    fixed["tilt"] = fixed["lead"]
-    for name in VALUES:
-        if fixed[name] and getattr(preference, name) is not None:
-            raise InvalidInput(
-                f"{path_task.name} holds the {name} by its projector, so that no other can be "
-                f"preferred; free it there, or leave {name} out.",
-                key=f"preference.{name}",
-            )

@@ -87,7 +87,7 @@ class KrlFrames(Program):
     def _distance(self, millimetres: object) -> float:
         """In m; ∞ if it is not known."""
         found = self.values.number(str(millimetres))
-        return math.inf if math.isnan(found) else 1e-3 * abs(found)
+        return math.inf if math.isnan(found) else 1e-3 * found
 
     def _speed(self, line: int, match: re.Match[str]) -> None:
         self._stated(line, match, "speed")

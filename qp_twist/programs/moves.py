@@ -216,6 +216,11 @@ class Course(Moves):
 
     def rounds(self, zone: Zone) -> None:
         """The point of the next move."""
+        if min(zone.radius, zone.radius if zone.turning is None else zone.turning) < 0.0:
+            raise InvalidInput(
+                f"{zone.mark}: a point is rounded by a negative distance; give 0 or more.",
+                line=zone.line,
+            )
         self._zone = zone
 
     def uses(self, tool: str, frame: str) -> None:

@@ -65,6 +65,9 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "offs": _offs, "reltool": _rel_tool, "orientzyx": zyx_quaternion, **IN_DEGREES,
 }  # fmt: skip
 
+_ZONE = re.compile(r"z(0|1|5|10|15|20|30|40|50|60|80|100|150|200)", re.IGNORECASE | re.ASCII)
+"""Predefined zone data, mm; others are data of other modules."""
+
 
 class RapidData(Program):
     """A program with the data of its moves."""
@@ -81,7 +84,7 @@ class RapidData(Program):
         try:
             if radius is not None:
                 size = turning = float(self.values.value(radius))
-            elif own := re.fullmatch(r"z(\d+)", name, re.IGNORECASE | re.ASCII):
+            elif own := _ZONE.fullmatch(name):
                 size, turning = float(own[1]) or Z0, _TURNING * (float(own[1]) or Z0)
             elif name.lower() == "fine":
                 return None
@@ -89,9 +92,9 @@ class RapidData(Program):
                 fine, size, turning, *_ = self.values.value(name)
                 if fine is True:
                     return None
-                turning = max(size, turning)
+                turning = max(size, turning) if size >= 0.0 else size
             mark = name if radius is None else f"{name}\\Z:={radius}"
-            return Zone(line, mark, 1e-3 * abs(size), 1e-3 * abs(turning))
+            return Zone(line, mark, 1e-3 * size, 1e-3 * turning)
         except (Unknown, TypeError, ValueError):
             return Zone(line, name)
 

@@ -316,7 +316,7 @@ class Script(Program):
         except (Unknown, TypeError):
             if self.moves.strict:
                 raise
-        self._blended = radius > 0.0
+        self._blended = radius != 0.0
         if self._blended:
             self.moves.rounds(Zone(line, f"r={text}", radius, overlaps=True))
         return given

@@ -19,6 +19,7 @@ from qp_twist.kinematics import frame_pose
 from qp_twist.paths.placement import placed
 from qp_twist.planning import least_z_start, random_start, what_forbids
 from qp_twist.planning.hard_constraints import BETWEEN
+from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
 
 Array = np.ndarray
@@ -300,3 +301,12 @@ def test_a_soft_band_is_no_constraint_of_a_plan() -> None:
     ]
     # To what programs settle at: the runs that a plan begins with, too, know of the soft band.
     assert plans[0].value == pytest.approx(plans[1].value, rel=1e-6)
+
+
+def test_no_configuration_has_no_rows_of_bands() -> None:
+    """As where no point between waypoints strays far from the path."""
+    cone = qt.ConeBand(Z, Z, math.radians(20.0))
+    task = dataclasses.replace(every(BANDS, 40), projector=FREE, bands=(cone,))
+    none = np.zeros(0, dtype=np.intp)
+    rows, rooms, of = PathRows(task).hard.rows(np.zeros((0, 6)), none)
+    assert rows.shape == (0, len(of), 6) and rooms.shape == (0, len(of))

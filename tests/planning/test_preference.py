@@ -247,6 +247,7 @@ def test_a_part_of_a_task_has_the_preference_of_its_waypoints() -> None:
         ("weight = -1\nroll_deg = 0", "greater than or equal to 0"),
         ("weight = 2", "nothing is preferred"),
         ("lead_deg = []", "at least 1"),
+        ("roll_deg = 1e9", "within a whole turn"),
     ],
 )
 def test_what_cannot_be_preferred_is_refused_with_the_line(
@@ -261,8 +262,10 @@ def test_what_cannot_be_preferred_is_refused_with_the_line(
 
 def test_what_the_task_fixes_and_the_margin_are_refused() -> None:
     task = qt.load_task("deburring").part(slice(0, 3))
-    with pytest.raises(qt.InvalidInput, match="holds the lead by its projector"):
+    with pytest.raises(qt.InvalidInput, match="the projector holds the lead"):
         qt.plan(dataclasses.replace(task, preference=qt.Preference(lead=0.1)))
+    with pytest.raises(qt.InvalidInput, match="within a whole turn"):
+        qt.Preference(roll=7.0)
     with pytest.raises(qt.InvalidInput, match="margin"):
         qt.plan(line(qt.Preference(roll=0.0)), "margin")
     with pytest.raises(qt.InvalidInput, match="each of the 3 waypoints, got 2"):

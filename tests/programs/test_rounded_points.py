@@ -148,6 +148,30 @@ def test_a_corner_passes_where_its_arc_is_within_the_tolerance(
         assert f"the move of line {line}, {zone}, " in found[0].where
 
 
+@pytest.mark.parametrize(
+    ("name", "zone", "before"),
+    [
+        ("ABB IRB 120", "[FALSE,-5,-5,-5,-1,-5,-1]", ""),
+        ("ABB IRB 120", r"z0\Z:=-0.2", ""),
+        ("Universal Robots UR5e", "r=-1", ""),
+        ("KUKA KR 16-2", "C_DIS", "$APO.CDIS=-0.2"),
+    ],
+)
+def test_a_negative_distance_is_refused_with_its_line(
+    name: str, zone: str, before: str, tmp_path: Path
+) -> None:
+    kuka = name.startswith("KUKA")
+    text, suffix = (krl_text(zone, before), ".src") if kuka else text_of(name, zone, before)
+    with pytest.raises(qt.InvalidInput, match=r"line \d+.*negative distance"):
+        checked(name, text, suffix, tmp_path)
+
+
+def test_zone_data_that_rapid_does_not_have_may_round_all_it_can(tmp_path: Path) -> None:
+    check = checked("ABB IRB 120", *text_of("ABB IRB 120", "z17"), tmp_path)
+    found = [each for each in check.findings if each.name == "position where points are rounded"]
+    assert found[0].value == pytest.approx(1e3 * arc(0.5 * LEG), rel=1e-3)
+
+
 def test_a_blend_that_overlaps_leaves_its_point_out(tmp_path: Path) -> None:
     """Then the tool passes the corner on the line between its neighbours, or farther."""
     check = checked("Universal Robots UR5e", *text_of("Universal Robots UR5e", "r=0.5"), tmp_path)
