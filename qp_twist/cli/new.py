@@ -19,6 +19,9 @@ from qp_twist.paths import ToolpathOptions
 
 Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
 Pose = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
+Files = tyro.conf.UseAppendAction[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]]
+Folders = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]]
+Values = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]]
 
 
 _Options: Any = options_of(ToolpathOptions)
@@ -43,18 +46,12 @@ def new(
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     tcp: Pose = None,
     part: cli.OptionalFile = None,
-    fixture: tyro.conf.UseAppendAction[
-        Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]
-    ] = (),
+    fixture: Files = (),
     relative_to: Annotated[str | None, tyro.conf.arg(metavar="BODY")] = None,
     tool_at: Pose = None,
     mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
-    package: tyro.conf.UseAppendAction[
-        Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]
-    ] = (),
-    arg: tyro.conf.UseAppendAction[
-        Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]
-    ] = (),
+    package: Folders = (),
+    arg: Values = (),
     controller: Text = None,
     force: cli.Flag = False,
     json_: cli.Json = False,
@@ -99,37 +96,46 @@ def new(
             the table of known robots, a file with a table of its own (.toml), or "as modelled".
         force: Overwrite the task file, and the folder of its scene.
     """
+    task = _written(
+        out, given(toolpath), force=force, tool=tool, place=place, tcp=tcp, tool_at=tool_at,
+        package=package, arg=arg, robot=robot, toolpath=path, frame=frame, transfer=transfer,
+        frame_type=None if frame_type == "auto" else frame_type,
+        roll=None if roll == "auto" else roll, speed=speed, angular_speed_deg=angular_speed,
+        search_seconds=search_time, part_mesh=part, fixture_meshes=fixture, mesh_unit=mesh_units,
+        relative_to=relative_to, controller=controller,
+    )  # fmt: skip
+    cli.only_json(json_)
+    if json_:
+        cli.show_json(_facts(task))
+    _say_what_is_next(task, out, path)
+    if not task.runs:
+        raise SystemExit(1)
+
+
+def _written(
+    out: Path, reading: dict[str, Any], *, force: bool, tool: str, place: str | None,
+    tcp: str | None, tool_at: str | None, package: tuple[str, ...], arg: tuple[str, ...],
+    **options: Any,
+) -> NewTask:  # fmt: skip
+    """The new task, of options whose texts are read here; what is refused has its option's name."""
     at = _pose("--place", place)
     try:
         request = Request(
-            robot,
-            path,
-            **given(toolpath),
-            frame=frame,
-            frame_type=None if frame_type == "auto" else frame_type,
-            roll=None if roll == "auto" else roll,
-            transfer=transfer,
+            **reading,
+            **options,
             tool="out" if tool == "out" else "into",
+            tool_mesh=None if tool in ("into", "out") else Path(tool),
             place=None if at is None else at[:3],
             place_rpy_deg=(0.0, 0.0, 0.0) if at is None else at[3:],
-            speed=speed,
-            angular_speed_deg=angular_speed,
-            search_seconds=search_time,
-            tool_mesh=None if tool in ("into", "out") else Path(tool),
             tcp=_pose("--tcp", tcp),
-            part_mesh=part,
-            fixture_meshes=fixture,
-            mesh_unit=mesh_units,
-            relative_to=relative_to,
             tool_at=_pose("--tool-at", tool_at),
             packages={name: Path(at) for name, at in _named("--package", package, "=").items()},
             arguments=_named("--arg", arg, ":="),
-            controller=controller,
         )
         cli.check_file(out)
         note_compiling()
         with progress_bar(1.0) as report:
-            task = new_task(
+            return new_task(
                 request, out, force=force,
                 progress=lambda what, share: report(
                     share, f"{what}; Ctrl-C ends the search with the best so far"
@@ -138,9 +144,10 @@ def new(
     except InvalidInput as error:
         name_option(error, Request)
         raise
-    cli.only_json(json_)
-    if json_:
-        cli.show_json(_facts(task))
+
+
+def _say_what_is_next(task: NewTask, out: Path, path: Path) -> None:
+    """Print what was written, and the commands that go on with it."""
     cli.say(f"wrote {out}: {task.path_task.title}", *(f"  {note}" for note in task.notes))
     name = quote(str(out) if len(out.parts) > 1 else f"./{out}")
     motion = f"{quote(out.stem)}_joints.csv"
@@ -151,8 +158,6 @@ def new(
         if not task.path_task.joint_moves:
             cli.say(f"or, all methods side by side: qp-twist compare {name}")
     cli.say(f"the toolpath alone, as it was read: qp-twist show {quote(str(path))}")
-    if not task.runs:
-        raise SystemExit(1)
 
 
 def _facts(task: NewTask) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from qp_twist.cli.progress import load_machine_code, method_progress, working
 from qp_twist.comparison import metrics
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
-from qp_twist.paths import DEFAULT_METHOD, check_method
+from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
 from qp_twist.trajectories import ENDINGS, Check, TaskRun, TimedPath, check_program, run_task
 
 _OTHERWISE = "qp_planned"
@@ -59,10 +59,7 @@ def run(
     """
     path_task = load(task, path, feed, max_dip, calls)
     stated = gain is not None or weight is not None
-    methods = [DEFAULT_METHOD, _OTHERWISE] if method is None else [method]
-    if method is None and path_task.preference is not None:
-        methods = [_OTHERWISE]  # which weighs it
-    methods = methods[:1] if stated else methods
+    methods = [method] if method is not None else _methods(path_task, stated=stated)
     path_task = with_secondary(path_task, [check_method(methods[0])], gain, weight)
     cli.check_file(out)
     if report is not None:
@@ -116,6 +113,13 @@ def run(
     if not check.passes:
         cli.fail(failure(out, check, done.written))
     cli.say(check.verdict)
+
+
+def _methods(path_task: PathTask, *, stated: bool) -> list[str]:
+    """The methods that are tried where none is named; only one with its settings ``stated``."""
+    if path_task.preference is not None:
+        return [_OTHERWISE]  # which weighs it
+    return [DEFAULT_METHOD] if stated else [DEFAULT_METHOD, _OTHERWISE]
 
 
 def _facts(out: Path, done: TaskRun, check: Check) -> dict[str, Any]:
