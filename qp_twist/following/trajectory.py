@@ -318,21 +318,7 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """A small table, for notebooks."""
-        rows: list[tuple[str, object]] = [
-            ("waypoints", f"{self.at_waypoints.sum()} of {len(self.path_task.waypoints)}"),
-            ("largest position error, mm", 1e3 * float(self.position_error.max())),
-            ("largest axis error, °", float(np.degrees(self.axis_error.max()))),
-            ("smallest joint margin", float(self.margins.min(initial=np.inf))),
-            ("mean z", float(self.z.mean())),
-        ]
-        if self.path_task.bands:
-            rows.append(("largest band excess, rad or m", float(self.band_excess.max())))
-        if self.path_task.stated_constraints:
-            most = float(self.constraint_excess.max())
-            rows.append(("largest excess of a constraint, m or rad", most))
-        if self.ending:
-            rows.append(("the run", self.ending))
-        return html_table(f"{self.method} along {self.path_task.name}", rows)
+        return html_table(f"{self.method} along {self.path_task.name}", _extremes(self))
 
     def plot(self) -> Figure:
         """Each joint between its limits, and the errors at the waypoints with their tolerances.
@@ -348,6 +334,25 @@ class Trajectory:
             self.axis_error,
             (self.path_task.tolerances.position, self.path_task.tolerances.axis),
         )
+
+
+def _extremes(run: Trajectory) -> list[tuple[str, object]]:
+    """Largest errors and smallest margin with their names, and where the run ends."""
+    rows: list[tuple[str, object]] = [
+        ("waypoints", f"{run.at_waypoints.sum()} of {len(run.path_task.waypoints)}"),
+        ("largest position error, mm", 1e3 * float(run.position_error.max())),
+        ("largest axis error, °", float(np.degrees(run.axis_error.max()))),
+        ("smallest joint margin", float(run.margins.min(initial=np.inf))),
+        ("mean z", float(run.z.mean())),
+    ]
+    if run.path_task.bands:
+        rows.append(("largest band excess, rad or m", float(run.band_excess.max())))
+    if run.path_task.stated_constraints:
+        most = float(run.constraint_excess.max())
+        rows.append(("largest excess of a constraint, m or rad", most))
+    if run.ending:
+        rows.append(("the run", run.ending))
+    return rows
 
 
 def _ending(run: Trajectory) -> str:

@@ -42,6 +42,17 @@ def in_joint_moves(path_task: PathTask, count: int | None = None) -> Mask:
     return found if count is None else found[: count - 1]
 
 
+def ways_between(path_task: PathTask) -> tuple[str, ...]:
+    """What each interval between two waypoints is, (N − 1,); see :attr:`PathTask.ways`."""
+    ways: list[str] = [
+        "transfer" if "transfer" in (a, b) else b if a == "contact" else a
+        for a, b in pairwise(path_task.parts or ("contact",) * len(path_task.waypoints))
+    ]
+    for k in path_task.joint_moves:
+        ways[k - 1] = "joint move"
+    return tuple(ways)
+
+
 def joint_move_ends(path_task: PathTask) -> list[tuple[int, int]]:
     """The waypoints between which each joint move is, its via points not counted."""
     moves = list(path_task.joint_moves)

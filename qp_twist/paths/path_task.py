@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -37,6 +36,7 @@ from qp_twist.geometry import ProjectorKind, TwistProjector, task_redundancy
 from qp_twist.geometry.projector import SAME_DIRECTION
 from qp_twist.kinematics import JointRanges, ToleranceBand, TwistTask, frame_pose, together
 from qp_twist.paths.chosen_waypoints import with_waypoints
+from qp_twist.paths.joint_moves import ways_between
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.paths.orientation import poses
 from qp_twist.paths.preference import Preference
@@ -182,22 +182,7 @@ class PathTask:
         check_segments(self.operational, self.projector, self.segments, len(self.waypoints))
         check_joint_moves(self.joint_moves, self.segments, len(self.waypoints))
         check_calls(self.calls)
-        if self.preference is not None:
-            instance("PathTask(preference=…)", self.preference, Preference)
-            self.preference.at(len(self.waypoints))
-        if self.cuts != "fewest" and not isinstance(self.cuts, tuple):
-            raise InvalidInput(
-                f'cuts: expected "fewest" or a tuple of waypoints, got {self.cuts!r:.80}.',
-                key="plan.cuts",
-            )
-        if self.max_dip is not None:
-            number("max_dip", self.max_dip, at_least=0.0, at_most=1.0)
-        if self.max_dip is not None and not self.constant_speed:
-            raise InvalidInput(
-                'max_dip is for a constant speed of the tool: add mode = "constant" to [feed], '
-                "constant_speed=True in Python.",
-                key="feed.max_dip",
-            )
+        _check_wishes(self)
 
     @property
     def stated_constraints(self) -> tuple[Constraint, ...]:
@@ -276,16 +261,6 @@ class PathTask:
             InvalidInput: If s is not from 0, the first waypoint, to the last one, and ascending, or
                 there are no ``flipped`` waypoints.
         """
-        last = len(self.waypoints) - 1
-        if s is None:
-            s = np.arange(last + 1, dtype=np.float64)
-        s = finite_array("s", np.atleast_1d(s), (None,))
-        if s.size and not (s[0] >= 0.0 and s[-1] <= last and (np.diff(s) >= 0.0).all()):
-            raise InvalidInput(
-                f"expected ascending numbers from 0 to {last}, the last waypoint; got "
-                f"{s.min():g} to {s.max():g}.",
-                key="s",
-            )
         return Waypoints.of(self, s, flipped=flipped)
 
     def part(self, index: npt.ArrayLike | slice) -> PathTask:
@@ -303,14 +278,7 @@ class PathTask:
         A part of the path (contact between two waypoints of contact), or ``"joint move"``; all of
         them contact where the path has no parts.
         """
-        parts = self.parts or ("contact",) * len(self.waypoints)
-        ways: list[str] = [
-            "transfer" if "transfer" in (a, b) else b if a == "contact" else a
-            for a, b in itertools.pairwise(parts)
-        ]
-        for k in self.joint_moves:
-            ways[k - 1] = "joint move"
-        return tuple(ways)
+        return ways_between(self)
 
     @property
     def projectors(self) -> tuple[TwistProjector, ...]:
@@ -363,16 +331,7 @@ class PathTask:
         Where the path leaves a roll open, its waypoints have that of the start, for methods that
         hold the whole twist. They are kept if a band or a segment depends on that roll.
         """
-        waypoints = self.waypoints
-        if self.from_start != "nothing" and not _sees_orientation(self):
-            configuration = mink.Configuration(self.model, start)
-            held, _ = frame_pose(configuration, self.frame_name, self.frame_type)
-            rotations = np.broadcast_to(held, (len(waypoints), 3, 3))
-            if self.from_start == "roll":
-                axes = np.array([w.rotation().as_matrix()[:, 2] for w in waypoints])
-                rotations = transported(held, axes)
-            waypoints = poses(self.positions, rotations)
-        return replace(self, start=start, best_start=False, waypoints=waypoints)
+        return replace(self, start=start, best_start=False, waypoints=_oriented_at(self, start))
 
     def settings(self, method: str) -> MethodSettings:
         """Settings of a method: its defaults, overridden by those of the file.
@@ -450,6 +409,26 @@ def _check_types(task: PathTask) -> None:
     finite_array("PathTask(start=…)", task.start, (task.model.nq,))
 
 
+def _check_wishes(task: PathTask) -> None:
+    """Refuse a preference, lift-offs or a dip of the speed that no motion can be asked for."""
+    if task.preference is not None:
+        instance("PathTask(preference=…)", task.preference, Preference)
+        task.preference.at(len(task.waypoints))
+    if task.cuts != "fewest" and not isinstance(task.cuts, tuple):
+        raise InvalidInput(
+            f'cuts: expected "fewest" or a tuple of waypoints, got {task.cuts!r:.80}.',
+            key="plan.cuts",
+        )
+    if task.max_dip is not None:
+        number("max_dip", task.max_dip, at_least=0.0, at_most=1.0)
+    if task.max_dip is not None and not task.constant_speed:
+        raise InvalidInput(
+            'max_dip is for a constant speed of the tool: add mode = "constant" to [feed], '
+            "constant_speed=True in Python.",
+            key="feed.max_dip",
+        )
+
+
 def _seen_from(task: PathTask, body: str) -> dict[str, object]:
     """The model as seen from a body, and all arrays by joint in its order."""
     check_carrier(task.model, task.frame_name, task.frame_type, body)
@@ -495,6 +474,18 @@ def _of_model(clearance: Clearance, model: mujoco.MjModel, world: str) -> Cleara
     ]
     speed = clearance.recovery_speed
     return Clearance(model, clearance.distance, pairs, recovery_speed=speed)
+
+
+def _oriented_at(task: PathTask, start: Array) -> tuple[mink.SE3, ...]:
+    """The waypoints, with the orientation at a start (nq,) where they have it from there."""
+    if task.from_start == "nothing" or _sees_orientation(task):
+        return task.waypoints
+    configuration = mink.Configuration(task.model, start)
+    held, _ = frame_pose(configuration, task.frame_name, task.frame_type)
+    rotations = np.broadcast_to(held, (len(task.waypoints), 3, 3))
+    if task.from_start == "roll":
+        rotations = transported(held, task.poses[0][:, :, 2])
+    return poses(task.positions, rotations)
 
 
 def _sees_orientation(task: PathTask) -> bool:

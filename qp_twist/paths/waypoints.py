@@ -9,7 +9,8 @@ import mink
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Indices, Mask
+from qp_twist.checks import Array, Indices, Mask, finite_array
+from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, with_fewer_rows
 from qp_twist.paths.orientation import poses
 
@@ -45,8 +46,18 @@ class Waypoints:
     durations: Array | None
 
     @classmethod
-    def of(cls, path_task: PathTask, s: Array, *, flipped: bool = False) -> Waypoints:
-        """The path of a task at parameters s (K,), ascending, from 0 to its last waypoint."""
+    def of(cls, path_task: PathTask, s: Array | None, *, flipped: bool = False) -> Waypoints:
+        """The path of a task at parameters s (K,); see :meth:`PathTask.at`."""
+        last = len(path_task.waypoints) - 1
+        if s is None:
+            s = np.arange(last + 1, dtype=np.float64)
+        s = finite_array("s", np.atleast_1d(s), (None,))
+        if s.size and not (s[0] >= 0.0 and s[-1] <= last and (np.diff(s) >= 0.0).all()):
+            raise InvalidInput(
+                f"expected ascending numbers from 0 to {last}, the last waypoint; got "
+                f"{s.min():g} to {s.max():g}.",
+                key="s",
+            )
         rotations, positions = path_task.flipped_poses if flipped else path_task.poses
         after = np.ceil(s).astype(np.intp)
         before = np.maximum(after - 1, 0)
@@ -65,14 +76,9 @@ class Waypoints:
         to = np.zeros(len(positions) + 1, dtype=bool)  # joint moves, by the waypoint they lead to
         to[list(path_task.joint_moves)] = True
         return cls(
-            s,
-            R,
-            p,
-            tuple(projectors),
-            ~(to[after] & (~there | to[after + 1])),
-            to[after[1:]],
+            s, R, p, tuple(projectors), ~(to[after] & (~there | to[after + 1])), to[after[1:]],
             *_at_feed(path_task.durations, s, after),
-        )
+        )  # fmt: skip
 
     def target(self, index: int) -> mink.SE3:
         """One of the poses."""
