@@ -23,7 +23,6 @@ Files = tyro.conf.UseAppendAction[Annotated[tuple[Path, ...], tyro.conf.arg(meta
 Folders = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]]
 Values = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]]
 
-
 _Options: Any = options_of(ToolpathOptions)
 _AS_THE_FILE_SAYS = _Options()
 Toolpath = Annotated[Any, tyro.conf.arg(constructor=_Options, name=""), tyro.conf.OmitArgPrefixes]

@@ -18,9 +18,12 @@ from qp_twist.kernel import COMPILED
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method, without_via_points
 from qp_twist.planning import Plan, central_starts, make_plan, motion_limits
 from qp_twist.planning.fewest_cuts import FewestCuts
+from qp_twist.planning.levels import Progress
+from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.plan import stated_objective
 from qp_twist.planning.problem import Problem
+from qp_twist.planning.search import Trials
 from qp_twist.planning.starts import corrected_start
 
 SEED_METHODS = (DEFAULT_METHOD, "qp_minimum_norm")
@@ -104,19 +107,9 @@ def plan(
     """
     instance("plan(path_task, …)", path_task, PathTask)
     instance("plan(slow_down=…)", slow_down, bool)
-    if cuts not in (None, "fewest"):
-        raise InvalidInput(f'plan(cuts=…): expected "fewest" or None, got {cuts!r}.')
-    first: Array | None = None
-    if start is not None:
-        first = finite_array("start", start, (path_task.model.nq,))
-        path_task = dataclasses.replace(path_task, start=first)
-        first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
-    names = [check_method(name) for name in seeds]
-
-    def runs(task: PathTask, start: Array | None) -> list[Array]:
-        task = task if start is None else dataclasses.replace(task, start=start)
-        found = [run for name in names if (run := _run(task, name, progress)) is not None]
-        return found if start is None else [np.vstack([start[None], run[1:]]) for run in found]
+    paced = _paced(path_task, cuts)
+    path_task, first = _started(path_task, start)
+    runs = _seed_runs(seeds, progress)
 
     def planned(task: PathTask, start: Array | None) -> Plan:
         return make_plan(
@@ -124,23 +117,10 @@ def plan(
             paced=paced, slow_down=slow_down and paced,
         )  # fmt: skip
 
-    if path_task.preference is not None:
-        path_task.preference.refuse_fixed(path_task.projectors)
-    path_task = without_via_points(path_task)
-    paced = cuts is None and path_task.cuts != "fewest"
-    if paced:
-        goal = stated_objective(path_task, objective, joint_weights)
-        return plan_stretches(path_task, goal, first, planned)
-    if path_task.cuts not in ((), "fewest"):
-        raise InvalidInput(
-            f"plan(cuts={cuts!r}): {path_task.name} already lifts the tool off after waypoints "
-            f"{', '.join(map(str, path_task.cuts))}; leave out its cuts, or the argument."
-        )
     goal = stated_objective(path_task, objective, joint_weights)
-    rows, ranges = PathRows(path_task), goal.ranges
-    limits = motion_limits(path_task, ranges, max_step_deg, rows.hard, slow_down=bool(goal.time))
-    problem = Problem(path_task, rows, limits, goal.along(path_task), first)
-    search = FewestCuts(problem, progress or (lambda what, share: None))
+    if paced:
+        return plan_stretches(path_task, goal, first, planned)
+    search = _lift_off_search(path_task, goal, first, max_step_deg, progress)
     return plan_with_fewest_cuts(search, planned)
 
 
@@ -164,9 +144,56 @@ def whole_plan(
     return found
 
 
-def _run(
-    path_task: PathTask, method: str, progress: Callable[[str, float], None] | None
-) -> Array | None:
+def _paced(path_task: PathTask, cuts: str | None) -> bool:
+    """Whether the speed may give way, since the tool may not lift off; ``cuts`` is checked."""
+    if cuts not in (None, "fewest"):
+        raise InvalidInput(f'plan(cuts=…): expected "fewest" or None, got {cuts!r}.')
+    if cuts is None:
+        return path_task.cuts != "fewest"
+    if path_task.cuts not in ((), "fewest"):
+        raise InvalidInput(
+            f"plan(cuts={cuts!r}): {path_task.name} already lifts the tool off after waypoints "
+            f"{', '.join(map(str, path_task.cuts))}; leave out its cuts, or the argument."
+        )
+    return False
+
+
+def _started(path_task: PathTask, start: npt.ArrayLike | None) -> tuple[PathTask, Array | None]:
+    """The task from a start, without via points, and the start corrected onto the path."""
+    first: Array | None = None
+    if start is not None:
+        first = finite_array("start", start, (path_task.model.nq,))
+        path_task = dataclasses.replace(path_task, start=first)
+        first = corrected_start(path_task, path_task.waypoints[0], holds_limits=True)
+    if path_task.preference is not None:
+        path_task.preference.refuse_fixed(path_task.projectors)
+    return without_via_points(path_task), first
+
+
+def _lift_off_search(
+    path_task: PathTask, goal: Objective, start: Array | None, max_step_deg: float | None,
+    progress: Progress | None,
+) -> FewestCuts:  # fmt: skip
+    """The search of where the tool lifts off; it begins at a start (nv,) or at any."""
+    rows, slow = PathRows(path_task), bool(goal.time)
+    limits = motion_limits(path_task, goal.ranges, max_step_deg, rows.hard, slow_down=slow)
+    problem = Problem(path_task, rows, limits, goal.along(path_task), start)
+    return FewestCuts(problem, progress or (lambda what, share: None))
+
+
+def _seed_runs(seeds: Sequence[str], progress: Progress | None) -> Trials:
+    """The joint paths of methods on a task, from its own start or a given one (nv,)."""
+    names = [check_method(name) for name in seeds]
+
+    def runs(task: PathTask, start: Array | None) -> list[Array]:
+        task = task if start is None else dataclasses.replace(task, start=start)
+        found = [run for name in names if (run := _run(task, name, progress)) is not None]
+        return found if start is None else [np.vstack([start[None], run[1:]]) for run in found]
+
+    return runs
+
+
+def _run(path_task: PathTask, method: str, progress: Progress | None) -> Array | None:
     """A method's joint path; ``None`` if it fails on the path."""
 
     def lost(q: Array, position_error: float, axis_error: float) -> bool:

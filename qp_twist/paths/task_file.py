@@ -211,40 +211,22 @@ def _build(path: Path, file: TaskFile) -> PathTask:
     if built.flipped is not None and file.roll is not None:
         normal = unit_vector("roll.plane_normal", file.roll.plane_normal)
     task = PathTask(
-        name=printable(path.stem),
-        title=file.title,
-        source=path,
-        scene=robot.path,
-        model=model,
-        frame_name=frame[0],
-        frame_type=frame[1],
-        projector=first,
-        operational=operational,
+        name=printable(path.stem), title=file.title, source=path, scene=robot.path, model=model,
+        frame_name=frame[0], frame_type=frame[1], projector=first, operational=operational,
         waypoints=poses(built.positions, built.rotations),
         flipped_waypoints=None if built.flipped is None else poses(built.positions, built.flipped),
-        start=start,
-        durations=durations,
+        start=start, durations=durations,
         velocity_limits=_limits(file, ranges, "velocity", robot.velocity_limits, timed=timed),
         acceleration_limits=_limits(file, ranges, "acceleration", {}, timed=timed),
         jerk_limits=_limits(file, ranges, "jerk", {}, timed=timed) if file.limits.jerk else None,
         iteration=file.iteration,
         methods={str(name): settings for name, settings in file.methods.items()},
-        segments=segments,
-        bands=bands,
+        segments=segments, bands=bands,
         constraints=() if file.clearance is None else (_clearance(file.clearance, scene),),
-        best_start=file.start.found,
-        roll_normal=normal,
-        study=file.study,
-        toolpath=toolpath,
-        lines=built.lines,
-        from_start=built.from_start,
-        joint_moves=built.joint_moves,
-        relative_to=carrier,
-        scene_model=None if carrier is None else scene,
-        controller=stated,
-        external=file.robot.external,
-        parts=built.parts,
-        process=built.process,
+        best_start=file.start.found, roll_normal=normal, study=file.study, toolpath=toolpath,
+        lines=built.lines, from_start=built.from_start, joint_moves=built.joint_moves,
+        relative_to=carrier, scene_model=None if carrier is None else scene, controller=stated,
+        external=file.robot.external, parts=built.parts, process=built.process,
         calls=file.program.calls,
         constant_speed=file.feed is not None and file.feed.mode == "constant",
         max_dip=None if file.feed is None else file.feed.max_dip,
@@ -254,9 +236,20 @@ def _build(path: Path, file: TaskFile) -> PathTask:
         else file.preference.on_curves(
             curve_numbers(built.parts, built.joint_moves, len(built.positions))
         ),
-    )
+    )  # fmt: skip
     if task.preference is not None:
         task.preference.refuse_fixed(task.projectors)
+    _refuse_unused(task)
+    if file.plan.cuts == "fewest":
+        return task
+    try:
+        return LiftOffs.of(task, file.plan.cuts).task
+    except InvalidInput as error:
+        raise InvalidInput(str(error), key="plan.cuts") from error
+
+
+def _refuse_unused(task: PathTask) -> None:
+    """Refuse settings of methods in the file that change nothing."""
     for name, settings in task.methods.items():
         unused = METHODS[name].unused(task.settings(name))
         for key in settings.model_fields_set & set(unused):
@@ -264,12 +257,6 @@ def _build(path: Path, file: TaskFile) -> PathTask:
                 f"it would change nothing, since {unused[key]}; leave it out.",
                 key=f"methods.{name}.{key}",
             )
-    if file.plan.cuts == "fewest":
-        return task
-    try:
-        return LiftOffs.of(task, file.plan.cuts).task
-    except InvalidInput as error:
-        raise InvalidInput(str(error), key="plan.cuts") from error
 
 
 def load_scene(

@@ -306,15 +306,10 @@ def make_plan(
             notes = [where] if at_feed is None else [where, f"at the feed, {at_feed.reason}"]
             certificate = replace(certificate, slower=factor, note="; ".join(notes))
     return Plan(
-        path_task,
-        None if path is None else path.q,
-        np.nan if path is None else goal.value(path.q),
-        found.bound,
-        certificate,
-        objective,
-        dict(joint_weights or {}),
-        found.interrupted,
-    )
+        path_task, None if path is None else path.q,
+        np.nan if path is None else goal.value(path.q), found.bound, certificate, objective,
+        dict(joint_weights or {}), found.interrupted,
+    )  # fmt: skip
 
 
 def stated_objective(

@@ -295,16 +295,7 @@ def study(
             f"study: gains vary for {', '.join(section_of(task).gain or ())}; name one of them in "
             "methods."
         )
-    if (folder / _SETTINGS).exists():
-        _check_same(folder, _read(folder / _SETTINGS), settings)
-    elif folder.is_dir() and any(file.name not in EMPTY_STORE for file in folder.iterdir()):
-        raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InvalidInput(
-            f"study(out={str(folder)!r}): no folder can be there: {error.strerror}."
-        ) from None
+    _make_folder(folder, settings)
     found = Study(folder, job, count)
     found._store().check()
     if count < (done := 1 + max(found.table(["sample"])["sample"], default=-1)):
@@ -366,6 +357,20 @@ def _check_from_file(task: PathTask) -> None:
             "sample is made from the file; follow and check its runs one by one, or remove them: "
             "dataclasses.replace(task, constraints=())."
         )
+
+
+def _make_folder(folder: Path, settings: dict[str, Any]) -> None:
+    """Make the folder of a study, unless it holds another one or something else."""
+    if (folder / _SETTINGS).exists():
+        _check_same(folder, _read(folder / _SETTINGS), settings)
+    elif folder.is_dir() and any(file.name not in EMPTY_STORE for file in folder.iterdir()):
+        raise InvalidInput(f"study(out={str(folder)!r}): holds something else; give a new folder.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(
+            f"study(out={str(folder)!r}): no folder can be there: {error.strerror}."
+        ) from None
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -218,9 +218,7 @@ def check_trajectory(
     motion, count, timed = rows.motion, len(path_task.waypoints), rows.times is not None
     errors, passing = _matched(path_task, motion, tolerances, len(rows.q) == count, timed)
     met = tolerances.met(errors.position.at, errors.axis.at)
-    astray: tuple[Astray, ...] = ()
-    if not passing.by_row:
-        astray = astray_parts(path_task, motion, passing.times, met)
+    astray = () if passing.by_row else astray_parts(path_task, motion, passing.times, met)
     limits = motion_limits(path_task)
     if not rows.own_ramps:
         limits = with_default_jerks(with_default_accelerations(limits, ranges))
@@ -229,8 +227,7 @@ def check_trajectory(
     of_speed: list[str] = []
     if speed is not None and path_task.constant_speed:
         findings, of_speed = (*findings, speed.finding(path_task.max_dip)), speed.sentences
-    rounded = _rounded(rows, path_task, motion, passing, tolerances)
-    findings = (*findings, *rounded)
+    findings = (*findings, *_rounded(rows, path_task, motion, passing, tolerances))
     notes = [
         *of_speed,
         *disagreements(rows.metadata, path_task, limits),
@@ -260,23 +257,11 @@ def check_trajectory(
         jumps, unknown, source = _of_jerks(path_task, limits, ranges, motion)
         findings, unchecked, sources = (*findings, *jumps), unchecked + unknown, sources + source
     return Check(
-        path_task.name,
-        len(rows.q),
-        count,
+        path_task.name, len(rows.q), count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
-        findings,
-        tuple(notes),
-        tuple(unchecked),
-        (*rows.sources, *sources),
-        motion,
-        passing,
-        errors,
-        astray,
-        limits,
-        rows.program,
-        speed,
-        tolerances,
-    )
+        findings, tuple(notes), tuple(unchecked), (*rows.sources, *sources), motion, passing,
+        errors, astray, limits, rows.program, speed, tolerances,
+    )  # fmt: skip
 
 
 def _of_jerks(
