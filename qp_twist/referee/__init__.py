@@ -47,5 +47,6 @@ from .tool_speed import DIP as DIP
 from .tool_speed import Dip as Dip
 from .tool_speed import ToolSpeed as ToolSpeed
 from .tool_speed import feed_shares as feed_shares
+from .tool_speed import programmed_rates as programmed_rates
 from .tool_speed import tool_speed as tool_speed
 from .tool_speed import turns_of as turns_of

@@ -194,7 +194,7 @@ def tool_speed(
     times, spans, piece = times[on_path], spans[on_path], piece[on_path]
     if not len(times):
         return None
-    of_path, turning = _programmed(path_task, len(at))
+    of_path, turning = programmed_rates(path_task, len(at))
     state = motion.at(times)
     linear, angular = _rates(path_task, state.q, state.velocities, piece + 1)
     share = _shares(linear, angular, of_path[piece], turning[piece])
@@ -247,7 +247,7 @@ def feed_shares(path_task: PathTask, q: Array, velocities: Array, waypoints: Ind
     where the task states no speed, as in joint moves.
     """
     linear, angular = _rates(path_task, q, velocities, waypoints)
-    of_path, turning = (rate[waypoints - 1] for rate in _programmed(path_task))
+    of_path, turning = (rate[waypoints - 1] for rate in programmed_rates(path_task))
     moves = in_joint_moves(path_task, len(path_task.waypoints))[waypoints - 1]
     return np.where(moves, 0.0, _shares(linear, angular, of_path, turning))
 
@@ -289,7 +289,7 @@ def _rates(
     return found[:, 0], found[:, 1]
 
 
-def _programmed(path_task: PathTask, count: int | None = None) -> tuple[Array, Array]:
+def programmed_rates(path_task: PathTask, count: int | None = None) -> tuple[Array, Array]:
     """Speed and rate of turning that the task states before each waypoint but the first.
 
     The speed is 0 where the tool turns in place: it moves by less than a check lets it be off, and,

@@ -12,7 +12,15 @@ from qp_twist.checks import Array, Indices, Mask
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.referee import SAMPLES, JointMotion, MotionLimits, Tolerances, errors_at, feed_shares
+from qp_twist.referee import (
+    SAMPLES,
+    JointMotion,
+    MotionLimits,
+    Tolerances,
+    errors_at,
+    feed_shares,
+    programmed_rates,
+)
 from qp_twist.trajectories.joint_curve import JointCurve
 from qp_twist.trajectories.refine_trajectory import divided_times, with_rows_between
 from qp_twist.trajectories.speed_profile import (
@@ -158,6 +166,8 @@ class _Timing:
         path = self.trajectory.path
         steps = np.linalg.norm(np.diff(path.positions, axis=0), axis=1)
         steps[path.moves] = 0.0  # their parameter is the time at full speed
+        if self.trajectory.path_task.durations is not None:  # or where the tool turns in place
+            steps[programmed_rates(self.trajectory.path_task)[0][self._waypoints - 1] == 0.0] = 0.0
         feed, floor = self.trajectory.feed, self.floor  # a plan may be slower
         return _feed_ratios(steps, floor if feed is None else np.where(feed > 0.0, feed, floor))
 
@@ -176,8 +186,12 @@ class _Timing:
 
     def _shares(self, q: Array, rates: Array, piece: Indices) -> Array:
         """The tool's share of its programmed speed, of joint velocities (K, nv) on pieces (K,)."""
-        waypoints = np.ceil(self.trajectory.s[piece + 1]).astype(np.intp)
-        return feed_shares(self.trajectory.path_task, q, rates, waypoints)
+        return feed_shares(self.trajectory.path_task, q, rates, self._waypoints[piece])
+
+    @property
+    def _waypoints(self) -> Indices:
+        """The waypoint, from 0, that each piece leads to, (N − 1,)."""
+        return np.ceil(self.trajectory.s[1:]).astype(np.intp)
 
     def round_corners(self, use: Array, pieces: Indices) -> None:
         """A row on each side of the sharper turn of these pieces, or a stop at it.

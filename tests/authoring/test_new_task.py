@@ -487,6 +487,8 @@ def test_a_turn_in_place_takes_its_time(
     standing = np.linalg.norm(np.diff(task.positions, axis=0), axis=1) < 2e-6
     assert task.durations[1:][standing].sum() == pytest.approx(seconds)
     assert task.durations[1:][~standing].sum() == pytest.approx(2 * 0.08 / 0.05, rel=1e-4)
+    assert made.check is not None
+    assert made.check.motion.times[-1] < 1.25 * task.durations.sum()  # a micrometre costs no days
 
 
 def test_the_feeds_of_a_file_are_the_tasks(tmp_path: Path) -> None:
