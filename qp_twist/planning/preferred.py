@@ -13,6 +13,7 @@ from qp_twist.kinematics import FramePair, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.paths.orientation import tangents
 from qp_twist.paths.preference import ROLL, VALUES, Preference
+from qp_twist.planning.layer import wound
 
 _Z = np.array([0.0, 0.0, 1.0])
 _LISTED = 4
@@ -81,34 +82,32 @@ class PreferredPoses:
         if not self.preference.roll_smoothness or not self.smooth[first:last].all():
             return np.zeros(len(change))
         share = (last - first) / (len(self.held) - 1)
-        cost: Array = 0.5 * self.preference.roll_smoothness / share * _nearest(change) ** 2
+        cost: Array = 0.5 * self.preference.roll_smoothness / share * wound(change) ** 2
         return cost
 
     def cost(self, q: Array) -> float:
         """Cost of a path q (N, nv)."""
         at = np.arange(len(q))
         values = self.values(q, at)
-        changes = _nearest(np.diff(values[:, 2])[self.smooth])
+        changes = wound(np.diff(values[:, 2])[self.smooth])
         smooth = 0.5 * self.preference.roll_smoothness * (len(q) - 1) * float(changes @ changes)
         return float(self.costs(values, at).mean()) + smooth
 
     def slopes(self, q: Array, at: Indices) -> tuple[Array, Array]:
         """A (K, 3, nv) and b (K, 3) of the cost ½‖A Δq + b‖² near configurations at waypoints."""
-        values, slopes = self._linear(q, at)
-        beyond, weight = self._beyond(values, at), np.sqrt(self.preference.weight)
-        return weight * (beyond != 0.0)[:, :, None] * slopes, weight * beyond
+        return self._weighed(*self._linear(q, at), at)
 
     def linear(self, q: Array) -> tuple[sparse.csr_matrix, Array]:
         """A and b of the cost ½‖A Δq + b‖² near a path q (N, nv), Δq (N·nv,)."""
         count = len(q)
-        own, beyond = self.slopes(q, np.arange(count))
+        values, slopes = self._linear(q, np.arange(count))
+        own, beyond = self._weighed(values, slopes, np.arange(count))
         A, b = [sparse.block_diag(own / np.sqrt(count))], [beyond.ravel() / np.sqrt(count)]
         if self.preference.roll_smoothness:
-            values, slopes = self._linear(q, np.arange(count))
             much = np.sqrt(self.preference.roll_smoothness * (count - 1)) * self.smooth
             turn = sparse.block_diag(slopes[:, 2:], format="csr")
             A.append(sparse.diags(much) @ (turn[1:] - turn[:-1]))
-            b.append(much * _nearest(np.diff(values[:, 2])))
+            b.append(much * wound(np.diff(values[:, 2])))
         return sparse.vstack(A, format="csr"), np.concatenate(b)
 
     @property
@@ -124,14 +123,14 @@ class PreferredPoses:
             held = np.degrees(self.held[:, column])
             of = np.isfinite(held)
             if of.any():
-                away = np.degrees(_nearest(np.radians(values[of, column] - held[of])))
+                away = np.degrees(wound(np.radians(values[of, column] - held[of])))
                 seen = held[of] + away
                 wanted = "/".join(dict.fromkeys(f"{angle:.4g}°" for angle in held[of]))
                 if len(np.unique(held[of])) > _LISTED:
                     wanted = f"{held[of].min():.4g}° to {held[of].max():.4g}°"
                 found.append(f"{name} {seen.min():.1f}° to {seen.max():.1f}° (preferred {wanted})")
         if self.preference.roll_smoothness:
-            turns = np.abs(np.degrees(_nearest(np.radians(np.diff(values[:, 2])[self.smooth]))))
+            turns = np.abs(np.degrees(wound(np.radians(np.diff(values[:, 2])[self.smooth]))))
             found.append(f"the roll turns by {turns.sum():.1f}° in all")
         return ", ".join(found)
 
@@ -140,6 +139,11 @@ class PreferredPoses:
         rotations, positions, jacobians = self.chain.poses_and_jacobians(q)
         pair = self._pair(rotations, positions, at)
         return self._values(pair, at), self._gradients(pair, at) @ jacobians[:, 3:]
+
+    def _weighed(self, values: Array, slopes: Array, at: Indices) -> tuple[Array, Array]:
+        """A and b from values (K, 3) and their derivatives (K, 3, nv); 0 where they are free."""
+        beyond, weight = self._beyond(values, at), np.sqrt(self.preference.weight)
+        return weight * (beyond != 0.0)[:, :, None] * slopes, weight * beyond
 
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
         return FramePair(rotations, positions, self.rotations[at], self.positions[at])
@@ -173,12 +177,6 @@ class PreferredPoses:
 
     def _beyond(self, values: Array, at: Indices) -> Array:
         """By how much values (K, 3) differ from the preferred ones by more than δ, with sign."""
-        away = np.nan_to_num(_nearest(values - self.held[at]))
+        away = np.nan_to_num(wound(values - self.held[at]))
         beyond: Array = np.sign(away) * np.maximum(np.abs(away) - self.preference.within, 0.0)
         return beyond
-
-
-def _nearest(angles: Array) -> Array:
-    """The same angles modulo whole turns, from −π to π."""
-    nearest: Array = angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
-    return nearest

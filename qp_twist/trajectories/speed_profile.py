@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -40,7 +40,7 @@ def speed_profile(
     rests: Mask,
     most: Array | None = None,
     max_jerk: Array | None = None,
-    shares: Callable[[Array, Array, Indices], Array] | None = None,
+    shares: FeedShares | None = None,
 ) -> SpeedProfile:
     r"""The motion through the rows of a joint path, as fast as feed and limits permit.
 
