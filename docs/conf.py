@@ -55,6 +55,7 @@ nitpick_ignore = [
     ("py:class", "Part"),  # of a path: approach, contact …
     ("py:class", "Zone"),  # of a program's points, and the corners that it rounds
     ("py:class", "Corners"),
+    ("py:class", "FeedShares"),  # a callable: the tool's share of its programmed speed
     ("py:class", "Posed"),  # what a NamedProblem is made of
     ("py:class", "Counts"),
     ("py:class", "Indices"),
