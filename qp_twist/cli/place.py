@@ -33,7 +33,7 @@ def place(
     task: cli.Task,
     lower: Corner = None,
     upper: Corner = None,
-    objective: Literal["centering", "travel", "margin"] = "centering",
+    objective: Literal["centering", "travel", "margin", "time", "clearance"] = "centering",
     moves: Literal["part", "base"] = "part",
     body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
@@ -53,7 +53,8 @@ def place(
             it is not turned. If omitted, the box of [study.placement], else 0.2 m around it.
         upper: Upper bounds, likewise.
         objective: centering: least mean z; travel: least sum of joint displacements; margin:
-            largest distance from the joint limits.
+            largest distance from the joint limits; time: least time; clearance: largest distance
+            from what must not be touched.
         moves: What is moved: the part with its path, or the robot's base.
         body: Body of the scene that moves with the part; if omitted, that of [study.placement].
         seconds: Time for the search, s.
@@ -132,12 +133,12 @@ def _lines(path_task: PathTask, found: BestPlacement) -> list[str]:
     text = f"{len(found.values)} placements compared; {found.reachable:.0%} of {found.spread} all "
     lines = [text + "over the box have a plan" + "; interrupted" * found.interrupted]
     if found.here is not None:
-        lines.append(f"here: {found.here.result}")
+        lines.append(f"here: {found.here.result}{_distance(found, found.value_here)}")
     if found.plan is None or found.offset is None:
         return lines
     shift, turn = found.offset[:3], np.degrees(found.offset[3:])
     turned = f", turned by the rotation vector {listed(turn, 2)}°" if turn.any() else ""
-    lines.append(f"best: {found.plan.result}")
+    lines.append(f"best: {found.plan.result}{_distance(found, found.value)}")
     if found.moves == "base":
         return [*lines, f"move the robot's base body in the scene by {listed(shift)} m{turned}"]
     lines.append(f"the part moved by {listed(shift)} m{turned}:")
@@ -145,6 +146,13 @@ def _lines(path_task: PathTask, found: BestPlacement) -> list[str]:
     if found.body is not None:
         lines.append(f"and the body {found.body!r} of the scene, likewise")
     return lines
+
+
+def _distance(found: BestPlacement, value: float) -> str:
+    """The least distance, if it is what placements are compared by."""
+    if found.objective != "clearance" or np.isnan(value):
+        return ""
+    return f"; least distance {1e3 * value:.2f} mm"
 
 
 def _placement_keys(path_task: PathTask, found: BestPlacement) -> list[str]:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from qp_twist.checks import Array
 from qp_twist.drawing.figures import ShownFigure
 from qp_twist.drawing.palette import INK, RC, RED
+from qp_twist.studies.placement_search import LARGEST
 
 if TYPE_CHECKING:
     from qp_twist.studies.placement_search import BestPlacement
@@ -31,9 +32,8 @@ def placement_figure(found: BestPlacement) -> Figure:
     alone = [k for group in groups if len(group) == 1 for k in group]
     if len(alone) == 2:
         pairs, alone = [(alone[0], alone[1])], []
-    label = {"centering": "mean z", "travel": "travel, °", "margin": "margin, °"}.get(
-        str(found.objective), "value"
-    )
+    label = {"centering": "mean z", "travel": "travel, °", "margin": "margin, °", "time": "time, s",
+             "clearance": "least distance, m"}.get(str(found.objective), "value")  # fmt: skip
     panels = [*pairs, *((k, None) for k in alone)]
     with mpl.rc_context(RC):
         columns = min(3, len(panels))
@@ -67,7 +67,7 @@ def _panel(
     """Placements over two of their coordinates, or their values over one."""
     values = found.values
     good = np.isfinite(values)
-    most = found.objective == "margin"  # the larger, the better
+    most = found.objective in LARGEST  # the larger, the better
     better = values if most else -values
     order = np.flatnonzero(good)[np.argsort(better[good])]  # the best on top
     # A few very bad ones would leave one colour for all others.
@@ -87,7 +87,7 @@ def _panel(
         )
     if found.offset is not None and found.plan is not None:
         best = [*found.offset[:3], *np.degrees(found.offset[3:])]
-        at = found.plan.value if up is None else best[up]
+        at = found.value if up is None else best[up]
         panel.scatter(
             best[across], at, s=110, facecolors="none", edgecolors=INK, lw=1.4, zorder=4,
             label="best whole plan",

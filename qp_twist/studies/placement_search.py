@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from qp_twist.checks import Array, finite_array, instance, number
+from qp_twist.constraints import Clearance
 from qp_twist.errors import InvalidInput
 from qp_twist.following import plan
 from qp_twist.paths import PathTask
@@ -34,6 +35,13 @@ _UNTIMED = 15.0
 _SCREENING = 0.4
 """Share of the time for points all over the box; as much is for descents from the best of them, and
 the rest for whole plans."""
+LARGEST = "margin", "clearance"
+"""Objectives of which the largest value is the best."""
+_APART, _FAR, _SHARP = 0.005, 0.5, 1.2
+"""Distances, m, between which the largest is searched that may be added to a clearance, and the
+ratio of those between which that ends."""
+_OF_STATIONS = 1.0, 0.8, 0.5
+"""Shares of what some waypoints keep beyond the clearance that are tried on all of them."""
 _DESCENTS = 3
 """Number of points from which descents start."""
 
@@ -74,6 +82,16 @@ class BestPlacement:
     interrupted: bool = False
 
     @property
+    def value(self) -> float:
+        """The value of the whole plan there; of ``"clearance"`` the least distance, m."""
+        return np.nan if self.plan is None else score(self.plan, self.objective)
+
+    @property
+    def value_here(self) -> float:
+        """The same of ``here``; NaN without one."""
+        return np.nan if self.here is None else score(self.here, self.objective)
+
+    @property
     def reachable(self) -> float:
         """Share of the placements all over the box that have a plan."""
         spread = self.values[: self.spread]
@@ -87,15 +105,15 @@ class BestPlacement:
 
     def to_dict(self) -> dict[str, Any]:
         """The result as data."""
-        best, here = self.plan, self.here
+        best = self.plan
         return {
             "objective": self.objective,
             "moves": self.moves,
             "about_m": self.about.tolist(),
             "offset": None if self.offset is None else self.offset.tolist(),
-            "value": None if best is None else best.value,
+            "value": None if np.isnan(self.value) else self.value,
             "bound": None if best is None or np.isnan(best.bound) else best.bound,
-            "value_here": None if here is None or here.q is None else here.value,
+            "value_here": None if np.isnan(self.value_here) else self.value_here,
             "tried": len(self.values),
             "spread": self.spread,
             "reachable": self.reachable,
@@ -136,7 +154,8 @@ def best_placement(
         lower: Lower bounds of the shift, m, and of the rotation vector, rad, added to where the
             part (or the base) is, (6,); three numbers: it is not turned.
         upper: Upper bounds, likewise. An entry that equals its lower bound is fixed.
-        objective: As of :func:`~qp_twist.plan`.
+        objective: As of :func:`~qp_twist.plan`, or ``"clearance"``: the largest distance that a
+            plan keeps from what it must not touch, within a fifth, on its whole way.
         moves: ``"part"``, or ``"base"``: the robot's base body.
         body: The part's body in the scene, fixed to the world, which moves along; ``None``: that
             of the task's ``[study.placement]``, if there is one. What else is in the scene stays.
@@ -163,6 +182,11 @@ def best_placement(
     if moves not in ("part", "base"):
         raise InvalidInput(f"best_placement(moves=…): expected 'part' or 'base', got {moves!r}.")
     number("best_placement(seconds=…)", seconds, above=0.0)
+    if objective == "clearance" and not path_task.clearances:
+        raise InvalidInput(
+            f"{path_task.name}: has no [clearance], so that no placement keeps more of it than "
+            "another; add one to the task, or choose another objective."
+        )
     place = placing(path_task, moves, body, about)
     place(np.zeros(6))  # refuses a body that does not exist
     search = _Search(place, box, objective, seconds, progress or (lambda what, at: None))
@@ -255,8 +279,44 @@ class _Screen(NamedTuple):
 def value_of(task: PathTask, objective: str | Mapping[str, float]) -> float:
     """The value of the best plan of some waypoints of a task; NaN without one."""
     stations = _stations(task)
-    found = plan(stations, objective, max_step_deg=_LONGEST, seeds=())
-    return float(found.value) if found.q is not None else np.nan
+    options: dict[str, Any] = {"max_step_deg": _LONGEST, "seeds": ()}
+    if objective != "clearance":
+        return float(plan(stations, objective, **options).value)
+    best = plan(stations, **options)
+    low, high = 0.0, _FAR  # more than the task asks for
+    while best.q is not None and high > _SHARP * max(low, _APART):
+        middle = float(np.sqrt(max(low, _APART / _SHARP) * high))
+        wider = _wider_plan(stations, middle, **options)
+        if wider is None:
+            high = middle
+        else:
+            best, low = wider, middle
+    return score(best, objective)
+
+
+def _wider_plan(task: PathTask, more: float, **options: Any) -> Plan | None:
+    """The plan of a task with clearances that are larger, m; ``None`` without a motion."""
+    wider = [
+        Clearance(c.model, c.distance + more, c.ignored, pairs=c.pairs)
+        if isinstance(c, Clearance) else c
+        for c in task.constraints
+    ]  # fmt: skip
+    try:
+        found = plan(replace(task, constraints=tuple(wider)), **options)
+    except InvalidInput:  # two links of the arm are never so far apart
+        return None
+    return None if found.q is None else replace(found, path_task=task)
+
+
+def score(found: Plan, objective: str | Mapping[str, float]) -> float:
+    """What placements are compared by; NaN without a motion.
+
+    The plan's value or, of ``"clearance"``, the least distance on the straight ways of its joints.
+    """
+    if found.q is None or objective != "clearance":
+        return float(found.value)
+    nearest = [each.nearest(found.q) for each in found.path_task.clearances]
+    return min((each.distance for each in nearest if each is not None), default=np.inf)
 
 
 def _stations(task: PathTask) -> PathTask:
@@ -293,7 +353,7 @@ class _Search:
         #: Whole plans by offset.
         self.plans: dict[tuple[float, ...], Plan] = {}
         self.spread = 0
-        self.sign = -1.0 if objective == "margin" else 1.0
+        self.sign = -1.0 if objective in LARGEST else 1.0
         self._begin = perf_counter()
 
     def run(self, jobs: int, scheduler: str | None) -> None:
@@ -318,14 +378,24 @@ class _Search:
     def best(self) -> tuple[float, ...] | None:
         """The offset of the best whole plan; ``None`` without one."""
         found = [x for x, made in self.plans.items() if made.q is not None]
-        return min(found, key=lambda x: self.sign * self.plans[x].value, default=None)
+        return min(
+            found, key=lambda x: self.sign * score(self.plans[x], self.objective), default=None
+        )
 
     @property
     def _spent(self) -> float:
         return perf_counter() - self._begin
 
     def _plan(self, x: tuple[float, ...]) -> None:
-        self.plans[x] = plan(self.place(x), self.objective)
+        task = self.place(x)
+        if self.objective != "clearance":
+            self.plans[x] = plan(task, self.objective)
+            return
+        if x not in self.values:
+            self.values[x] = value_of(task, self.objective)
+        more = self.values[x] - min(each.distance for each in task.clearances)
+        wider = (_wider_plan(task, share * more) for share in _OF_STATIONS if more > 0.0)
+        self.plans[x] = next((found for found in wider if found), None) or plan(task)
 
     def _ranked(self) -> list[tuple[float, ...]]:
         """Offsets that have a value, the best first."""

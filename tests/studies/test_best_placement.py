@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from itertools import count, product
 from pathlib import Path
 
@@ -106,6 +107,40 @@ def test_no_placement_of_a_grid_is_better(steady_clock: None) -> None:
     assert again.value == pytest.approx(found.plan.value, rel=1e-6)
 
 
+def test_the_largest_clearance_is_the_least_distance_on_the_way_of_the_plan(
+    steady_clock: None,
+) -> None:
+    task = qt.load_task("deburring_cell").part(np.arange(4))
+    box = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]
+    found = search(task, *box, "clearance", body="part", seconds=3.0)
+    assert found.plan is not None and found.here is not None
+    assert found.value >= found.value_here
+    assert found.value > 2.0 * task.clearances[0].distance  # not only what the task asks for
+    (clearance,) = found.plan.path_task.clearances
+    model = found.plan.path_task.model
+    data, least = mujoco.MjData(model), np.inf
+    for a, b in zip(found.plan.motion()[:-1], found.plan.motion()[1:], strict=True):
+        for share in np.linspace(0.0, 1.0, 21):
+            data.qpos[:] = a + share * (b - a)
+            mujoco.mj_forward(model, data)
+            distances = [
+                mujoco.mj_geomDistance(model, data, one, other, 0.2, None)
+                for one, other in clearance.pairs
+            ]
+            least = min(least, *distances)
+    assert found.value == pytest.approx(least, abs=1e-4)
+    found.figure()
+
+
+def test_the_least_time_of_a_path_without_a_feed(steady_clock: None) -> None:
+    task = replace(qt.load_task("deburring").part(np.arange(0, 40, 2)), durations=None)
+    found = search(task, LOWER, UPPER, "time", seconds=8.0)
+    assert found.plan is not None and found.here is not None
+    assert found.value == found.plan.value <= found.value_here
+    steps = np.abs(np.diff(found.plan.motion(), axis=0))
+    assert found.value > (steps / task.velocity_limits).max(axis=1).sum()
+
+
 def test_processes_find_the_same_values(steady_clock: None) -> None:
     task = qt.load_task("planar_line")
     alone = search(task, LOWER, UPPER, seconds=0.1)
@@ -154,6 +189,7 @@ def test_a_box_out_of_reach_has_none_and_a_reason(steady_clock: None) -> None:
         ({"moves": "base", "about": [0, 0, 0]}, "body and about are of the part"),
         ({"seconds": 0.0}, "seconds"),
         ({"objective": "speed"}, "objective"),
+        ({"objective": "clearance"}, "planar_line: has no [clearance]"),
     ],
 )
 def test_wrong_arguments_are_refused(options: dict[str, object], says: str) -> None:
