@@ -108,8 +108,9 @@ def test_no_placement_of_a_grid_is_better(steady_clock: None) -> None:
 
 
 def test_the_largest_clearance_is_the_least_distance_on_the_way_of_the_plan(
-    steady_clock: None,
+    steady_clock: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("qp_twist.studies.placement_search._SHARP", 4.0)  # fewer plans
     task = qt.load_task("deburring_cell").part(np.arange(4))
     box = [0.0, 0.0, 0.0], [0.0, 0.0, 0.1]
     found = search(task, *box, "clearance", body="part", seconds=3.0)
