@@ -20,6 +20,7 @@ from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import task_rows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
+from qp_twist.trajectories.within_limits import JointLimits, Way
 
 _SHARE = 0.2
 """Share of the tolerances by which a line may leave the planned motion at its rows, which itself
@@ -55,16 +56,20 @@ class FittedMove(NamedTuple):
     """A move of the tool, and of a circle how the tool turns and the point between.
 
     Attributes:
-        move: The move.
+        move: The move; a straight one in place of a joint move.
         end: The point to which it leads.
+        way: The joints on it; of a move that is not yet followed, at its end.
         rule: ``None``: straight.
         q: Joint positions at the point between, rad, (n,); ``None``: straight.
+        of_joints: Whether it is a joint move.
     """
 
     move: ToolMove
     end: Point
+    way: Way
     rule: Turning | None = None
     q: Array | None = None
+    of_joints: bool = False
 
 
 class Fits:
@@ -89,6 +94,7 @@ class Fits:
         self._poses = tool.poses(self._q)
         self._held = np.zeros(len(own.q), dtype=bool) if held is None else held
         self._tolerances, self._projector = path_task.tolerances, task_rows(path_task)
+        self._limits = JointLimits.of(path_task, tool.names)
         self.on_joint_moves = _on_joint_moves(rows, path_task)
 
     @property
@@ -106,10 +112,22 @@ class Fits:
         to = self.point(end)
         move = ToolMove.between(begin.pose, to.pose)
         places = np.arange(2 * begin.row, 2 * end + 1, 2)
-        beside = begin.pose.positions - self._poses.positions[2 * begin.row]  # on a circle before
-        off = float(np.linalg.norm(beside)) / self._tolerances.position
-        found = self._keeps(move, places, _SHARE + off * np.linspace(1.0, 0.0, len(places)))
-        return None if found is None else FittedMove(move, to)
+        found = self._keeps(move, places, self._allowed(begin, places))
+        return None if found is None else FittedMove(move, to, Way.to(to.q))
+
+    def joints(self, begin: Point, end: int) -> FittedMove | None:
+        """The joint move from a point to a row, likewise; that to the next row always."""
+        to, places = self.point(end), np.arange(2 * begin.row, 2 * end + 1, 2)
+        share = self._paced(places)
+        q = begin.q + share[:, None] * (to.q - begin.q)
+        if end > begin.row + 1 and (
+            self._held[begin.row + 1 : end].any()
+            or np.abs(q - self._q[places]).max() > _ASIDE[0]
+            or not self._within(self._tool.poses(q), places, self._allowed(begin, places))
+        ):
+            return None
+        move = ToolMove.between(begin.pose, to.pose)
+        return FittedMove(move, to, Way.to(to.q), of_joints=True)
 
     def circle(self, begin: Point, end: int, rule: Turning) -> FittedMove | None:
         """The circular move to the nearest circle beside a row, likewise.
@@ -138,15 +156,41 @@ class Fits:
         q = self._tool.beside(found[[2 * middle, -1]], move.at(shares))
         if q is None:
             return None
-        return FittedMove(move, Point(end, Poses(R[-1], points[2]), q[1]), rule, q[0])
+        to = Point(end, Poses(R[-1], points[2]), q[1])
+        return FittedMove(move, to, Way.to(to.q), rule, q[0])
 
-    def follows(self, found: FittedMove, begin: Point) -> bool:
-        """Whether the joints follow a move from a point."""
+    def followed(self, found: FittedMove, begin: Point) -> FittedMove | None:
+        """A move from a point if the joints follow it within their limits in the planned time."""
+        if found.of_joints:
+            return found
         try:
-            self._tool.towards(begin.q, found.end.q, found.move.at)
+            shares, q = self._tool.towards(begin.q, found.end.q, found.move.at)
         except InvalidInput:
-            return False
-        return True
+            return None
+        way = Way(shares[1:], q[1:])
+        seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
+        slower = self._limits.slower(begin.q, [way], np.array([seconds]))
+        return found._replace(way=way) if slower[0] <= 1.0 + _PACE else None
+
+    def _paced(self, places: Indices) -> Array:
+        """The share of the time at each of some places, (K,)."""
+        times = self._times[places]
+        share: Array = (times - times[0]) / (times[-1] - times[0])
+        return share
+
+    def _allowed(self, begin: Point, places: Indices) -> Array:
+        """The shares of the tolerances (K,) for a line that may begin on a circle before."""
+        beside = begin.pose.positions - self._poses.positions[2 * begin.row]
+        off = float(np.linalg.norm(beside)) / self._tolerances.position
+        allowed: Array = _SHARE + off * np.linspace(1.0, 0.0, len(places))
+        return allowed
+
+    def _within(self, poses: Poses, places: Indices, allowed: Array) -> bool:
+        """Whether the tool is where it was planned, within shares (K,) of the tolerances."""
+        R, p = (each[places] for each in self._poses)
+        _, error = resolved_twist_error(*poses, R, p, self._projector)
+        linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
+        return bool(self._tolerances.met(linear / allowed, angular / allowed).all())
 
     def _keeps(self, move: ToolMove, places: Indices, allowed: Array) -> Array | None:
         """The joint positions (K, n) on a move beside places, if those are kept.
@@ -155,18 +199,15 @@ class Fits:
         """
         if self._held[places[0] // 2 + 1 : places[-1] // 2].any():
             return None
-        R, p = (each[places] for each in self._poses)
-        times, tolerances = self._times[places], self._tolerances
-        paced = (times - times[0]) / (times[-1] - times[0])
-        share = move.share(p) if move.length > tolerances.position else paced
+        times, paced = self._times[places], self._paced(places)
+        p = self._poses.positions[places]
+        share = move.share(p) if move.length > self._tolerances.position else paced
         longer = times[-1] - times[0] > self._dialect.period
         if longer and np.abs(share - paced).max() > _PACE:
             return None
         line = move.at(share)
         for turned in (line.rotations, *self._swung(move, share)):
-            _, error = resolved_twist_error(turned, line.positions, R, p, self._projector)
-            linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(error, 2))
-            if not tolerances.met(linear / allowed, angular / allowed).all():
+            if not self._within(Poses(turned, line.positions), places, allowed):
                 return None
         near, on = self._q[places], list(self._tool.external)
         near[:, on] = near[0, on] + share[:, None] * (near[-1, on] - near[0, on])
@@ -204,24 +245,30 @@ def _on_circle(positions: Array, near: Array) -> Array:
     return found
 
 
-def farthest(fits: Fits, rules: Sequence[Turning]) -> tuple[list[Point], list[FittedMove | None]]:
-    """The points, and the moves between them; ``None``: a joint move.
+def farthest(fits: Fits, rules: Sequence[Turning]) -> tuple[list[Point], list[FittedMove]]:
+    """The points, and the moves between them.
 
     From each row the move is the farthest. A circle, which has two points, has to lead farther than
-    two such straight moves. Where the joints do not follow, it leads half as far.
+    two such straight moves. Where the joints do not follow within their limits, it leads half as
+    far; where they do not follow at all, and between the waypoints of the task's joint moves, a
+    joint move is next.
     """
-    points, moves = [fits.point(0)], list[FittedMove | None]()
+    points, moves = [fits.point(0)], list[FittedMove]()
     while (begin := points[-1]).row < fits.last:
-        ends = np.flatnonzero(fits.on_joint_moves[begin.row + 1 :])
-        most = begin.row + int(ends[0]) if len(ends) else fits.last  # before the next joint move
-        best = _reach(fits, partial(fits.straight, begin), begin, 1, most)
+        of_task = fits.on_joint_moves[begin.row + 1 :]
+        ends = np.flatnonzero(of_task != of_task[0])
+        most = begin.row + int(ends[0]) if len(ends) else fits.last  # as far as it is one or not
+        straight = partial(fits.straight, begin)
+        best = None if of_task[0] else _reach(fits, straight, begin, 1, most)
         least = 1 + 2 * (best.end.row - begin.row if best else 1)
-        for rule in rules:
+        for rule in () if of_task[0] else rules:
             found = _reach(fits, partial(fits.circle, begin, rule=rule), begin, least, most)
             if found is not None and (best is None or found.end.row > best.end.row):
                 best = found
+        best = best or _reach(fits, partial(fits.joints, begin), begin, 1, most)
+        assert best is not None  # to the next row
         moves.append(best)
-        points.append(best.end if best else fits.point(begin.row + 1))
+        points.append(best.end)
     return points, moves
 
 
@@ -238,10 +285,10 @@ def _reach(
             good, step, found = end, 2 * step, move
         else:
             bad, step = end, max(1, (end - good) // 2)
-    while found is not None and not fits.follows(found, begin):
+    while found is not None and (followed := fits.followed(found, begin)) is None:
         good = begin.row + (good - begin.row) // 2
         found = of(good) if good >= begin.row + least else None
-    return found
+    return None if found is None else followed
 
 
 def _on_joint_moves(rows: TimedPath, path_task: PathTask) -> Mask:

@@ -57,7 +57,9 @@ class StraightMoves(NamedTuple):
             where a joint move begins or ends, (N,).
         shares: Of ``halves`` what may be rounded, so that the tool is within a quarter of the
             tolerances; 0: the robot stops there, (N,).
-        moves: The moves, straight ones in place of joint moves, N − 1.
+        moves: The moves, N − 1.
+        instead: How many joint moves are where a straight one would lead the joints through a
+            singularity or beyond their limits.
     """
 
     rows: TimedPath
@@ -65,6 +67,7 @@ class StraightMoves(NamedTuple):
     halves: Array
     shares: Array
     moves: tuple[FittedMove, ...]
+    instead: int = 0
 
 
 class LinearMotion(NamedTuple):
@@ -322,28 +325,26 @@ def straight_moves(
     Greedily, each move leads to the farthest row such that the tool is within a fifth of the
     tolerances of where it was planned, in the directions of the task, and the joints remain beside
     those planned: straight or, with ``circles`` and where the arm alone moves the tool, on a
-    circle, within a half. Where no such move does, and between the waypoints of the task's joint
-    moves, a joint move leads to the next row. Rows that are ``held`` (N,) are points.
+    circle, within a half. Where the joints do not follow such a move, or not within their limits
+    of speed and acceleration in the planned time, and between the waypoints of the task's joint
+    moves, a joint move does. Rows that are ``held`` (N,) are points.
     """
     fits = Fits(rows, path_task, tool, held, dialect=dialect)
     rules = dialect.circles if circles and not (tool.external or tool.part) else ()
     points, moves = farthest(fits, rules)
     assert rows.times is not None
     kept = [point.row for point in points]
-    q = rows.q[kept]
-    q[:, [rows.joint_names.index(name) for name in tool.names]] = [point.q for point in points]
-    found = replace(rows, q=q, times=rows.times[kept], velocities=None, accelerations=None)
-    straight = np.array([each is not None for each in moves])
-    fitted = tuple(
-        each or FittedMove(ToolMove.between(begin.pose, end.pose), end)
-        for each, (begin, end) in zip(moves, itertools.pairwise(points), strict=True)
-    )
-    passed = np.concatenate([[False], straight[:-1] & straight[1:], [False]])
     own = np.array([point.q for point in points])
-    corners = Corners.of(tool, own, [each.move for each in fitted])
+    q = rows.q[kept]
+    q[:, [rows.joint_names.index(name) for name in tool.names]] = own
+    found = replace(rows, q=q, times=rows.times[kept], velocities=None, accelerations=None)
+    straight = np.array([not each.of_joints for each in moves])
+    passed = np.concatenate([[False], straight[:-1] == straight[1:], [False]])
+    corners = Corners.of(tool, own, [None if each.of_joints else each.move for each in moves])
     shares = rounded_shares(corners, fits.projector, path_task.tolerances, dialect.zone)
+    instead = int((~straight & ~fits.on_joint_moves[kept[1:]]).sum())
     return StraightMoves(
-        found, straight, np.pad(corners.halves, 1) * passed, shares * passed, fitted
+        found, straight, np.pad(corners.halves, 1) * passed, shares * passed, tuple(moves), instead
     )
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -54,6 +55,7 @@ from qp_twist.trajectories.linear_moves import (
 )
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
+from qp_twist.trajectories.within_limits import JointLimits, Way, within_limits
 
 _ADVICE = (
     "Give its name (--robot), a table of your own (--robot FILE.toml), or, if the controller's "
@@ -209,22 +211,11 @@ def encode(
     """
     dialect.check_name(name)
     check_language(dialect, joints)
-    spacing, line, original = "", None, rows
     around = {} if path_task is None else around_rows(rows, path_task)
     held = np.isin(np.arange(len(rows.q)), list(around))
-    if linear is not None:
-        line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
-        rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
-    kept = np.arange(len(rows.q))
-    if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
-        of = None if line is not None else path_task  # straight moves keep their points
-        rows, left_out, longer, kept = spaced(rows, dialect.period, of, held)
-        if left_out or longer:
-            spacing = (
-                f"{left_out} rows left out, {longer} moves longer: none is below the controller's "
-                f"{1e3 * dialect.period:g} ms"
-            )
-    rows = rows.of_joints(joints.joint_names)
+    kept = _kept(rows, dialect, joints, path_task, held, linear)
+    task = str(rows.metadata.get("task", ""))
+    rows, line, remarks = kept.rows.of_joints(joints.joint_names), kept.line, list(kept.remarks)
     if outside := joints.outside(rows.q):
         raise InvalidInput(f"{outside}; the robot cannot go there.")
     scale = joints.scale(dialect.unit)
@@ -235,25 +226,74 @@ def encode(
         raise InvalidInput("the trajectory has one row; a program needs two or more.")
     columns = zip(names[AXES:], joints.external, strict=True)
     external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
-    shown = scale * joints.shown(rows.q)
-    planned = JointMoves(shown, durations, velocities, external=external)
-    if line is None and path_task is not None and joints.tool is not None:
-        own = rows.of_joints(joints.tool.names).q
-        corners = Corners.of(joints.tool, own, [None] * (len(own) - 1))
+    planned = JointMoves(scale * joints.shown(rows.q), durations, velocities, external=external)
+
+    def written(planned: JointMoves) -> JointMoves:
+        moves = printed(planned, dialect)
+        if line is None or linear is None:
+            return moves
+        return linear.moves(moves, planned, line, joints, dialect)
+
+    moves, longer = _timed(planned, written, kept, dialect, joints, path_task)
+    if longer > 0.0:
+        remarks.append(f"{longer:.3f} s longer, so that joints keep their limits")
+    moves = _with_around(moves, {int(np.searchsorted(kept.at, k)): v for k, v in around.items()})
+    # In characters that every controller reads, and on one line.
+    task = " ".join("".join(c if " " <= c <= "~" else "?" for c in task).split())[:60]
+    equations = joints.equations(names)
+    lines = header_lines(dialect, moves, joints.robot, equations, task, "; ".join(remarks))
+    return dialect.encode(name, moves, lines)
+
+
+class _Kept(NamedTuple):
+    """The rows that become points, straight moves between them, where they were, and remarks."""
+
+    rows: TimedPath
+    line: StraightMoves | None
+    at: Indices
+    remarks: Sequence[str]
+
+
+def _kept(
+    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
+    held: Mask, linear: LinearMotion | None,
+) -> _Kept:  # fmt: skip
+    """The rows that become points, ``held`` ones among them, no closer than a period."""
+    remarks, line, original, at = list[str](), None, rows, np.arange(len(rows.q))
+    if linear is not None:
+        line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
+        rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
+        at = np.searchsorted(original.motion.times, rows.motion.times)
+        if line.instead:
+            remarks.append(f"{line.instead} joint moves where the joints do not follow a straight "
+                           "one, or not within their limits")  # fmt: skip
+    if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
+        of = None if line is not None else path_task  # straight moves keep their points
+        rows, left_out, longer, left = spaced(rows, dialect.period, of, held)
+        at = at[left]
+        if left_out or longer:
+            remarks.append(f"{left_out} rows left out, {longer} moves longer: none is below the "
+                           f"controller's {1e3 * dialect.period:g} ms")  # fmt: skip
+    return _Kept(rows, line, at, remarks)
+
+
+def _timed(
+    planned: JointMoves, written: Callable[[JointMoves], JointMoves], kept: _Kept,
+    dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
+) -> tuple[JointMoves, float]:  # fmt: skip
+    """The moves as written, and by how much they are longer, s, so that joints keep limits."""
+    if path_task is None or joints.tool is None or planned.durations is None:
+        return written(planned), 0.0
+    q, line = kept.rows.of_joints(joints.tool.names).q, kept.line
+    if line is None:
+        corners = Corners.of(joints.tool, q, [None] * (len(q) - 1))
         within = task_rows(path_task), path_task.tolerances
         planned = replace(planned, shares=rounded_shares(corners, *within, dialect.zone))
-    moves = printed(planned, dialect)
-    if line is not None and linear is not None:
-        moves = linear.moves(moves, planned, line, joints, dialect)
-    if line is not None:  # with times of the rows that are kept
-        kept = np.searchsorted(original.motion.times, line.rows.motion.times)
-    moves = _with_around(moves, {int(np.searchsorted(kept, k)): v for k, v in around.items()})
-    # In characters that every controller reads, and on one line.
-    task = "".join(c if " " <= c <= "~" else "?" for c in str(rows.metadata.get("task", "")))
-    equations = joints.equations(names)
-    task = " ".join(task.split())[:60]
-    lines = header_lines(dialect, moves, joints.robot, equations, task, spacing)
-    return dialect.encode(name, moves, lines)
+        if dialect.cubic and planned.velocities is not None:
+            return written(planned), 0.0
+    ways = [Way.to(each) for each in q[1:]] if line is None else [each.way for each in line.moves]
+    limits = JointLimits.of(path_task, joints.tool.names)
+    return within_limits(planned, q[0], ways, limits, written)
 
 
 def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> JointMoves:

@@ -1,0 +1,67 @@
+"""Programs keep the joints' limits where straight moves lead past a nearly straight wrist."""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.program_cells import POSTURES, Job, job_of
+from oracles.program_simulator import Controller, Motion, read
+
+from qp_twist.trajectories import write_checked
+from qp_twist.trajectories.linear_moves import LinearMotion
+
+Array = np.ndarray
+LIMIT = 10.0
+"""rad/s²."""
+LINEAR = LinearMotion()
+CASES = {"ABB IRB 120": 2.0, "KUKA KR 16-2": 6.0, "Fanuc M-16iB/20": 2.0,
+         "Universal Robots UR5e": 6.0}  # fmt: skip
+"""Robots, and the angle of axis 5 where the path begins, degrees."""
+
+
+@pytest.fixture(scope="module", params=CASES)
+def job(request: pytest.FixtureRequest) -> Job:
+    with pytest.MonkeyPatch.context() as patch:
+        maker = request.param.split()[0]
+        posture = [*POSTURES[maker]]
+        posture[4] = CASES[request.param]
+        patch.setitem(POSTURES, maker, tuple(posture))
+        return job_of(request.param, length=0.1, count=51, acceleration=LIMIT)
+
+
+def accelerations(motion: Motion) -> float:
+    """The largest of a joint: on moves over 8 ms, and of ramps over half of both moves."""
+    found, slopes, spans = [0.0], [], []
+    for first, last in pairwise(motion.corners):
+        count = 1 + max(1, (last - first) // 8)
+        times = np.linspace(motion.times[first], motion.times[last], count)
+        columns = motion.q[first : last + 1].T
+        q = np.array([np.interp(times, motion.times[first : last + 1], each) for each in columns])
+        v = np.diff(q) / np.diff(times)
+        slopes.append((v[:, 0], v[:, -1]))
+        spans.append(times[-1] - times[0])
+        if v.shape[1] > 1:
+            found.append(float((np.abs(np.diff(v)) / (times[1] - times[0])).max()))
+    for k, (one, other) in enumerate(pairwise(spans)):
+        changed = np.abs(slopes[k + 1][0] - slopes[k][1])
+        found.append(float(changed.max()) / (0.5 * (one + other)))
+    return max(found)
+
+
+@pytest.mark.parametrize("linear", [None, LINEAR])
+def test_no_joint_exceeds_its_limits(job: Job, linear: LinearMotion | None, tmp_path: Path) -> None:
+    path = tmp_path / f"wave{job.suffix}"
+    check, written = write_checked(job.rows, path, job.task, job.joints, linear=linear)
+    assert written and check.passes, check.verdict
+    text = path.read_text()
+    motion = Controller(job.cell, read(text, job.suffix)).run()
+    rates = np.abs(np.diff(motion.q, axis=0)) / np.diff(motion.times)[:, None]
+    assert (rates <= job.limits).all()
+    assert accelerations(motion) <= 1.05 * LIMIT
+    if linear and job.suffix == ".ls":  # says how many of its moves are not straight, and why
+        said = re.search(r"(\d+) joint moves where the joints", "; ".join(check.notes))
+        assert said and int(said[1]) == len(re.findall(r":J P\[", text)) - 1
