@@ -27,6 +27,7 @@ from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.preferred_nodes import with_preferred
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
+from qp_twist.planning.single_steps import impossible_step
 from qp_twist.planning.smooth import ITERATIONS, smooth
 
 Slower = Callable[[float], PathConstraints]
@@ -71,12 +72,16 @@ class SearchResult:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What a level has led to: a path, with the value of the grid's, or why there is none."""
+    """What a level has led to: a path, with the value of the grid's, or why there is none.
+
+    ``ends``: no finer grid has one either.
+    """
 
     level: Level
     certificate: Certificate
     path: JudgedPath | None = None
     of_grid: float = np.nan
+    ends: bool = False
 
 
 class PlanSearch:
@@ -105,8 +110,7 @@ class PlanSearch:
         see whether its speed alone prevents a motion.
         """
         self.problem, self.runs, self.slower, self.progress = problem, runs, slower, progress
-        self.levels = Levels(problem.free, progress)
-        self._kept = KeptPaths(problem)
+        self.levels, self._kept = Levels(problem.free, progress), KeptPaths(problem)
         #: The last level without gaps.
         self._level: Level | None = None
         #: First and last waypoints of stretches that no path passes on a coarser grid.
@@ -175,13 +179,12 @@ class PlanSearch:
         if certificate is not None:
             return SearchResult(None, certificate)
         best: JudgedPath | None = None
-        if problem.start is not None:
-            for trial in self._tried(problem, problem.start):
-                best = self._kept.better(best, trial)
+        for trial in () if problem.start is None else self._tried(problem, problem.start):
+            best = self._kept.better(best, trial)
         for stage in (COARSE, *STAGES) if problem.freedom >= COVERED else STAGES:
             found = self._stage(problem, stage, best)
             best = self._kept.better(best, found.path)
-            if found.path is not None and not _is_long_detour(problem, found):
+            if found.ends or (found.path is not None and not _is_long_detour(problem, found)):
                 break
             if best is None and found.level.has_gaps:
                 # Layers that are empty on the finest grid are empty on any grid: stop here.
@@ -236,6 +239,9 @@ class PlanSearch:
             soon = coarse and problem.freedom < COVERED  # layers are made in less time
             found = self._smooth(problem, path, only_near=soon)
             if not found.feasible and coarse:
+                why = impossible_step(problem, found.q, self.progress) if best is None else None
+                if why is not None:
+                    return _Found(level, why, ends=True)
                 found = self._mended(problem, found) or found
             if found.feasible:
                 return _Found(level, Certificate("path", level.grid), found, of_grid)
@@ -286,8 +292,7 @@ class PlanSearch:
                 return layer
             return layer.emptied(forbidding_bands(layer.q, problem.rows.hard, index)[0])
 
-        layers = list(map(cleared, level.layers, level.waypoints))
-        without = replace(level, layers=layers)
+        without = replace(level, layers=list(map(cleared, level.layers, level.waypoints)))
         if without.has_gaps:
             return _Found(without, empty_layers(without, covered))
         return _Found(level, ended_path(problem, level, way, covered))
