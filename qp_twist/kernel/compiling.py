@@ -26,9 +26,11 @@ import numba
 import numpy as np
 from llvmlite.binding import parse_assembly
 from numba import njit, typeof
-from numba.core import types
+from numba.core import typed_passes, types, untyped_passes
 from numba.core.caching import CompileResultCacheImpl
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
+from numba.core.compiler_machinery import PassManager
 from numba.core.serialize import dumps
 
 try:
@@ -76,6 +78,35 @@ def _resolve(function: Any, context: Any, arguments: Any, names: Any) -> Any:
     if key not in _resolved:
         _resolved[key] = _ask_templates(function, context, arguments, names)
     return _resolved[key]
+
+
+_UNUSED = {
+    untyped_passes.WithLifting,
+    untyped_passes.InlineClosureLikes,
+    untyped_passes.MakeFunctionToJitFunction,
+    untyped_passes.RewriteDynamicRaises,
+    untyped_passes.InlineInlinables,
+    untyped_passes.FindLiterallyCalls,
+    untyped_passes.LiteralUnroll,
+    untyped_passes.LiteralPropagationSubPipelinePass,
+    typed_passes.InlineOverloads,
+}
+"""Passes of numba's compiler for what kernels do not have: ``with``, closures, exceptions, literal
+arguments, and functions to inline in Python."""
+_OF_ARRAYS = {typed_passes.NopythonRewrites}
+"""The pass for expressions of whole arrays, whose results are allocated."""
+
+
+class _Passes(CompilerBase):
+    """numba's compiler without the passes that a kernel has no use for: a tenth of its time."""
+
+    def define_pipelines(self) -> list[Any]:
+        unused = _UNUSED if self.state.flags.nrt else _UNUSED | _OF_ARRAYS
+        usual = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        needed: Any = PassManager(usual.pipeline_name)
+        needed.passes = [each for each in usual.passes if each[0] not in unused]
+        needed.finalize()
+        return [needed]
 
 
 class _Call(NamedTuple):
@@ -224,6 +255,7 @@ class _Kept:
 def _by_numba(*, apart: bool = False, **options: Any) -> Any:
     def compiled(function: Any) -> Any:
         settings: Any = {"error_model": "numpy", "nogil": True, "fastmath": _REORDERED} | options
+        settings["pipeline_class"] = _Passes
         dispatcher: Any = njit(**settings)(function)
         dispatcher._cache = _Kept(function, apart=apart)
         compile_, template = dispatcher.compile, dispatcher.get_call_template

@@ -113,7 +113,8 @@ def directions(A, b, ahead, stated, size, dt, singularity, damp):
     for i in range(m):
         if d.square[i] <= DEPENDENT * DEPENDENT * largest:  # rounding
             d.square[i] = 0.0
-            d.rows[i, :] = 0.0
+            for k in range(d.rows.shape[1]):
+                d.rows[i, k] = 0.0
         square = d.square[i]
         smallest = min(smallest, square)
         weak = max(0.0, 1.0 - square / (first * first)) ** 3 * d.rate[i] if first > 0.0 else 0.0

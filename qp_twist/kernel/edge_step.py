@@ -146,7 +146,9 @@ def edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible):
     if closest and s.settings.smooth > 0.0:
         return REFUSED
     if closest:
-        found = Result(OPTIMAL, np.zeros(len(s.x)), s.b.copy(), s.g * 0.0, np.zeros(len(s.x)))
+        found = Result(
+            OPTIMAL, np.zeros(len(s.x)), s.b.copy(), np.zeros(len(s.g)), np.zeros(len(s.x))
+        )
         for i in range(len(s.x)):
             found.x[i] = min(max(0.0, s.lower[i]), s.upper[i])
     put(found.x[: len(s.x)], s.x)

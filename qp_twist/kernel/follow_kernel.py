@@ -10,6 +10,7 @@ import numpy.typing as npt
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import WINDOW, bounds
 from qp_twist.kernel.compiling import inner, kernel, plain
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.path_kernel import Rows
 from qp_twist.kernel.step_kernel import step_on_rows
 from qp_twist.kernel.step_record import DONE, read_step
@@ -134,7 +135,7 @@ def follow(arm, method, path, moves, first, q, iterations, errors, found, ends):
     J, free = np.zeros((6, nv)), np.zeros((0, nv))
     for run in range(len(q)):
         ends[run] = first
-        there[:] = q[run, first - 1]
+        put(q[run, first - 1], there)
         for at in range(first - 1, q.shape[1]):
             _move(moves[run], path.rows.targets[at], target)
             if at >= first:
@@ -142,7 +143,7 @@ def follow(arm, method, path, moves, first, q, iterations, errors, found, ends):
                 if taken < 0:
                     break
                 iterations[run, at], ends[run] = taken, at + 1
-                q[run, at] = there
+                put(there, q[run, at])
             pose_and_jacobian(arm, there, pose, J)
             errors[run, at, 0], errors[run, at, 1] = twist_rows(
                 seen.kinds[seen.which[at]], seen.shapes[seen.which[at]], pose, target, J, 1.0,

@@ -196,19 +196,22 @@ def _hold(
         if not multiplier > negligible:
             continue
         if which < k:
-            E[held], e[held] = G[which], g[which]
+            put(G[which], E[held])
+            e[held] = g[which]
             if not gave_way:
                 named.lam[which] = multiplier
         else:
             dof, is_upper = (which - k) % n, which >= k + n
-            E[held, :], E[held, dof] = 0.0, 1.0
+            for i in range(n):
+                E[held, i] = 1.0 if i == dof else 0.0
             e[held] = upper[dof] if is_upper else lower[dof]
             low[dof] = high[dof] = e[held]
             if not gave_way:
                 named.box[dof] = multiplier if is_upper else -multiplier
         held += 1
     for row in range(len(A)):
-        E[held], e[held] = A[row], 0.0
+        put(A[row], E[held])
+        e[held] = 0.0
         for i in range(n):
             e[held] += A[row, i] * x[i]
         held += 1

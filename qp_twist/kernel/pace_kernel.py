@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 
 from qp_twist.kernel.compiling import kernel
+from qp_twist.kernel.copying import put
 
 _SWEEPS = 300
 """Largest number of sweeps that lower paces; on the shipped paths, two do."""
@@ -154,4 +155,4 @@ def fastest_paces(h, D, most, room, rests, pace):
             _raise(h, D, most, room, rests, trial)
             if _seconds(h, trial) > (1.0 - _PUMPED) * _seconds(h, pace):
                 break
-            pace[:] = trial
+            put(trial, pace)

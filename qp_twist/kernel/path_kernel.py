@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.compiling import kernel
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.dual_active_set import cholesky, cholesky_solve
 from qp_twist.kernel.null_space import null_space, row_space
 from qp_twist.kernel.twist_rows import twist_rows
@@ -149,11 +150,11 @@ def _newton(arm, rows, couplings, at, q, settings, w):
             return True
         if size < least:
             least = size
-            nearest[:] = q
-        q[:] = _towards(q, _shortest(A, b, rounding, _WILD), longest)
+            put(q, nearest)
+        put(_towards(q, _shortest(A, b, rounding, _WILD), longest), q)
     if least > near:
         return False
-    q[:] = nearest
+    put(nearest, q)
     return _least_errors(arm, rows, couplings, at, q, settings, w)
 
 
@@ -171,7 +172,7 @@ def _least_errors(arm, rows, couplings, at, q, settings, w):
         there = _towards(q, _shortest(A, b, damping, math.inf), longest)
         gained = before - _length(rows_at(arm, rows, couplings, at, there, w)[1])
         if gained > 0.0:
-            q[:] = there
+            put(there, q)
             damping = max(0.1 * damping, _LEAST_DAMPING)
             if gained <= _SETTLED * before:
                 break
@@ -237,7 +238,7 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
         if _newton(arm, rows, couplings, at, there, settings, w):
             gained = _centring(q, weight, middle) - _centring(there, weight, middle)
         if gained > 0.0:
-            q[:] = there
+            put(there, q)
         elif gained < 0.0:
             share *= 0.4
         if not (expected > settled and share > 0.01):

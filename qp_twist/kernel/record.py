@@ -178,7 +178,7 @@ def _field(context: Any, builder: Any, kind: Any, value: Any, name: str) -> Any:
 def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -> Any:
     """An array of type ``kind`` at an address; it does not own the memory."""
     word = context.get_value_type(types.intp)
-    size = word(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    size = word(kind.dtype.bitwidth // 8)
     strides = [size]
     for length in reversed(lengths[1:]):
         strides.insert(0, builder.mul(strides[0], length))
