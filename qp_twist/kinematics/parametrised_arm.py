@@ -11,7 +11,6 @@ import numpy as np
 from qp_twist.checks import Array
 from qp_twist.geometry import rotate
 from qp_twist.kinematics import offset_wrist, spherical_wrist
-from qp_twist.kinematics.branch_correction import corrected
 from qp_twist.kinematics.serial_chain import SerialChain
 from qp_twist.kinematics.subproblems import NEARLY, Axes
 
@@ -154,6 +153,8 @@ class ParametrisedArm:
         q[~np.isfinite(angles).all(axis=0)] = np.nan
         if self._wrist is offset_wrist and self._kind != offset_wrist.NEARLY_PLANAR:
             moving = [self.chain.screws[k].dof for k in self.solved]
+            from qp_twist.kinematics.branch_correction import corrected  # with numba: 0.2 s
+
             return corrected(self.chain, moving, q, rotations, positions)
         return q
 

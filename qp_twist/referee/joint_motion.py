@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -274,13 +274,17 @@ def _zeros(curve: Array) -> Array:
         pairs = (half, bend), (curve[0], half)
         found = [np.divide(a, b, out=np.zeros_like(a), where=b != 0.0) for a, b in pairs]
         return np.asarray(np.clip(found, 0.0, 1.0))
-    inner = np.sort(_zeros(np.diff(curve, axis=0)), axis=0)
-    low = np.concatenate([np.zeros((1, *curve.shape[1:])), inner])
-    high = np.concatenate([inner, np.ones((1, *curve.shape[1:]))])
-    rising = np.array([_value(curve, u) for u in low]) < 0.0
+    ends = np.zeros((degree + 1, *curve.shape[1:]))
+    ends[1:-1] = np.sort(_zeros(np.diff(curve, axis=0)), axis=0)
+    ends[-1] = 1.0
+    below = np.array([_value(curve, u) for u in ends]) < 0.0
+    changes: Any = np.nonzero(below[:-1] != below[1:])  # few of the spans: only these are halved
+    low, high, rising = ends[:-1][changes], ends[1:][changes], below[:-1][changes]
+    curve = curve[(slice(None), *changes[1:])]
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        below = np.array([_value(curve, u) for u in middle]) < 0.0
-        low, high = np.where(below == rising, middle, low), np.where(below == rising, high, middle)
-    places: Array = 0.5 * (low + high)
+        near = (_value(curve, middle) < 0.0) == rising
+        low, high = np.where(near, middle, low), np.where(near, high, middle)
+    places: Array = ends[:-1]
+    places[changes] = 0.5 * (low + high)
     return places
