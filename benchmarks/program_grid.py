@@ -5,17 +5,24 @@ directions along a wave of 200 by 20 mm at 0.1 m/s, by joint moves and by straig
 and a kinematics of the tests' own (``tests/oracles/program_simulator.py``) move the robot as the
 language says; it fails if a joint steps by more than 0.5° in a millisecond, or does not arrive with
 the configuration that the program states.
+
+Points and times say nothing of accelerations between them. They are judged on a smooth curve
+through the points at the program's times, scipy's spline of degree five, at rest where the program
+stops; those of the motion file, from which the program is made, on its own polynomials.
+Limits are the data sheet's speeds, full speed within 0.25 s and full acceleration within 50 ms.
 """
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from pathlib import Path
 
 import numpy as np
 from oracles.data_sheets import SHEETS, data_of
 from oracles.program_cells import LENGTH, Job, job_of, measured
-from oracles.program_simulator import Controller, read
+from oracles.program_simulator import Controller, Motion, Move, read
+from scipy.interpolate import BPoly, BSpline, make_interp_spline
 
 from qp_twist.errors import InvalidInput
 from qp_twist.trajectories import write_checked
@@ -35,22 +42,28 @@ ROBOTS = (
 
 
 MOTIONS = ("joint", "joints", "poses")
+HEADINGS = (
+    "points per m", "off the path, mm", "axis, °", "speed, %", "acceleration, %", "jerk, %",
+)  # fmt: skip
 
 
 def grid() -> None:
     """Print the table; in each cell joint moves, straight ones to joints, and to poses."""
-    print("| robot | | points per m | off the path, mm | axis, ° | speed, % of limits |")
-    print("| :-- | :-- | :-- | :-- | :-- | :-- |")
+    print(f"| robot | | {' | '.join(HEADINGS)} | of the file: acceleration, jerk, % |")
+    print("| :-- | :-- | :-- | :-- | :-- | :-- | :-- | :-- | :-- |")
     with tempfile.TemporaryDirectory() as folder:
         for name, extra in ROBOTS:
             job = job_of(name, extra)
             cells = zip(
                 *(cell(job, extra, motion, Path(folder)) for motion in MOTIONS), strict=True
             )
-            print(f"| {name} | {extra} | {' | '.join(map(' / '.join, cells))} |", flush=True)
+            own = " / ".join(f"{100.0 * share:.0f}" for share in of_file(job))
+            print(
+                f"| {name} | {extra} | {' | '.join(map(' / '.join, cells))} | {own} |", flush=True
+            )
 
 
-def cell(job: Job, extra: str, motion: str, folder: Path) -> tuple[str, str, str, str]:
+def cell(job: Job, extra: str, motion: str, folder: Path) -> tuple[str, ...]:
     """Figures of a program; ``motion``: ``"joint"``, or the points of straight moves."""
     path, name = folder / f"wave{job.suffix}", job.cell.name
     by_value = not extra and name in SHEETS  # whose flange the test knows
@@ -61,7 +74,7 @@ def cell(job: Job, extra: str, motion: str, folder: Path) -> tuple[str, str, str
         check, written = write_checked(job.rows, path, job.task, job.joints, linear=linear)
     except InvalidInput as refusal:
         assert "not written in" in str(refusal) or job.suffix == ".script", refusal
-        return ("–",) * 4
+        return ("–",) * len(HEADINGS)
     assert written, check.verdict
     program = read(path.read_text(), job.suffix)
     motion_of = Controller(job.cell, program).run()
@@ -71,7 +84,42 @@ def cell(job: Job, extra: str, motion: str, folder: Path) -> tuple[str, str, str
         known = move.data and name in SHEETS
         assert not known or data_of(name, theta) == move.data, "another configuration"
     found = measured(job, motion_of)
+    acceleration, jerk = through_points(job, motion_of, program.moves)
     return (
         f"{len(program.moves) / LENGTH:.0f}", f"{1e3 * found.off_path:.3f}",
         f"{np.degrees(found.off_axis):.4f}", f"{100.0 * found.speed:.0f}",
+        f"{100.0 * acceleration:.0f}", f"{100.0 * jerk:.0f}",
     )  # fmt: skip
+
+
+def through_points(job: Job, motion: Motion, moves: list[Move]) -> tuple[float, float]:
+    """Largest shares of the limits of acceleration and jerk on splines through the points."""
+    at, found = np.array(motion.corners), list[tuple[float, float]]()
+    rest = [(order, np.zeros(motion.q.shape[1])) for order in (1, 2)]
+    through = [move.zone * move.share > 0.0 or move.rates is not None for move in moves]
+    if job.suffix == ".src":  # one spline through the points of all joint moves
+        through = [passed or not move.straight for passed, move in zip(through, moves, strict=True)]
+    stops = np.flatnonzero(~np.array(through)).tolist()
+    for first, last in itertools.pairwise(sorted({0, *stops, len(moves) - 1})):
+        points = at[first : last + 1]
+        spline = make_interp_spline(motion.times[points], motion.q[points], 5, bc_type=(rest, rest))
+        found.append(_used(job, spline, *motion.times[points[[0, -1]]]))
+    acceleration, jerk = np.max(found, axis=0)
+    return acceleration, jerk
+
+
+def of_file(job: Job) -> tuple[float, float]:
+    """Those of the motion that the program is made from."""
+    rows = job.rows
+    of = zip(rows.q, rows.velocities, rows.accelerations, strict=True)  # type: ignore[arg-type]
+    return _used(job, BPoly.from_derivatives(rows.times, list(of)), 0.0, rows.times[-1])  # type: ignore[index, arg-type]
+
+
+def _used(job: Job, curve: BPoly | BSpline, begin: float, end: float) -> tuple[float, float]:
+    """Largest shares of the limits of acceleration and jerk at 1 ms."""
+    times, limits = np.arange(begin, end, 1e-3), (job.limits.acceleration, job.limits.jerk)
+    acceleration, jerk = (
+        float((np.abs(curve(times, order)) / limit).max())
+        for order, limit in zip((2, 3), limits, strict=True)
+    )
+    return acceleration, jerk

@@ -14,7 +14,6 @@ from qp_twist.cli.progress import working
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file
 from qp_twist.kinematics import JointRanges
-from qp_twist.paths import PathTask
 from qp_twist.programs import DIALECTS, Dialect, dialect_of
 from qp_twist.robots import ControllerJoints
 from qp_twist.trajectories import (
@@ -36,8 +35,6 @@ _OF_PROGRAMS = (
     "--robot, --as-modelled, --external, --motion linear and --force are for programs; a bag has "
     "the model's joints."
 )
-_MS = 3
-"""Decimals of seconds in whole milliseconds."""
 _SUFFIX = {**{name: dialect.suffix for name, dialect in DIALECTS.items()}, "mcap": ".mcap"}
 
 
@@ -124,7 +121,7 @@ def export(
     axes: list[str] = []
     if joints is not None and dialect is not None:
         axes = _say_of_program(rows, dialect, joints, written=written)
-    cli.say(*_notes(found, path_task, None if linear else dialect))
+    cli.say(*(("not checked: no task given",) if found is None else found.notes))
     if json_:
         cli.show_json(_facts(out, written, joints, axes, found))
     if found is not None:
@@ -158,24 +155,6 @@ def _facts(
         "axes": axes,
         "check": None if found is None else found.to_dict(),
     }
-
-
-def _notes(found: Check | None, path_task: PathTask | None, of_joints: Dialect | None) -> list[str]:
-    """The notes of the check; before them what whole milliseconds make of a constant speed.
-
-    ``of_joints``: the language of joint moves. LS has nothing finer for them: tenths of a second,
-    or whole percents of the largest speed of the slowest axis.
-    """
-    if found is None or path_task is None:
-        return ["not checked: no task given"]
-    constant = found.speed if path_task.constant_speed else None
-    if constant is None or of_joints is None or of_joints.time_decimals > _MS:
-        return [*found.notes]
-    return [
-        f"{constant.at_speed:.1%} of the path at its speed, since joint moves have times in whole "
-        "milliseconds; straight moves state the speed of the tool (--motion linear)",
-        *found.notes,
-    ]
 
 
 def _linear(

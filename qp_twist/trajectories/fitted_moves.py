@@ -83,7 +83,7 @@ class Fits:
 
         Where the dialect has ``two_angles`` a move has to keep them, too, if a controller swings an
         axis of the tool, whichever it is, and turns about it at once. Within its period no speed
-        changes.
+        changes: the shortest move that is not below it may lead through a ramp.
         """
         self._tool, self._dialect, own = tool, dialect, rows.of_joints(tool.names)
         times = own.motion.times
@@ -202,7 +202,7 @@ class Fits:
         times, paced = self._times[places], self._paced(places)
         p = self._poses.positions[places]
         share = move.share(p) if move.length > self._tolerances.position else paced
-        longer = times[-1] - times[0] > self._dialect.period
+        longer = self._times[places[-1] - 2] - times[0] > self._dialect.period
         if longer and np.abs(share - paced).max() > _PACE:
             return None
         line = move.at(share)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask
+from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -215,7 +215,8 @@ def encode(
     held = np.isin(np.arange(len(rows.q)), list(around))
     kept = _kept(rows, dialect, joints, path_task, held, linear)
     task = str(rows.metadata.get("task", ""))
-    rows, line, remarks = kept.rows.of_joints(joints.joint_names), kept.line, list(kept.remarks)
+    original, line, remarks = rows, kept.line, list(kept.remarks)
+    rows = kept.rows.of_joints(joints.joint_names)
     if outside := joints.outside(rows.q):
         raise InvalidInput(f"{outside}; the robot cannot go there.")
     scale = joints.scale(dialect.unit)
@@ -235,6 +236,11 @@ def encode(
         return linear.moves(moves, planned, line, joints, dialect)
 
     moves, longer = _timed(planned, written, kept, dialect, joints, path_task)
+    if any(moves.circles) and line is not None and linear is not None:
+        assert moves.shares is not None
+        if ((moves.shares == 0.0) & (line.shares > 0.0)).any():  # the robot would stop beside one
+            plain = linear._replace(circles=False)
+            return encode(original, dialect, joints, name, path_task, plain)
     if longer > 0.0:
         remarks.append(f"{longer:.3f} s longer, so that joints keep their limits")
     moves = _with_around(moves, {int(np.searchsorted(kept.at, k)): v for k, v in around.items()})
@@ -246,11 +252,11 @@ def encode(
 
 
 class _Kept(NamedTuple):
-    """The rows that become points, straight moves between them, where they were, and remarks."""
+    """The points, straight moves between them, at or between which rows they are, and remarks."""
 
     rows: TimedPath
     line: StraightMoves | None
-    at: Indices
+    at: Array
     remarks: Sequence[str]
 
 
@@ -259,21 +265,24 @@ def _kept(
     held: Mask, linear: LinearMotion | None,
 ) -> _Kept:  # fmt: skip
     """The rows that become points, ``held`` ones among them, no closer than a period."""
-    remarks, line, original, at = list[str](), None, rows, np.arange(len(rows.q))
+    remarks, line, original, at = list[str](), None, rows, np.arange(float(len(rows.q)))
     if linear is not None:
         line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
         rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
-        at = np.searchsorted(original.motion.times, rows.motion.times)
+        at = np.searchsorted(original.motion.times, rows.motion.times).astype(float)
         if line.instead:
             remarks.append(f"{line.instead} joint moves where the joints do not follow a straight "
                            "one, or not within their limits")  # fmt: skip
     if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
         of = None if line is not None else path_task  # straight moves keep their points
-        rows, left_out, longer, left = spaced(rows, dialect.period, of, held)
-        at = at[left]
+        times, tick = rows.times, 10.0**-dialect.time_decimals
+        rows, left_out, longer, points, moved = spaced(rows, dialect.period, tick, of, held)
+        at = np.interp(points, times, at)
         if left_out or longer:
             remarks.append(f"{left_out} rows left out, {longer} moves longer: none is below the "
                            f"controller's {1e3 * dialect.period:g} ms")  # fmt: skip
+        if moved:
+            remarks.append(f"{moved} points between rows, so that times are whole {tick:g} s")
     return _Kept(rows, line, at, remarks)
 
 

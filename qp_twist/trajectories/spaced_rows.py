@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices, Mask
+from qp_twist.checks import Array, Mask
 from qp_twist.geometry import rotation_vector
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask
@@ -17,6 +17,8 @@ _SHARE = 0.2
 """Share of the tolerances by which the tool may be moved where a row is left out. Rows between
 waypoints and rounded corners use half of them; digits that are cut off, a twentieth (six angles of
 0.5e-4° at 1 m are 5 µm)."""
+_SLOWER = 0.005
+"""Share by which a rounded time may make a move slower: a tool counts as slow from 2 % on."""
 _ROUNDING = 1e-9
 """Rounding of times that are added and subtracted, s."""
 
@@ -24,74 +26,91 @@ _ROUNDING = 1e-9
 class Spaced(NamedTuple):
     """Rows in the distance of a period, how many were left out, how many moves take longer.
 
-    And the indices of the rows that are kept.
+    And the times of the planned motion at which the points are, s, and how many of these are no
+    rows.
     """
 
     rows: TimedPath
     left_out: int
     longer: int
-    kept: Indices
+    at: Array
+    moved: int
 
 
 def spaced(
-    rows: TimedPath, period: float, path_task: PathTask | None, held: Mask | None = None
+    rows: TimedPath,
+    period: float,
+    tick: float,
+    path_task: PathTask | None,
+    held: Mask | None = None,
 ) -> Spaced:
-    """The rows without those closer to each other than a period, s, as straight joint moves.
+    """Points of the motion no closer to each other than a period, s, as straight joint moves.
 
-    A row is left out if the tool stays within a fifth of the task's tolerances of where it was at
-    that time; without a task none is. A move that remains too short takes a period: slower, on the
-    same path.
+    A row is left out if the tool passes within a fifth of the task's tolerances of where it was. A
+    point is then a little behind a row, whole ticks after the one before, where a time that is
+    rounded up would make its move slower by more than 0.5 %. Without a task all rows are points. A
+    move that remains too short takes a period: slower, on the same path.
 
     Args:
         rows: With times.
         period: Of the controller, s.
+        tick: What times of the program are multiples of, s.
         path_task: The task, whose tool and tolerances count.
         held: Rows that are not left out, (N,).
     """
     held = np.zeros(len(rows.q), dtype=bool) if held is None else held
     assert rows.times is not None
-    kept: Indices = np.arange(len(rows.q))
-    if path_task is not None and (np.diff(rows.times) < period - _ROUNDING).any():
-        kept = _kept(rows, rows.times, period, path_task, held)
-    durations = np.diff(rows.times[kept])
+    at = rows.times
+    if path_task is not None:
+        at = _points(rows, period, tick, path_task, held)
+    durations = np.diff(at)
     least = np.maximum(durations, period)
-    times = rows.times[0] + np.append(0.0, np.cumsum(least))
-    found = replace(rows, q=rows.q[kept], times=times, velocities=None, accelerations=None)
     longer = int((least > durations + _ROUNDING).sum())
-    left_out = len(rows.q) - len(kept)
-    return Spaced(found if left_out or longer else rows, left_out, longer, kept)
+    moved = int((~np.isin(at, rows.times)).sum())
+    if not longer and np.array_equal(at, rows.times):
+        return Spaced(rows, 0, 0, at, 0)
+    times = rows.times[0] + np.append(0.0, np.cumsum(least))
+    found = replace(rows, q=rows.at(at).q, times=times, velocities=None, accelerations=None)
+    return Spaced(found, len(rows.q) - len(at), longer, at, moved)
 
 
-def _kept(rows: TimedPath, times: Array, period: float, path_task: PathTask, held: Mask) -> Indices:
-    """The rows that are kept, from the first on each as soon as a period after the one before."""
-    q = rows.of_joints(JointRanges.of(path_task.model).names).q
+def _points(rows: TimedPath, period: float, tick: float, path_task: PathTask, held: Mask) -> Array:
+    """The times of the points, from the first row on each as soon as a period after the last."""
+    motion = rows.of_joints(JointRanges.of(path_task.model).names).motion
+    times, tolerances = motion.times, path_task.tolerances
     chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
-    rotations, origins = chain.poses(q)
-    tolerances = path_task.tolerances
+    rotations, origins = chain.poses(motion.q)
 
-    def stays(begin: int, end: int) -> bool:
-        """Whether the tool stays if the rows between two are left out."""
-        inner = slice(begin + 1, end)
+    def stays(begin: float, end: float) -> bool:
+        """Whether the tool passes all rows between two points."""
+        inner = (times > begin + _ROUNDING) & (times < end - _ROUNDING)
         if held[inner].any():
             return False
-        share = (times[inner] - times[begin]) / (times[end] - times[begin])
-        R, p = chain.poses(q[begin] + share[:, None] * (q[end] - q[begin]))
+        q = motion.at(np.array([begin, end])).q
+        ends = chain.poses(q)[1]
+        way, passed = ends[1] - ends[0], origins[inner]
+        share = (times[inner] - begin) / (end - begin)
+        if np.linalg.norm(way) > tolerances.position:  # else it turns in place
+            share = np.clip((passed - ends[0]) @ way / (way @ way), 0.0, 1.0)
+        R, p = chain.poses(q[0] + share[:, None] * (q[1] - q[0]))
         turns = np.linalg.norm(rotation_vector(R @ rotations[inner].transpose(0, 2, 1)), axis=1)
-        moved = np.linalg.norm(p - origins[inner], axis=1)
+        moved = np.linalg.norm(p - passed, axis=1)
         return bool(tolerances.met(moved / _SHARE, turns / _SHARE).all())
 
-    kept, last = [0], len(times) - 1
-    while kept[-1] < last:
-        begin = kept[-1]
-        end = begin + 1
-        while end < last and times[end] - times[begin] < period - _ROUNDING:
-            if not stays(begin, end + 1):
+    at, last = [float(times[0])], len(times) - 1
+    row = 0
+    while row < last:
+        begin, row = at[-1], row + 1
+        while row < last and times[row] - begin < period - _ROUNDING:
+            if not stays(begin, times[row + 1]):
                 break
-            end += 1
-        kept.append(end)
-    # What is left before the last row may be too short: then the one before it may go.
-    while len(kept) > 2 and times[kept[-1]] - times[kept[-2]] < period - _ROUNDING:
-        if not stays(kept[-3], kept[-1]):
-            break
-        del kept[-2]
-    return np.array(kept)
+            row += 1
+        end = float(times[row])
+        whole = begin + tick * np.ceil((end - begin - _ROUNDING) / tick)
+        slower = whole - end > _SLOWER * (end - begin)
+        if slower and whole < times[last] - _ROUNDING and stays(begin, whole):
+            end, row = whole, int(np.searchsorted(times, whole + _ROUNDING)) - 1
+        if len(at) > 1 and end - begin < period - _ROUNDING and stays(at[-2], end):
+            del at[-1]  # a move that cannot lead farther begins earlier
+        at.append(end)
+    return np.array(at)

@@ -115,3 +115,20 @@ def test_a_place_that_no_motion_passes_is_named() -> None:
     )
     plan = qt.plan(task)
     assert plan.q is None and plan.certificate.waypoints[0] in (78, 79)
+
+
+@pytest.mark.parametrize(
+    ("name", "extra", "motion"),
+    [
+        ("KUKA KR 10 R1100 sixx", "rail", "joint"), ("KUKA KR 10 R1100 sixx", "rail", "poses"),
+        ("Universal Robots UR3e", "", "joints"),
+    ],
+)  # fmt: skip
+def test_points_of_a_program_lead_through_the_accelerations_planned(
+    name: str, extra: str, motion: str, tmp_path: Path
+) -> None:
+    grid = import_module("program_grid")
+    job = grid.job_of(name, extra, 0.06, 31)
+    assert max(grid.of_file(job)) <= 1.0 + 1e-6
+    acceleration, jerk = map(float, grid.cell(job, extra, motion, tmp_path)[-2:])
+    assert acceleration <= 105.0 and jerk <= 250.0

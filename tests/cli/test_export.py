@@ -56,19 +56,6 @@ def test_export_check_and_json(
     assert program.read_text() == way.with_suffix(".ls").read_text()
 
 
-def test_whole_milliseconds_of_a_constant_speed_are_told(
-    way: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = "since joint moves have times in whole milliseconds; straight moves state the speed"
-    for suffix, options, told in (
-        ("ls", ["--feed", "constant"], True), ("ls", [], False),
-        ("ls", ["--feed", "constant", "--motion", "linear"], False),
-        ("mod", ["--feed", "constant", "--as-modelled"], False),
-    ):  # fmt: skip
-        main(["export", str(way), "deburring", "--out", str(tmp_path / f"way.{suffix}"), *options])
-        assert (words in " ".join(capsys.readouterr().out.split())) == told
-
-
 def test_without_a_task_the_robot_is_named(
     way: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

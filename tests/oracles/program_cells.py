@@ -11,6 +11,7 @@ import numpy as np
 import qp_twist as qt
 from oracles.program_simulator import Cell, Motion
 from oracles.remodelled import remodelled
+from qp_twist.referee import MotionLimits
 from qp_twist.robots import ControllerJoints, named_robot
 from qp_twist.trajectories import TimedPath, joints_of
 
@@ -44,13 +45,17 @@ class Job(NamedTuple):
     joints: ControllerJoints
     cell: Cell
     suffix: str
-    limits: Array
+    limits: MotionLimits
 
 
 def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POINTS,
     acceleration: float = np.inf,
 ) -> Job:  # fmt: skip
-    """A wave whose axis leans by up to 30° per m, with ``"rail"`` or ``"positioner"``."""
+    """A wave whose axis leans by up to 30° per m, with ``"rail"`` or ``"positioner"``.
+
+    Timed within the defaults: full speed in 0.25 s, full acceleration in 50 ms; or within a limit
+    of accelerations of the task.
+    """
     maker, robot = name.split(maxsplit=1)[0], named_robot(name)
     rng = np.random.default_rng(len(name) + len(extra))
     signs, offsets = rng.choice([-1.0, 1.0], 6), np.zeros(6)
@@ -97,7 +102,11 @@ def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POIN
         relative_to="plate" if part == "plate" else None,
     )  # fmt: skip
     trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
-    rows = TimedPath.of(qt.time_trajectory(trajectory))
+    of_task, limits = (
+        MotionLimits(v, np.minimum(v / 0.25, acceleration), jerk=v / 0.0125)
+        for v in (task.velocity_limits, fast)
+    )
+    rows = TimedPath.of(qt.time_trajectory(trajectory, limits=of_task))
     names = tuple(model.joint(k).name for k in range(model.njnt))
     suffix = SUFFIX[maker]
     degrees = float(np.degrees(1.0))
@@ -105,11 +114,11 @@ def job_of(name: str, extra: str = "", length: float = LENGTH, count: int = POIN
     external = dict(zip(AXES.get(suffix, {}).get(extra, ()), of.get(extra, ()), strict=False))
     arm = tuple(f"joint_{k}" for k in range(1, 7))
     cell = Cell(name, model, arm, signs, offsets, external, part)
-    return Job(task, rows, joints_of(task, names, robot=name), cell, suffix, fast)
+    return Job(task, rows, joints_of(task, names, robot=name), cell, suffix, limits)
 
 
 class Found(NamedTuple):
-    """Largest errors of a motion: m, rad, shares of the joints' speed limits, and rad/s²."""
+    """Largest errors of a motion: m, rad, and shares of the joints' limits."""
 
     off_path: float
     off_axis: float
@@ -141,5 +150,6 @@ def measured(job: Job, motion: Motion) -> Found:
     accelerations = np.diff(rates, axis=0) / (0.5 * (spans[:-1] + spans[1:]))
     return Found(
         float(apart[rows, k].max()), float(np.arcsin(sines.max())), float(ends.max()),
-        float((np.abs(rates) / job.limits).max()), float(np.abs(accelerations).max()),
+        float((np.abs(rates) / job.limits.velocity).max()),
+        float((np.abs(accelerations) / job.limits.acceleration).max()),
     )  # fmt: skip

@@ -27,10 +27,17 @@ def durations(program: str, text: str) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def dense() -> tuple[qt.PathTask, TimedPath]:
-    """An eighth of the deburring run, a row each 1.5 ms, two of them ten times as close."""
+def planned() -> tuple[qt.PathTask, TimedPath]:
+    """An eighth of the deburring run."""
     task = qt.load_task("deburring").part(slice(0, 51))
-    timed = TimedPath.of(qt.time_trajectory(qt.refine_trajectory(qt.follow(task, slow_down=True))))
+    run = qt.refine_trajectory(qt.follow(task, slow_down=True))
+    return task, TimedPath.of(qt.time_trajectory(run))
+
+
+@pytest.fixture(scope="module")
+def dense(planned: tuple[qt.PathTask, TimedPath]) -> tuple[qt.PathTask, TimedPath]:
+    """With a row each 1.5 ms, two of them ten times as close."""
+    task, timed = planned
     times = np.arange(0.0, timed.times[-1], 1.5e-3)
     times = np.sort(np.concatenate([times, times[[100, 400]] + 1.5e-4, timed.times[-1:]]))
     return task, TimedPath(timed.joint_names, timed.at(times).q, times)
@@ -72,6 +79,26 @@ def test_rows_that_are_too_close_are_left_out_where_the_tool_stays(
         # A fifth of 0.1 mm and 0.05°, and the digits that are cut off.
         assert np.linalg.norm(off - (off @ along) * along) < 0.2e-4 + 0.6e-5
         assert axis @ planned[nearest][1] > np.cos(np.radians(0.2 * 0.05 + 0.01))
+
+
+def test_times_in_whole_milliseconds_leave_the_tool_its_speed(
+    planned: tuple[qt.PathTask, TimedPath], tmp_path: Path
+) -> None:
+    task, rows = planned
+    times = np.append(np.arange(0.0, rows.times[-1], 0.0133), rows.times[-1])
+    rows = TimedPath(rows.joint_names, rows.at(times).q, times)
+    path = tmp_path / "whole.ls"
+    check, written = write_checked(rows, path, task, joints_of(task, rows.joint_names))
+    assert written and check.passes, check.verdict
+    places, data = [], mujoco.MjData(task.model)
+    for q in check.motion.q:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(task.model, data)
+        places.append(data.site("tool").xpos.copy())
+    took = durations("ls", path.read_text())
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / took
+    # Rounded up, all 13.3 ms would be 14, and 47.5 mm/s; few are, whose rounded angles are longer.
+    assert np.mean(np.abs(speeds / 0.05 - 1.0) < 0.02) > 0.95
 
 
 def test_without_a_task_short_moves_take_a_period(

@@ -16,6 +16,7 @@ from oracles.program_simulator import Cell, Controller, read
 
 import qp_twist as qt
 from qp_twist.kinematics import JointRanges
+from qp_twist.referee import MotionLimits
 from qp_twist.trajectories import (
     TimedPath,
     check_trajectory,
@@ -26,8 +27,7 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.linear_moves import LinearMotion
 
 ABB, KUKA, FANUC = "ABB IRB 4600-60/2.05", "KUKA KR 16-2", "Fanuc M-20iA"
-UR, MOST = "Universal Robots UR5e", 20.0
-"""Limit of its joints' acceleration, rad/s²."""
+UR = "Universal Robots UR5e"
 JOBS: dict[tuple[str, str], Job] = {}
 TEXTS: dict[tuple[int, LinearMotion | None], str] = {}
 DATA = ',TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n  PROC'
@@ -35,8 +35,8 @@ DATA = ',TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];\n  PROC'
 
 def job(name: str, extra: str) -> Job:
     if (name, extra) not in JOBS:
-        most, length = MOST if name == UR else np.inf, 0.06 if name == RODS else 0.03
-        JOBS[name, extra] = in_hand() if extra == "hand" else job_of(name, extra, length, 31, most)
+        length = 0.06 if name == RODS else 0.03
+        JOBS[name, extra] = in_hand() if extra == "hand" else job_of(name, extra, length, 31)
     return JOBS[name, extra]
 
 
@@ -48,7 +48,8 @@ def in_hand() -> Job:
     scene = task.shown.model
     names = JointRanges.of(scene).names
     cell = Cell("Fanuc M-16iB/20", scene, names, np.ones(6), np.zeros(6), {}, "part", "wheel")
-    limits = task.velocity_limits[[JointRanges.of(task.model).names.index(n) for n in names]]
+    order = [JointRanges.of(task.model).names.index(n) for n in names]
+    limits = MotionLimits(task.velocity_limits[order], task.acceleration_limits[order])
     return Job(task, rows, joints_of(task, names), cell, ".ls", limits)
 
 
@@ -121,7 +122,7 @@ def test_joint_moves_and_robots_alone_keep_path_and_limits(
     assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05)
     assert found.off_ends <= 1e-5 and found.speed <= 1.0
     if name == UR and linear is None:  # whose program has its own curves between points
-        assert found.acceleration <= 1.01 * MOST
+        assert found.acceleration <= 1.01
 
 
 @pytest.mark.parametrize(

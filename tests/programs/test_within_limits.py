@@ -60,7 +60,7 @@ def test_no_joint_exceeds_its_limits(job: Job, linear: LinearMotion | None, tmp_
     text = path.read_text()
     motion = Controller(job.cell, read(text, job.suffix)).run()
     rates = np.abs(np.diff(motion.q, axis=0)) / np.diff(motion.times)[:, None]
-    assert (rates <= job.limits).all()
+    assert (rates <= job.limits.velocity).all()
     assert accelerations(motion) <= 1.05 * LIMIT
     if linear and job.suffix == ".ls":  # says how many of its moves are not straight, and why
         said = re.search(r"(\d+) joint moves where the joints", "; ".join(check.notes))
