@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kernel.speed_kernel import reachable, with_jerk_limits
@@ -111,7 +110,8 @@ class TimedWay:
             if use.max() <= 1.0 + most:
                 break
             if self.smooth:  # by y″ a cell counts in its neighbours
-                use = maximum_filter1d(use, 3, axis=1)
+                near = np.pad(use, ((0, 0), (1, 1)))
+                use = np.maximum(use, np.maximum(near[:, :-2], near[:, 2:]))
             tight *= 1.0 + _MORE * np.maximum(use - 1.0, 0.0)
         motion, kept = self._fewer(motion, np.isin(cells.x, self.curve.x[self.curve.rows]))
         worst = (of.max(initial=0.0) ** (1.0 / (k + 1)) for k, of in enumerate(self._uses(motion)))
