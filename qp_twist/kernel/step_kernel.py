@@ -7,6 +7,7 @@ import math
 from qp_twist.kernel.bounds import bounds
 from qp_twist.kernel.compiling import plain
 from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
+from qp_twist.kernel.copying import put, put_rows
 from qp_twist.kernel.directions import regular_from, rotate, stopping_share, well_conditioned
 from qp_twist.kernel.dual_active_set import Program, Work, cholesky
 from qp_twist.kernel.null_space import null_space, row_space
@@ -103,23 +104,19 @@ def stated_rows(s, dt):
     """Stack the rows of all tasks."""
     A, b, free, row = s.A, s.b, s.free, 0
     for index in range(len(s.kinds)):
-        rank = s.kinds[index, 0] + s.kinds[index, 1]
-        first = 6 * index if len(free) else 0
-        if s.kinds[index, 2] == FROM_PYTHON:
-            for i in range(row, row + rank):
-                b[i] = s.python_rhs[i]
-                for dof in range(A.shape[1]):
-                    A[i, dof] = s.python_rows[i, dof]
-            for i in range(first, first + 6 if len(free) else 0):
-                for dof in range(A.shape[1]):
-                    free[i, dof] = s.python_free[i, dof]
+        kinds = s.kinds[index]
+        end, first = row + kinds[0] + kinds[1], 6 * index if len(free) else 0
+        rows, numbers, left = A[row:end], b[row:end], free[first : first + 6]
+        if kinds[2] == FROM_PYTHON:
+            put(s.python_rhs[row:end], numbers)
+            put_rows(s.python_rows[row:end], rows)
+            put_rows(s.python_free[first : first + 6], left)
         else:
             twist_rows(
-                s.kinds[index], s.shapes[index], s.poses[index], s.targets[index],
-                s.jacobians[index], dt, A[row : row + rank], b[row : row + rank],
-                free[first : first + 6], s.free_costs,
+                kinds, s.shapes[index], s.poses[index], s.targets[index], s.jacobians[index], dt,
+                rows, numbers, left, s.free_costs,
             )  # fmt: skip
-        row += rank
+        row = end
 
 
 @plain
@@ -208,18 +205,16 @@ def costs(s, twist_space):
 @plain
 def forward_rows(s):
     """Uᵀt_ff of all tasks: the part of b that follows moving targets, (m,)."""
-    forward, row = s.ahead, 0
+    row = 0
     for index in range(len(s.kinds)):
-        rank = s.kinds[index, 0] + s.kinds[index, 1]
-        if s.kinds[index, 2] == FROM_PYTHON:
-            for i in range(row, row + rank):
-                forward[i] = s.python_forward[i]
+        kinds, target = s.kinds[index], s.targets[index]
+        end = row + kinds[0] + kinds[1]
+        forward = s.ahead[row:end]
+        if kinds[2] == FROM_PYTHON:
+            put(s.python_forward[row:end], forward)
         else:
-            in_basis(
-                s.kinds[index], s.shapes[index], s.poses[index], s.targets[index],
-                s.targets[index, 12:], forward[row : row + rank],
-            )  # fmt: skip
-        row += rank
+            in_basis(kinds, s.shapes[index], s.poses[index], target, target[12:], forward)
+        row = end
 
 
 @plain
