@@ -11,7 +11,7 @@ import mink
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import Array, clause, finite_array, instance, one_of, whole_number
+from qp_twist.checks import Array, Mask, clause, finite_array, instance, one_of, whole_number
 from qp_twist.constraints import Clearance
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory, follow
@@ -59,6 +59,8 @@ class PartTolerance:
         roll: ``"free"`` or ``"held"``, as passed.
         about: The point about which the part is turned, m, (3,).
         body: The body of the scene that moves along.
+        unheld: Axes along which the task does not hold the tool, so that nothing is known of shifts
+            along them: their half-widths are 0.
     """
 
     proven: Array
@@ -70,6 +72,7 @@ class PartTolerance:
     roll: Literal["free", "held"]
     about: Array
     body: str | None
+    unheld: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The result as data."""
@@ -79,11 +82,13 @@ class PartTolerance:
         }
 
     def __str__(self) -> str:
-        """The result in two lines."""
+        """The result in two lines, after one about axes that are not held."""
         proof = f"proven: {half_widths(self.proven)}" if self.proven.any() else "nothing is proven"
         ends = f": {self.held_by}" if self.held_by else ": no larger box was asked about"
+        axes = " and ".join(self.unheld)
+        free = f"shifts along {axes} do not matter: the task does not hold them\n" if axes else ""
         return (
-            f"{proof} ({self.not_proven})\n"
+            f"{free}{proof} ({self.not_proven})\n"
             f"sampled: {half_widths(self.sampled)}; none of {self.samples} random placements in "
             f"this box fails; what ends it{ends}"
         )
@@ -164,6 +169,13 @@ def part_tolerance(
     widths = np.pad(widths, (0, 6 - len(widths)))
     if roll == "held":
         trajectory = _holding_roll(trajectory)
+    unheld = _unheld(trajectory) & (widths[:3] > 0.0)
+    widths[:3][unheld] = 0.0
+    if not widths.any():
+        raise InvalidInput(
+            f"part_tolerance(box): {trajectory.path_task.name} does not hold the tool along any of "
+            "these shifts; ask about others, or about turns."
+        )
     place = placing(trajectory.path_task, body=body, about=about)
     judge, report = Judge(trajectory, place), progress or (lambda what, share: None)
     if failed := judge(np.zeros(6)):
@@ -176,8 +188,17 @@ def part_tolerance(
     sampled = _sampled(judge, widths, max(multiple, 1.0), samples, report)
     return PartTolerance(
         multiple * widths, why, sampled.multiple * widths, samples, judge.tried, sampled.held_by,
-        roll, place.about, place.body,
+        roll, place.about, place.body, tuple(np.array([*"xyz"])[unheld].tolist()),
     )  # fmt: skip
+
+
+def _unheld(trajectory: Trajectory) -> Mask:
+    """World axes along which none of the task's rows holds the tool, (3,)."""
+    held = [
+        np.ones(3) if each.frame != "world" else np.abs(each.linear.matrix).max(axis=0)
+        for each in distinct_projectors(trajectory.path.projectors)[0]
+    ]
+    return np.asarray(np.max(held, axis=0) == 0.0)
 
 
 def half_widths(widths: Array) -> str:

@@ -159,3 +159,12 @@ def test_the_command_prints_both_boxes(capsys: pytest.CaptureFixture[str]) -> No
     assert "nothing is proven (a proof is for tasks that hold the position" in printed
     assert f"sampled: ±({1e3 * facts['sampled'][0]:.3g}" in printed
     assert "none of 5 random placements in this box fails" in printed
+
+
+def test_shifts_along_which_nothing_holds_the_tool_are_not_asked_about() -> None:
+    run = qt.follow(qt.load_task("planar_line"))
+    found = part_tolerance(run, [1e-3, 1e-3, 1e-3], samples=2)
+    assert found.unheld == ("z",) and found.sampled[2] == 0.0 < found.sampled[0]
+    assert str(found).startswith("shifts along z do not matter: the task does not hold them")
+    with pytest.raises(qt.InvalidInput, match="does not hold the tool along any of these"):
+        part_tolerance(run, [0.0, 0.0, 1e-3])
