@@ -235,7 +235,7 @@ _FEEDS = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0}
 """m/s in units of speeds."""
 _UNITS = ("mm/sec", "cm/min")
 """Those of speeds that are written, which are whole numbers."""
-_NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>R\s*\[[^\]]*\]|\w+)[^\]]*\]"
+_NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>R\s*\[[^\]]*\]|\w+)\s*(?::[^\]]*)?\]"
 _NOTED: Mapping[Kind, Sequence[str]] = {
     "pause": (r"(WAIT)\s+(?!.*\b(?:TIMEOUT|LBL)\b)[^;]*[=<>][^;]*", r"(PAUSE)"),
     "speed": (rf"(OVERRIDE)\s*=\s*{NUMBER}\s*%",),

@@ -17,7 +17,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Dialect, JointMoves
 
 _TITLE = re.compile(r"qp_twist (\S+)")
-_KEYS = ("robot", "unit", "points", "seconds")
+_KEYS = ("robot", "unit", "points", "seconds", "order")
 DOES_NOT_PASS = "DOES NOT PASS ITS CHECK"
 """How a program begins that is written although its motion does not pass: no statement of any of
 the languages, so that a controller stops at it."""
@@ -72,6 +72,7 @@ def header_lines(
         f"points: {moves.points}",
         f"seconds: {total:.{dialect.time_decimals}f}",
         *([f"speeds: {sums}"] if (sums := _sums(moves, dialect)) else []),
+        f"order: {_order(moves)}",
         *equations,
         *_about_frames(moves, dialect),
         *(
@@ -99,6 +100,20 @@ def _sums(moves: JointMoves, dialect: Dialect) -> str:
         f"{sum(speeds):.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s"
         + (f", accelerations {ramps:.6g} m/s2" if ramps else "")
     )
+
+
+def _order(moves: JointMoves) -> str:
+    """The sum of each move's number times what the program states of it, which exchanges change.
+
+    That is its speed, m/s, else its time, s, and its acceleration; empty without times.
+    """
+    if moves.durations is None:
+        return ""
+    stated = moves.durations.copy()
+    for k, speed in enumerate(moves.speeds):
+        stated[k] = stated[k] if speed is None else speed.linear
+    ramps = [a or 0.0 for a in moves.accelerations[1:]] or 0.0
+    return f"{np.arange(1, len(stated) + 1) @ (stated + ramps):.6f}"
 
 
 def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:
@@ -182,6 +197,7 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
           for what in _NUMBERS if what in header),
         ("speeds", sums, untimed, "a speed or a time, or an acceleration, was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
+        ("order", _order(moves), untimed, "times or speeds of moves were exchanged."),
     ):  # fmt: skip
         if (says := header.get(key, "")) != there:
             line, what = culprit or (None, "")

@@ -180,6 +180,8 @@ _BEGIN = (
 )
 """What a controller's programs begin with."""
 _REST = r"(?P<rest>(?:\s*\bC_\w+|\s+#(?:BASE|TOOL)|\s+WITH\s.*)*)"
+_MARKS = {"C_DIS", "C_VEL", "C_ORI", "C_PTP", "C_SPL"}
+"""By which a point is rounded."""
 _WITH = re.compile(
     r"\$(?:TOOL|BASE|LOAD|IPO_MODE|APO|(?:VEL|ACC)_AXIS\[\d\]|GEAR_JERK\[\d\]"
     r"|COLLMON_TOL_PRO\[\d\])\s*=\s*(?:(?:SVEL_JOINT|SACC_JOINT|SJERK|STOOL2|STOOL|SBASE|SLOAD"
@@ -400,6 +402,8 @@ class KrlProgram(KrlFrames):
         if mark := " ".join(re.sub(r"#\w+", "", marks).split()):
             if moves.strict and self.spline.open:
                 raise refuse(line, match[0], f"{mark} is not read in a spline.")
+            if moves.strict and (left := {*mark.upper().split()} - _MARKS):
+                raise refuse(line, match[0], f"{min(left)} is none of {', '.join(sorted(_MARKS))}.")
             known = {*mark.upper().split()} == {"C_DIS"} and "APO" not in given.upper()
             moves.rounds(Zone(line, mark, self.zone if known else math.inf))
         if "PTP" in word:

@@ -33,6 +33,8 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 }  # fmt: skip
 _WORD = re.compile(r"[\w$]+")
 _NUMBER = re.compile(NUMBER, re.ASCII)
+_OF_PYTHON = re.compile(r"(?<![\w$])\.?\d[\d.]*[$_xXoObBjJ]", re.ASCII)
+"""Numbers of Python alone: 1_000, 0x10, 1j."""
 
 
 class Unknown(InvalidInput):
@@ -116,6 +118,8 @@ class Values:
         return found
 
     def _evaluated(self, text: str) -> Any:
+        if _OF_PYTHON.search(text):
+            raise Unknown(f"{shown(text)} has no number as the language writes it")
         try:
             return self._of(_parsed(self._translate(self.key(text))))
         except InvalidInput:

@@ -13,7 +13,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import resolved_twist_error
 from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
-from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.paths import PathTask
 from qp_twist.referee import (
     Astray,
     Finding,
@@ -33,9 +33,9 @@ from qp_twist.referee import (
     with_default_accelerations,
     with_default_jerks,
 )
-from qp_twist.trajectories.corners import task_rows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.metadata import disagreements, with_lift_offs
+from qp_twist.trajectories.program_findings import of_rounding, of_stated_ramps
 from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
@@ -227,7 +227,9 @@ def check_trajectory(
     of_speed: list[str] = []
     if speed is not None and path_task.constant_speed:
         findings, of_speed = (*findings, speed.finding(path_task.max_dip)), speed.sentences
-    findings = (*findings, *_rounded(rows, path_task, motion, passing, tolerances))
+    findings = (*findings, *of_rounding(rows, path_task, motion, passing, tolerances))
+    of_ramps, more_sources = of_stated_ramps(rows, limits, ranges, passing)
+    findings = (*findings, *of_ramps)
     notes = [
         *of_speed,
         *disagreements(rows.metadata, path_task, limits),
@@ -251,6 +253,7 @@ def check_trajectory(
         after = ", ".join(map(str, path_task.cuts))
         unchecked.insert(0, f"lifts off after waypoints {after}, as it states itself: between each "
                             "of them and the next one the path is not asked about")  # fmt: skip
+    sources += more_sources
     unchecked = [*rows.unjudged, *unchecked]
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
@@ -334,41 +337,6 @@ def _beside_the_path(
     if not parts:
         return []
     return [f"{' and '.join(parts)}: judged for limits and obstacles, not against the path"]
-
-
-def _rounded(
-    rows: TimedPath, path_task: PathTask, motion: JointMotion, passing: Passing,
-    tolerances: Tolerances,
-) -> list[Finding]:  # fmt: skip
-    """The largest errors from what a program's zones and blends let the tool leave.
-
-    Beside the path, where only constraints hold, points count if there are any: the motion that
-    they are asked about is that through the points.
-    """
-    if rows.corners is None:
-        return []
-    points = np.arange(len(rows.q)) if rows.points is None else rows.points
-    found = rows.corners.rounded(rows.zones, points, task_rows(path_task))
-    times, at = motion.times[found.rows], passing.times
-    counts = (times >= at[0]) & (times <= at[-1])
-    for k in np.flatnonzero(in_joint_moves(path_task, len(at))).tolist():
-        counts &= (times <= at[k]) | (times >= at[k + 1])
-    counts |= bool(path_task.stated_constraints)
-    findings = []
-    for what, values, limit, scale, unit in (
-        ("position", found.position, tolerances.position, 1e3, "mm"),
-        ("axis", found.axis, tolerances.axis, np.degrees(1.0), "°"),
-    ):
-        if counts.any():
-            worst = int(np.argmax(np.where(counts, values, -1.0)))
-            zone, value = found.zones[worst], float(values[worst])
-            place = passing.place(float(times[worst]))
-            where = f"the move of line {zone.line}, {zone.mark}, {place}"
-            findings.append(
-                Finding(f"{what} where points are rounded", scale * value, scale * limit, unit,
-                        where, value <= limit)
-            )  # fmt: skip
-    return findings
 
 
 def _coverage(

@@ -20,7 +20,7 @@ from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import task_rows
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
-from qp_twist.trajectories.within_limits import JointLimits, Way
+from qp_twist.trajectories.within_limits import JointLimits, Ramp, Way
 
 _SHARE = 0.2
 """Share of the tolerances by which a line may leave the planned motion at its rows, which itself
@@ -94,7 +94,7 @@ class Fits:
         self._poses = tool.poses(self._q)
         self._held = np.zeros(len(own.q), dtype=bool) if held is None else held
         self._tolerances, self._projector = path_task.tolerances, task_rows(path_task)
-        self._limits = JointLimits.of(path_task, tool.names)
+        self._limits = JointLimits.of(path_task, tool.names, ramps=dialect.constant > 0.0)
         self.on_joint_moves = _on_joint_moves(rows, path_task)
 
     @property
@@ -171,6 +171,15 @@ class Fits:
         seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
         slower = self._limits.slower(begin.q, [way], np.array([seconds]))
         return found._replace(way=way) if slower[0] <= 1.0 + _PACE else None
+
+    def accelerations(self, found: FittedMove, begin: Point) -> float:
+        """The largest acceleration of the tool on a move that the joints' limits allow, m/s²."""
+        if found.of_joints or found.move.length < self._tolerances.position:
+            return np.inf
+        seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
+        ramp = Ramp.of(begin.q, found.way, seconds, found.move.length)
+        left = np.maximum(self._limits.acceleration - ramp.steady, 0.0)
+        return float((left / np.maximum(ramp.per_unit, 1e-12)).min())
 
     def _paced(self, places: Indices) -> Array:
         """The share of the time at each of some places, (K,)."""

@@ -15,7 +15,12 @@ from qp_twist.programs import Circle, JointMoves, Target
 from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
+from qp_twist.trajectories.within_limits import Ramp, Way
 
+_RESTS = 1e-6
+"""Length, m, of a move on which the tool turns alone."""
+_PACE = 0.02
+"""Share by which speeds may differ and be one."""
 _TURNED = float(np.radians(0.05))
 """Turn from that in proportion, rad, that counts as none: the tolerance of an axis."""
 
@@ -35,12 +40,17 @@ class Followed(NamedTuple):
         times: Their times, s, (K,), if the program has times.
         points: Which rows are points, (N,).
         corners: Of the tool at the points; ``None`` if no point is rounded, or no tool is known.
+        ramps: Joint accelerations on the moves to the points while their speeds change as the
+            program states it, (N, n); ``None`` if it states no acceleration.
+        short: Lines of moves that do not come to their speed as the program states it.
     """
 
     q: Array
     times: Array | None
     points: Indices
     corners: Corners | None
+    ramps: Array | None
+    short: list[int]
 
 
 def followed(
@@ -112,11 +122,53 @@ def followed(
     points = np.cumsum([len(more) for more in rows]) - 1
     if tool is not None and moves.zones:
         corners = Corners.of(tool, found[points][:, order], tool_moves[1:])
+    ways = [Way(*each) for each in zip(shares, rows, strict=True)]
+    ramps, short = _ramps(moves, ways, tool_moves, durations)
     if durations is None:
-        return Followed(found, None, points, corners)
+        return Followed(found, None, points, corners, ramps, short)
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
-    return Followed(found, np.concatenate(at_rows), points, corners)
+    return Followed(found, np.concatenate(at_rows), points, corners, ramps, short)
+
+
+def _ramps(
+    moves: JointMoves, ways: Sequence[Way], tool_moves: Sequence[ToolMove | None],
+    durations: Array | None,
+) -> tuple[Array | None, list[int]]:  # fmt: skip
+    """Joint accelerations on the moves to points while speeds change, (N, n); 0 where none do.
+
+    Of a joint move that of the joint that goes farthest is stated, and others are in proportion.
+    Also the lines of straight moves that are too short for their speed: the controller has half of
+    a move to come to it from rest, and of both moves to change it.
+    """
+    if not any(moves.accelerations[1:]):
+        return None, []
+    zones, lines = moves.zones or (None,) * len(ways), moves.straight or (0,) * (len(ways) - 1)
+    stops = np.array([each is None for each in zones])
+    T = np.zeros(len(ways) + 1)  # beside the first and the last move nothing moves
+    v = T.copy()
+    if durations is not None:
+        T[1:-1] = durations
+        v[1:-1] = [each.length if each else 0.0 for each in tool_moves[1:]] / durations
+    found, short = np.zeros((len(ways), ways[0].q.shape[1])), list[int]()
+    for k, (way, move, a) in enumerate(zip(ways, tool_moves, moves.accelerations, strict=True)):
+        if k == 0 or a is None:
+            continue
+        begin = ways[k - 1].q[-1]
+        if move is None:
+            change = np.abs(way.q[-1] - begin)
+            found[k] = a * change / max(float(change.max()), 1e-12)
+        elif move.length > _RESTS and durations is not None:
+            changes = [
+                (v[k], T[k]) if stop else (abs(v[k] - v[other]), T[k] + T[other])
+                for other, stop in ((k - 1, stops[k - 1]), (k + 1, stops[k]))
+            ]
+            if any(change > _PACE * v[k] for change, _ in changes):
+                ramp = Ramp.of(begin, way, T[k], move.length)
+                found[k] = a * ramp.per_unit + ramp.steady
+            if any(2.0 * change > (1.0 + _PACE) * a * over for change, over in changes):
+                short.append(lines[k - 1])
+    return found, short
 
 
 def _move(

@@ -43,6 +43,8 @@ _RESTS = 1e-6
 """A point that goes less far, m, rests: the tool turns about it, or rests if it turns less, rad."""
 _DECIMALS = 7
 """Of positions in m, as programs print them."""
+_DIGIT = 1e-5
+"""Share by which the printed digits of an acceleration may raise it."""
 _DIGITS = 4
 """Significant digits of speeds, rounded down: moves take at most a thousandth longer."""
 
@@ -58,6 +60,7 @@ class StraightMoves(NamedTuple):
         shares: Of ``halves`` what may be rounded, so that the tool is within a quarter of the
             tolerances; 0: the robot stops there, (N,).
         moves: The moves, N − 1.
+        accelerations: The largest of the tool on each that the joints' limits allow, m/s².
         instead: How many joint moves are where a straight one would lead the joints through a
             singularity or beyond their limits.
     """
@@ -67,7 +70,8 @@ class StraightMoves(NamedTuple):
     halves: Array
     shares: Array
     moves: tuple[FittedMove, ...]
-    instead: int = 0
+    accelerations: Array
+    instead: int
 
 
 class LinearMotion(NamedTuple):
@@ -268,11 +272,16 @@ def _with_speeds(
     times = np.where(np.isnan(speeds), moves.durations, ways / speeds)
     accelerations: tuple[float | None, ...] = ()
     if dialect.constant:
-        # Over the times between the middles of moves, from rest and to rest.
-        changed = np.abs(np.diff(np.nan_to_num(speeds), prepend=0.0, append=0.0))
-        ramps = 2.0 * changed / (np.append(0.0, times) + np.append(times, 0.0))
-        most = float(f"{max(dialect.constant, float(ramps.max())):.6g}")
-        accelerations = (None, *(None if np.isnan(each) else most for each in speeds))
+        # What arcs need, and at both ends the changes of speed over the times between the middles
+        # of moves, from stops and to stops over half of one: as far as the joints may.
+        v, ends = ways / times * line.straight, shares == 0.0
+        ramps = np.abs(np.diff(v)) / (0.5 * (times[:-1] + times[1:]))
+        beside = np.maximum(np.append(0.0, ramps), np.append(ramps, 0.0))
+        stops = 2.0 * v / times * (ends[:-1] | ends[1:])
+        needed = np.maximum(dialect.constant, np.maximum(beside, stops))
+        most = np.minimum(needed, (1.0 - _DIGIT) * line.accelerations)
+        stated = zip(most.tolist(), np.isnan(speeds), strict=True)
+        accelerations = (None, *(None if of else float(f"{each:.6g}") for each, of in stated))
     return replace(
         moves,
         durations=times,
@@ -344,8 +353,9 @@ def straight_moves(
     shares = rounded_shares(corners, fits.projector, path_task.tolerances, dialect.zone)
     instead = int((~straight & ~fits.on_joint_moves[kept[1:]]).sum())
     return StraightMoves(
-        found, straight, np.pad(corners.halves, 1) * passed, shares * passed, tuple(moves), instead
-    )
+        found, straight, np.pad(corners.halves, 1) * passed, shares * passed, tuple(moves),
+        np.array([fits.accelerations(*each) for each in zip(moves, points, strict=False)]), instead,
+    )  # fmt: skip
 
 
 def rounded_shares(

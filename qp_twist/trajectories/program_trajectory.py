@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.files import of_file, read_bytes, text_lines
+from qp_twist.files import of_file, of_lines, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.programs import (
@@ -301,7 +301,7 @@ def _timed(
         if dialect.cubic and planned.velocities is not None:
             return written(planned), 0.0
     ways = [Way.to(each) for each in q[1:]] if line is None else [each.way for each in line.moves]
-    limits = JointLimits.of(path_task, joints.tool.names)
+    limits = JointLimits.of(path_task, joints.tool.names, ramps=dialect.constant > 0.0)
     return within_limits(planned, q[0], ways, limits, written)
 
 
@@ -390,8 +390,11 @@ def decode(
         unjudged.append(
             "rounded points not checked: the program was read without the task's tool (joints_of)"
         )
-    if any(moves.accelerations[1:]) and not moves.header:
-        unjudged.append("accelerations that the program states (a) not checked against the limits")
+    if found.short:
+        unjudged.append(
+            f"{len(found.short)} moves are too short for their speed v at their acceleration a, so "
+            f"that they take longer than checked ({of_lines(found.short)})"
+        )
     metadata = {"task": moves.header["task"]} if "task" in moves.header else {}
     return TimedPath(
         joints.joint_names,
@@ -405,6 +408,7 @@ def decode(
         points=found.points if rates is None else None,
         zones=moves.zones,
         corners=found.corners,
+        ramps=found.ramps,
         unjudged=tuple(unjudged),
         program=f"{len(lines)} lines, {moves.points} points",
     )

@@ -90,6 +90,8 @@ class TimedPath:
         zones: How a program rounds its points, P, else ``None``; empty without.
         unjudged: What of a program no check judges, in words for its verdict.
         corners: The tool at the points; ``None`` if no point is rounded, or no tool is known.
+        ramps: Joint accelerations while speeds change as a program states it (``a``), on the moves
+            to its points, rad/s² or m/s², (P, n); ``None`` without.
         program: Lines and points of the program that it was read from, in words; empty of others.
     """
 
@@ -111,6 +113,7 @@ class TimedPath:
     program: str = ""
     zones: tuple[Zone | None, ...] = ()
     corners: Corners | None = None
+    ramps: Array | None = None
     unjudged: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -227,12 +230,14 @@ class TimedPath:
         columns = [self.joint_names.index(name) for name in names]
         rates = (self.velocities, self.accelerations)
         velocities, accelerations = (None if x is None else x[:, columns] for x in rates)
+        ramps = None if self.ramps is None else self.ramps[:, columns]
         return replace(
             self,
             joint_names=tuple(names),
             q=self.q[:, columns],
             velocities=velocities,
             accelerations=accelerations,
+            ramps=ramps,
         )
 
 

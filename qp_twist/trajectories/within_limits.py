@@ -12,7 +12,12 @@ from qp_twist.checks import Array
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask
 from qp_twist.programs import JointMoves
-from qp_twist.referee import EXCEEDED, JointMotion, motion_limits
+from qp_twist.referee import (
+    EXCEEDED,
+    JointMotion,
+    motion_limits,
+    with_default_accelerations,
+)
 from qp_twist.referee.joint_rates import largest_accelerations, largest_speeds
 
 _ROOM = 0.01
@@ -35,6 +40,31 @@ class Way(NamedTuple):
         return cls(np.ones(1), q[None])
 
 
+class Ramp(NamedTuple):
+    """Joint accelerations on a move of the tool, rad/s² or m/s², (n,) each.
+
+    Attributes:
+        per_unit: While the tool is accelerated, per m/s².
+        steady: At constant speed of the tool.
+    """
+
+    per_unit: Array
+    steady: Array
+
+    @classmethod
+    def of(cls, begin: Array, way: Way, seconds: float, length: float) -> Ramp:
+        """On a move of ``length`` m from joint positions (n,) on.
+
+        With q(s) of the way s, q̈ = q″ ṡ² + q′ s̈.
+        """
+        q, shares = np.vstack([begin, way.q]), np.append(0.0, way.shares)
+        rates = np.abs(np.diff(q, axis=0)) / np.diff(shares)[:, None]
+        steady = np.zeros(q.shape[1])
+        if len(q) > 2:
+            steady = largest_accelerations(JointMotion(seconds * shares, q))[1].max(axis=0)
+        return cls(rates.max(axis=0) / length, steady)
+
+
 class JointLimits(NamedTuple):
     """Largest speeds and accelerations of joints, (n,) each; ∞ without a limit."""
 
@@ -42,10 +72,15 @@ class JointLimits(NamedTuple):
     acceleration: Array
 
     @classmethod
-    def of(cls, path_task: PathTask, names: Sequence[str]) -> JointLimits:
-        """Those that a check of a program asks, in the order of these joints."""
-        limits, known = motion_limits(path_task), JointRanges.of(path_task.model).names
-        order = [known.index(name) for name in names]
+    def of(cls, path_task: PathTask, names: Sequence[str], *, ramps: bool = False) -> JointLimits:
+        """Those that a check of a program asks, in the order of these joints.
+
+        With ``ramps`` of a program that states accelerations, which the defaults limit, too.
+        """
+        limits, ranges = motion_limits(path_task), JointRanges.of(path_task.model)
+        if ramps:
+            limits = with_default_accelerations(limits, ranges)
+        order = [ranges.names.index(name) for name in names]
         return cls(limits.velocity[order], limits.acceleration[order])
 
     def slower(self, begin: Array, ways: Sequence[Way], durations: Array) -> Array:

@@ -1,0 +1,104 @@
+"""What a check finds of programs alone: rounded points, and accelerations that they state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from qp_twist.checks import Array, Indices
+from qp_twist.kinematics import JointRanges
+from qp_twist.paths import PathTask, in_joint_moves
+from qp_twist.referee import (
+    EXCEEDED,
+    Finding,
+    JointMotion,
+    MotionLimits,
+    Passing,
+    Tolerances,
+    errors_at,
+    with_default_accelerations,
+)
+from qp_twist.trajectories.corners import RoundedPoints, task_rows
+from qp_twist.trajectories.timed_path import TimedPath
+
+_BESIDE = np.linspace(-1.0, 1.0, 9)
+"""Shares of the distance from which on a point is rounded, before it and behind."""
+
+
+def of_rounding(
+    rows: TimedPath, path_task: PathTask, motion: JointMotion, passing: Passing,
+    tolerances: Tolerances,
+) -> list[Finding]:  # fmt: skip
+    """The largest errors where a program's zones and blends let the tool leave its moves.
+
+    The tool is then as far from its path as from its moves, and these from the path. At a share ξ
+    of the distance from which on it is rounded, the tool is off its moves by at most 1 − ξ of what
+    it is at the corner: an arc that begins there leaves them by less, as the square. Beside the
+    path, where only constraints hold, points count if there are any: the motion that they are asked
+    about is that through the points.
+    """
+    if rows.corners is None:
+        return []
+    points = np.arange(len(rows.q)) if rows.points is None else rows.points
+    found = rows.corners.rounded(rows.zones, points, task_rows(path_task))
+    times, at = motion.times[found.rows], passing.times
+    counts = (times >= at[0]) & (times <= at[-1])
+    for k in np.flatnonzero(in_joint_moves(path_task, len(at))).tolist():
+        counts &= (times <= at[k]) | (times >= at[k + 1])
+    counts |= bool(path_task.stated_constraints)
+    beside = _beside_corners(path_task, motion, passing, points, found)
+    findings = []
+    for k, (what, limit, scale, unit) in enumerate(
+        (("position", tolerances.position, 1e3, "mm"),
+         ("axis", tolerances.axis, np.degrees(1.0), "°"))
+    ):  # fmt: skip
+        if counts.any():
+            moved = (found.position, found.axis)[k][:, None] * (1.0 - np.abs(_BESIDE))
+            values = (moved + beside[..., k]).max(axis=1)
+            worst = int(np.argmax(np.where(counts, values, -1.0)))
+            zone, value = found.zones[worst], float(values[worst])
+            place = passing.place(float(times[worst]))
+            where = f"the move of line {zone.line}, {zone.mark}, {place}"
+            findings.append(
+                Finding(f"{what} where points are rounded", scale * value, scale * limit, unit,
+                        where, value <= limit)
+            )  # fmt: skip
+    return findings
+
+
+def _beside_corners(
+    path_task: PathTask, motion: JointMotion, passing: Passing, points: Indices,
+    found: RoundedPoints,
+) -> Array:  # fmt: skip
+    """Task errors of the moves beside rounded points, position and axis, (K, 9, 2)."""
+    if not len(found.rows):
+        return np.zeros((0, len(_BESIDE), 2))
+    times, places = motion.times[found.rows], np.searchsorted(points, found.rows)
+    sides = [np.abs(motion.times[points[places + k]] - times) for k in (-1, 1)]
+    spans = 0.5 * found.reach[:, None] * np.where(_BESIDE < 0.0, *(x[:, None] for x in sides))
+    at = np.clip(times[:, None] + _BESIDE * spans, *passing.times[[0, -1]]).ravel()
+    piece, row = (
+        np.clip(np.searchsorted(of, at, "right") - 1, 0, len(of) - 2)
+        for of in (passing.times, motion.times)
+    )
+    s = np.arange(len(passing.times), dtype=np.float64)
+    errors, _ = errors_at(path_task, motion, passing.times, s, piece, at, row)
+    return errors[:, :2].reshape(*spans.shape, 2)
+
+
+def of_stated_ramps(
+    rows: TimedPath, limits: MotionLimits, ranges: JointRanges, passing: Passing
+) -> tuple[list[Finding], list[str]]:
+    """The largest of the accelerations that a program states, and the source of their limits."""
+    if rows.ramps is None:
+        return [], []
+    whole = with_default_accelerations(limits, ranges)
+    used, points = 100.0 * rows.ramps / whole.acceleration, rows.points
+    k, joint = np.unravel_index(int(np.argmax(used)), used.shape)
+    row = int(k) if points is None else int(points[k])
+    where = f"{ranges.names[int(joint)]}, move to {passing.place(float(rows.motion.times[row]))}"
+    passes = bool(used.max() <= 100.0 * (1.0 + EXCEEDED))
+    source = [] if whole is limits else [
+        f"accelerations that the program states (a) checked against {whole.accelerations_of}"
+    ]  # fmt: skip
+    found = Finding("accelerations stated (a)", float(used.max()), 100.0, "%", where, passes)
+    return [found], source
