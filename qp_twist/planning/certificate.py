@@ -64,7 +64,8 @@ class Certificate:
     def reason(self) -> str:
         """The certificate in words, without a full stop."""
         where = _listed(self.waypoints)
-        joints, bands = " and ".join(self.joints), " and ".join(self.bands)
+        joints, bands = " and ".join(self.joints), " and ".join(self.bands[:_SHOWN])
+        bands += f" and {len(self.bands) - _SHOWN} more" if len(self.bands) > _SHOWN else ""
         match self.kind, bool(self.detail):
             case "path", _:
                 kinds = dict.fromkeys(re.split(r"[,\[]", name)[0] for name in self.bands)

@@ -13,6 +13,8 @@ from oracles.arms import random_arm
 from oracles.rounded_arms import axis_path, vertical_arm
 
 import qp_twist as qt
+from qp_twist.planning.certificate import Certificate
+from qp_twist.planning.levels import Grid
 
 WHOLE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
 PLACE = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.none())
@@ -116,3 +118,11 @@ def test_what_a_roll_can_avoid_is_not_called_prescribed() -> None:
     assert "the task alone" not in str(plan.certificate)
     assert plan.q is not None
     assert all(finding.passes for finding in plan.examined() if "clearance" in finding.name)
+
+
+def test_many_pairs_that_are_in_the_way_are_not_all_named() -> None:
+    names = tuple(f"clearance, arm to post {k}" for k in range(30))
+    grid = Grid(0.1, np.full(6, 0.1))
+    text = str(Certificate("band", grid, (3,), bands=names))
+    assert "post 7 and 22 more (" in text and "post 8" not in text
+    assert "more" not in str(Certificate("band", grid, (3,), bands=names[:8]))
