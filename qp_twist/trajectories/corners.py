@@ -27,14 +27,12 @@ class RoundedPoints(NamedTuple):
         zones: As the program states them, K.
         position: Largest linear task error of the tool at each from what is rounded, m, (K,).
         axis: Likewise the angular one, rad, (K,).
-        reach: From which share of half of each move beside it on at most, up to 2, (K,).
     """
 
     rows: Indices
     zones: tuple[Zone, ...]
     position: Array
     axis: Array
-    reach: Array
 
 
 class Rounding(NamedTuple):
@@ -158,7 +156,7 @@ class Corners(NamedTuple):
         at = np.flatnonzero([each is not None for each in zones[1:-1]])
         return RoundedPoints(
             rows[1:-1][at], tuple(known[k + 1] for k in at), (found.linear + found.square)[at],
-            found.angular[at], np.minimum(np.maximum(linear, angular), 2.0)[at],
+            found.angular[at],
         )  # fmt: skip
 
 

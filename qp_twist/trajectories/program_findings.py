@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import (
@@ -14,14 +13,10 @@ from qp_twist.referee import (
     MotionLimits,
     Passing,
     Tolerances,
-    errors_at,
     with_default_accelerations,
 )
-from qp_twist.trajectories.corners import RoundedPoints, task_rows
+from qp_twist.trajectories.corners import task_rows
 from qp_twist.trajectories.timed_path import TimedPath
-
-_BESIDE = np.linspace(-1.0, 1.0, 9)
-"""Shares of the distance from which on a point is rounded, before it and behind."""
 
 
 def of_rounding(
@@ -30,9 +25,7 @@ def of_rounding(
 ) -> list[Finding]:  # fmt: skip
     """The largest errors where a program's zones and blends let the tool leave its moves.
 
-    The tool is then as far from its path as from its moves, and these from the path. At a share ξ
-    of the distance from which on it is rounded, the tool is off its moves by at most 1 − ξ of what
-    it is at the corner: an arc that begins there leaves them by less, as the square. Beside the
+    It is that of the corner alone, beside the errors of the moves. Beside the
     path, where only constraints hold, points count if there are any: the motion that they are asked
     about is that through the points.
     """
@@ -45,15 +38,12 @@ def of_rounding(
     for k in np.flatnonzero(in_joint_moves(path_task, len(at))).tolist():
         counts &= (times <= at[k]) | (times >= at[k + 1])
     counts |= bool(path_task.stated_constraints)
-    beside = _beside_corners(path_task, motion, passing, points, found)
     findings = []
-    for k, (what, limit, scale, unit) in enumerate(
-        (("position", tolerances.position, 1e3, "mm"),
-         ("axis", tolerances.axis, np.degrees(1.0), "°"))
-    ):  # fmt: skip
+    for what, values, limit, scale, unit in (
+        ("position", found.position, tolerances.position, 1e3, "mm"),
+        ("axis", found.axis, tolerances.axis, np.degrees(1.0), "°"),
+    ):
         if counts.any():
-            moved = (found.position, found.axis)[k][:, None] * (1.0 - np.abs(_BESIDE))
-            values = (moved + beside[..., k]).max(axis=1)
             worst = int(np.argmax(np.where(counts, values, -1.0)))
             zone, value = found.zones[worst], float(values[worst])
             place = passing.place(float(times[worst]))
@@ -63,26 +53,6 @@ def of_rounding(
                         where, value <= limit)
             )  # fmt: skip
     return findings
-
-
-def _beside_corners(
-    path_task: PathTask, motion: JointMotion, passing: Passing, points: Indices,
-    found: RoundedPoints,
-) -> Array:  # fmt: skip
-    """Task errors of the moves beside rounded points, position and axis, (K, 9, 2)."""
-    if not len(found.rows):
-        return np.zeros((0, len(_BESIDE), 2))
-    times, places = motion.times[found.rows], np.searchsorted(points, found.rows)
-    sides = [np.abs(motion.times[points[places + k]] - times) for k in (-1, 1)]
-    spans = 0.5 * found.reach[:, None] * np.where(_BESIDE < 0.0, *(x[:, None] for x in sides))
-    at = np.clip(times[:, None] + _BESIDE * spans, *passing.times[[0, -1]]).ravel()
-    piece, row = (
-        np.clip(np.searchsorted(of, at, "right") - 1, 0, len(of) - 2)
-        for of in (passing.times, motion.times)
-    )
-    s = np.arange(len(passing.times), dtype=np.float64)
-    errors, _ = errors_at(path_task, motion, passing.times, s, piece, at, row)
-    return errors[:, :2].reshape(*spans.shape, 2)
 
 
 def of_stated_ramps(
