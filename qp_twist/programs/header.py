@@ -39,6 +39,9 @@ _UNSET = "Tool, base and load: none is set here."
 _OF_VALUE = (
     "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load."
 )
+_EXACT = 9
+"""Decimals to which sums are rounded before six are printed: one that ends in half a digit is then
+the same in mm/s and in m/s."""
 
 
 def header_lines(
@@ -96,9 +99,9 @@ def _sums(moves: JointMoves, dialect: Dialect) -> str:
     ramps = sum(
         a or 0.0 for a, other in zip(moves.accelerations[1:], timed, strict=False) if not other
     )
-    return (
-        f"{sum(speeds):.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s"
-        + (f", accelerations {ramps:.6g} m/s2" if ramps else "")
+    total, ramps = round(sum(speeds), _EXACT), round(ramps, _EXACT)
+    return f"{total:.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s" + (
+        f", accelerations {ramps:.6g} m/s2" if ramps else ""
     )
 
 
@@ -113,7 +116,8 @@ def _order(moves: JointMoves) -> str:
     for k, speed in enumerate(moves.speeds):
         stated[k] = stated[k] if speed is None else speed.linear
     ramps = [a or 0.0 for a in moves.accelerations[1:]] or 0.0
-    return f"{np.arange(1, len(stated) + 1) @ (stated + ramps):.6f}"
+    order = float(np.arange(1, len(stated) + 1) @ (stated + ramps))
+    return f"{round(order, _EXACT):.6f}"
 
 
 def _about_frames(moves: JointMoves, dialect: Dialect) -> list[str]:

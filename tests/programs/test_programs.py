@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from oracles.program_rows import DECIMALS, random_rows
 
 import qp_twist as qt
-from qp_twist.programs import DIALECTS, fanuc_ls
+from qp_twist.programs import DIALECTS, JointMoves, Speed, fanuc_ls
+from qp_twist.programs.header import header_lines
 from qp_twist.robots import ControllerJoints, named_robot
 from qp_twist.shipped import shipped_folder
 from qp_twist.trajectories import (
@@ -418,3 +419,13 @@ def test_names_times_and_ranges_that_a_controller_does_not_take(tmp_path: Path) 
     assert not list(tmp_path.iterdir())
     with pytest.raises(qt.InvalidInput, match="say how it counts the joints"):
         read_trajectory(tmp_path / "a.src")
+
+
+def test_the_sum_of_speeds_is_the_same_in_metres_and_millimetres() -> None:
+    for k in range(1, 400):  # sums that end in half of the last digit
+        moves = [
+            JointMoves(np.zeros((2, 6)), np.ones(1), speeds=(Speed(speed),))
+            for speed in (float(f"0.{k:03}1235"), 1e-3 * float(f"{k}.1235"))
+        ]
+        one, other = (header_lines(DIALECTS["rapid"], of, "", ()) for of in moves)
+        assert one == other
