@@ -3,6 +3,7 @@
     python benchmarks/timing.py [timing] [--paths 20] [--repeats 3] [--write]
     python benchmarks/timing.py [timing_moves] [--moves 100] [--write]
     python benchmarks/timing.py [timing_jumps] [--write]
+    python benchmarks/timing.py [timing_roll] [--write]
 
 *timing*: shipped tasks at 20 times their feed, and random paths of six joints, each as one curve
 through its rows. toppra (limits of speed and acceleration, the same curve, as many grid points as
@@ -15,6 +16,10 @@ speed and acceleration permit there alone, however it be reached: no motion is f
 *timing_jumps*: of twenty motions the largest change of a joint's acceleration from one millisecond
 to the next, over jerk limit × 1 ms, of the positions in the file by scipy.
 
+*timing_roll*: the free roll of shipped tasks as ``follow`` leaves it, and as a constant feed moves
+it together with the speed, on the same rows: its third derivative with respect to the time at the
+feed, by MuJoCo, nine tenths of it and the largest, which is at corners; and the time.
+
 Needs toppra and ruckig (``pip install toppra ruckig``).
 """
 
@@ -26,11 +31,14 @@ from page import command, markdown_table
 import itertools
 import statistics
 import time
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline
+from scipy.spatial.transform import Rotation
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -42,12 +50,21 @@ from qp_twist.referee import (
     with_default_accelerations,
     with_default_jerks,
 )
-from qp_twist.trajectories import JointCurve, refine_trajectory, speed_profile, time_trajectory
+from qp_twist.trajectories import (
+    JointCurve,
+    refine_trajectory,
+    speed_profile,
+    steady_trajectory,
+    time_trajectory,
+)
+from qp_twist.trajectories.steady_speed import _dense
 
 TASKS = ("deburring", "deburring_bands", "dome_seams", "turn_tilt", "part_in_hand")
 FASTER = 20.0
 """Times the feed: the joints' limits count everywhere."""
 LOOKS = 20
+_APART = 0.02
+"""Of samples of the roll, s at the task's feed: as far as its rows at a constant feed."""
 
 
 class Path(NamedTuple):
@@ -244,6 +261,47 @@ def timing_jumps() -> str:
     )
 
 
+def _roll_jerks(run: qt.Trajectory, apart: float) -> Array:
+    """Third derivative of the turn about the tool's z: nine tenths are below, and the largest."""
+    task, feed = run.path_task, run.feed
+    assert feed is not None
+    curve = JointCurve.through(np.append(0.0, np.cumsum(feed)), run.q)
+    data, turns = mujoco.MjData(task.model), []
+    for q in _at(curve, np.arange(0.0, curve.x[-1], apart))[:, 0]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(task.model, data)
+        turns.append(getattr(data, task.frame_type)(task.frame_name).xmat.reshape(3, 3).copy())
+    R = Rotation.from_matrix(turns)
+    rates = (R[:-1].inv() * R[1:]).as_rotvec()[:, 2] / apart
+    return np.asarray(np.percentile(np.abs(np.diff(rates, 2)) / apart**2, (90.0, 100.0)))
+
+
+def timing_roll(tasks: str = "deburring,dome_seams") -> str:
+    """Smoothness of the roll without and with a constant feed, and the times."""
+    rows = []
+    for name, faster in itertools.product(tasks.split(","), (1.0, FASTER)):
+        task = qt.load_task(name)
+        assert task.durations is not None
+        task = replace(task, durations=task.durations / faster)
+        limits = with_default_jerks(
+            with_default_accelerations(motion_limits(task), JointRanges.of(task.model))
+        )
+        followed = _dense(refine_trajectory(qt.follow(task, slow_down=True)))
+        runs = followed, steady_trajectory(followed, limits)
+        jerks = np.array([_roll_jerks(run, _APART / faster) for run in runs])
+        times = [time_trajectory(run, limits=limits).times[-1] for run in runs]
+        found = [*map("{:.3g}".format, jerks.T.ravel()), *map("{:.2f}".format, times)]
+        rows.append((f"`{name}`", f"{faster:g}", *found))
+    headings = [
+        f"{of}, {how}" for of in ("90 %, rad/s³", "largest, rad/s³", "time, s")
+        for how in ("as followed", "with the speed")
+    ]  # fmt: skip
+    return markdown_table(["task", "times its feed", *headings], rows)
+
+
 if __name__ == "__main__":
-    parts = {"timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps}
+    parts = {
+        "timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps,
+        "timing_roll": timing_roll,
+    }  # fmt: skip
     raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3))
