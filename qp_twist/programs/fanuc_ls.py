@@ -90,7 +90,7 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     remarks = [f"  !{text} ;" for line in header for text in _remarks(line)]
     if moves.straight:
         if moves.tcp is not None:
-            text = f"the task's frame in the flange: {', '.join(_pose_texts(moves.tcp))}"
+            text = f"the task's frame in the flange: {LS.tool_text(moves.tcp)}"
             remarks += [f"  !{part} ;" for part in _remarks(f"UTOOL {moves.tool} has to be {text}")]
         remarks += [f"  UFRAME_NUM={_frame_of(moves)} ;", f"  UTOOL_NUM={moves.tool} ;"]
     count = len(moves.angles) - 1
@@ -617,7 +617,7 @@ LS = Dialect(
     of_parts=_GROUP, period=0.008, points=("joints", "poses"), circles=("space",),
     speeds=tuple(_FEEDS[unit] for unit in _UNITS),
     to_fill_in=("PAYLOAD[...]",), frames_to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=..."),
-    states_frames=False, parts=_PARTS,
+    states_frames=False, parts=_PARTS, tool_text=lambda tcp: ", ".join(_pose_texts(tcp)),
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's
 RRS server, Dassault Systèmes, *3DEXPERIENCE User Assistance*, RRS)."""

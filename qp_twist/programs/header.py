@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 
+import mink
 import numpy as np
 
 from qp_twist.errors import InvalidInput
@@ -35,6 +36,8 @@ _NUMBERS = {
     "frame": r"(?:Frame |UFRAME |wobj|BASE_DATA\[|base, frame )(\d+)(?:\]? has to be|; )",
 }
 """Numbers that a person has to compare, by the sentences of :func:`_about_frames`."""
+_IN_FLANGE = re.compile(r"the task's frame in the flange:(.*)", re.IGNORECASE)
+_VALUE = re.compile(r"-?\d+(?:\.\d+)?")
 _UNSET = "Tool, base and load: none is set here."
 _OF_VALUE = (
     "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load."
@@ -161,6 +164,8 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
             found[key] = value.strip()
         elif re.match(r"\w+ = \S", line):
             equations.append(line)
+        if stated := _IN_FLANGE.search(line):
+            found["flange"] = ", ".join(_VALUE.findall(stated[1]))
         for what, pattern in _NUMBERS.items():
             if number := re.search(pattern, line):
                 found[what] = number[1]
@@ -173,8 +178,13 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
     return {**found, "axes": "\n".join(equations)}
 
 
-def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Sequence[str]) -> None:
+def check_header(
+    moves: JointMoves, dialect: Dialect, robot: str, equations: Sequence[str],
+    tcp: mink.SE3 | None = None,
+) -> None:  # fmt: skip
     """Refuse a program whose lines contradict its header, or whose header the robot's axes.
+
+    ``tcp``: the task's frame in the flange of a known robot, which a person compares by the header.
 
     Raises:
         InvalidInput: What is claimed, and what is there.
@@ -199,6 +209,9 @@ def check_header(moves: JointMoves, dialect: Dialect, robot: str, equations: Seq
         ("points", str(moves.points), wait, "a line was lost or added."),
         *((what, moves.numbers.get(what, ""), None, "a number was changed.")
           for what in _NUMBERS if what in header),
+        *([("flange", ", ".join(_VALUE.findall(dialect.tool_text(tcp))), None,
+            "the task's frame is elsewhere in the flange, or a number was changed.")]
+          if tcp is not None and "flange" in header else []),
         ("speeds", sums, untimed, "a speed or a time, or an acceleration, was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
         ("order", _order(moves), untimed, "times or speeds of moves were exchanged."),

@@ -178,6 +178,9 @@ class JointMoves:
         accelerations: Of the ramps of the moves to the points, m/s² of the tool, or rad/s² of the
             joint that goes farthest, (N,), else ``None``; empty without.
         numbers: Of a program that is read, the numbers of ``tool`` and ``frame`` that it uses.
+        tcps: Likewise, where it states the tool of a straight move by its pose in the flange, that
+            pose, (N,), else ``None``; empty without.
+        rests: Likewise, the points at which the robot comes to rest.
     """
 
     angles: Array
@@ -204,6 +207,8 @@ class JointMoves:
     zones: tuple[Zone | None, ...] = ()
     accelerations: tuple[float | None, ...] = ()
     numbers: Mapping[str, str] = field(default_factory=dict)
+    tcps: tuple[mink.SE3 | None, ...] = ()
+    rests: tuple[int, ...] = ()
 
     @property
     def stops(self) -> Mask:
@@ -270,6 +275,7 @@ class Dialect(NamedTuple):
         parts: Of straight moves on a part that moves (``"positioner joints"``, ``"positioner
             poses"``, ``"hand joints"``), if they are written: what a person has to compare.
         circles: How the tool may be made to turn on circles, if they are written.
+        tool_text: The pose of a tool in the flange, as headers state it.
         two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
             of turning about one axis.
     """
@@ -301,6 +307,7 @@ class Dialect(NamedTuple):
     two_angles: bool = False
     parts: Mapping[str, str] = MappingProxyType({})
     circles: tuple[Turning, ...] = ()
+    tool_text: Callable[[mink.SE3], str] = str
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:
         """The names of external axes: of each its name, or empty, and whether it carries the part.

@@ -448,6 +448,7 @@ class KrlProgram(KrlFrames):
             circle = Circle(self.circle, None, vias[0], sweep)
         self.moves.joint(JointMove(
             line, tool=target.tool.name, target=target, speed=speed, circle=circle,
+            tcp=target.tool.pose,
         ))  # fmt: skip
 
     def _at_pose(self, line: int, text: str) -> Target:

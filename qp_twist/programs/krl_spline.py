@@ -66,5 +66,6 @@ class Spline:
         self.shares |= abs(total - whole) > 0.6e-5
         if not (total > 0.0 and whole > 0.0 and min(parts) > 0.0):
             raise InvalidInput("a time of the time block is not positive.")
-        for segment, part in zip(segments, parts, strict=True):
-            self._moves.joint(segment._replace(seconds=part * whole / total))
+        last = len(segments) - 1
+        for k, (segment, part) in enumerate(zip(segments, parts, strict=True)):
+            self._moves.joint(segment._replace(seconds=part * whole / total, passes=k < last))

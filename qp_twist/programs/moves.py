@@ -41,7 +41,9 @@ class JointMove(NamedTuple):
     of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
     straight move is that has no time, ``acceleration`` of its ramps, m/s², or of the joint that
     goes farthest, rad/s², if it is stated, ``part`` what moves the part on which the tool moves
-    straight to angles, ``circle`` that it is on one.
+    straight to angles, ``circle`` that it is on one, ``tcp`` the pose of that tool in the flange,
+    if the program states it, ``passes`` that the robot does not come to rest at its end, which is
+    not rounded either.
     """
 
     line: int
@@ -56,6 +58,8 @@ class JointMove(NamedTuple):
     part: str | None = ""
     circle: Circle | None = None
     acceleration: float | None = None
+    tcp: mink.SE3 | None = None
+    passes: bool = False
 
 
 class Moves:
@@ -142,12 +146,14 @@ class Course(Moves):
         self._zones: list[Zone | None] = []
         self._zone: Zone | None = None
         self._accelerations: list[float | None] = []
+        self._tcps: list[mink.SE3 | None] = []
+        self._rests: list[int] = []
         self._numbers: dict[str, dict[str, None]] = {"tool": {}, "frame": {}}
         self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool, target, speed, part, circle, a = move
+        line, angles, _, seconds, rates, external, tool, target, speed, part, circle, a, *_ = move
         if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         angles = [math.nan] * AXES if angles is None else angles
@@ -179,13 +185,20 @@ class Course(Moves):
             self._circles.append(circle)
         self._targets.append(target)
         self._accelerations.append(a)
-        self._zones.append(self._zone)
-        self._zone = None
+        self._tcps.append(move.tcp)
+        self._ends(passes=move.passes)
         self.external(line, external)
         self._points.append(angles)
         self._externals.append(dict(self._external))
         if rates is not None:
             self._velocities.append(rates)
+
+    def _ends(self, *, passes: bool) -> None:
+        """A point, at which the robot comes to rest unless it is rounded, or the move passes it."""
+        zone, self._zone = self._zone, None
+        if not passes and (zone is None or min(zone.radius, zone.share) == 0.0):
+            self._rests.append(len(self._zones))
+        self._zones.append(zone)
 
     def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
         """One that is not given stays where it is.
@@ -272,7 +285,8 @@ class Course(Moves):
                 "fixed axis"
             )
         elif self._tool:
-            stated = targets and all(target.tool.pose is not None for target in targets)
+            tools = zip(self._tcps[1:], self._straight, strict=True)
+            stated = all(tcp is not None for tcp, line in tools if line)
             where = "is where the program states it" if stated else "has to be the task's frame"
             circles = [each.rule for each in self._circles if each is not None]
             count = np.count_nonzero(self._straight) - len(circles)
@@ -303,7 +317,7 @@ class Course(Moves):
                 "controller"
             )
         unchanged = (
-            "no path depends on the load; tool and frame count as said" if targets
+            "no path depends on the load; tool and frame count as said" if targets or self._tool
             else "the path of axis moves does not depend on tool, base, load or speed (checked is "
                  "the task's tool)"
         )  # fmt: skip
@@ -326,6 +340,7 @@ class Course(Moves):
             zones=tuple(self._zones) if any(self._zones) else (),
             accelerations=tuple(self._accelerations) if any(self._accelerations) else (),
             numbers={what: ", ".join(each) for what, each in self._numbers.items()},
+            tcps=tuple(self._tcps) if any(self._tcps) else (), rests=tuple(self._rests),
         )  # fmt: skip
 
 

@@ -306,6 +306,7 @@ class RapidModule(RapidData):
         given = zip(RAPID.external, external, strict=True)
         moved = {name: (value, "") for name, value in given if value != float(_NONE)}
         seconds = float(self.values.value(options["t"])) if "t" in options else None
+        speed = self._tool_speed(others[0], options) if straight and seconds is None else None
         part = self._moved_by(wobj) if wobj else ""
         self.moves.uses(straight, wobj)
         if part is None:
@@ -314,7 +315,8 @@ class RapidModule(RapidData):
                 "the part, and to be moved as the part is"
             )
         self.moves.joint(JointMove(
-            line, angles, None, seconds, None, moved, straight, part=part, circle=circle,
+            line, angles, None, seconds, None, moved, straight, None, speed, part, circle,
+            tcp=self._tool(line, straight).pose if straight else None,
         ))  # fmt: skip
 
     def _move_to_pose(self, line: int, match: re.Match[str]) -> None:
@@ -335,6 +337,7 @@ class RapidModule(RapidData):
         circles = [Circle(self._turns, None, target._replace(pose=via)) for via in places]
         self.moves.joint(JointMove(
             line, None, None, seconds, tool=name if straight else "", target=target,
+            tcp=target.tool.pose,
             circle=next(iter(circles), None),
             speed=self._tool_speed(speed, options) if straight and seconds is None else None,
         ))  # fmt: skip

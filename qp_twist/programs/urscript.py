@@ -149,8 +149,8 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     times = [f"{seconds:.{time_decimals}f}" for seconds in moves.durations.tolist()]
     straight = moves.straight or (0,) * len(times)
     if moves.tcp is not None:
-        tcp = ", ".join(fixed(value, 6) for value in _pose(moves.tcp))
-        header = (*header, f"The task's frame in the flange: set_tcp(p[{tcp}]); compare it.")
+        text = URSCRIPT.tool_text(moves.tcp)
+        header = (*header, f"The task's frame in the flange: {text}; compare it.")
     lines = [f"# {line}" for line in header] + [f"def {name}():"]
     if not all(straight):
         lines.append(_functions(kind).rstrip("\n"))
@@ -237,6 +237,10 @@ def _se3(pose: Any) -> mink.SE3:
 
 def _pose(se3: mink.SE3) -> Pose:
     return Pose([*se3.translation().tolist(), *se3.rotation().log().tolist()])
+
+
+def _tool_text(tcp: mink.SE3) -> str:
+    return f"set_tcp(p[{', '.join(fixed(value, 6) for value in _pose(tcp))}])"
 
 
 def _added(one: Any, other: Any) -> Pose:
@@ -344,7 +348,7 @@ class Script(Program):
         timed = seconds > 0.0 or match["word"] == "servoj"  # then a does not count
         self.moves.joint(JointMove(
             line, angles, pose, seconds if seconds > 0.0 else None,
-            acceleration=None if timed else a,
+            acceleration=None if timed else a, passes=match["word"] == "servoj",
         ))  # fmt: skip
 
     def _straight(self, line: int, match: re.Match[str]) -> None:
@@ -370,6 +374,7 @@ class Script(Program):
         self.moves.joint(JointMove(
             line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,
             speed=None if timed else Speed(v), circle=circle, acceleration=None if timed else a,
+            tcp=self._tool.pose,
         ))  # fmt: skip
 
     def _to(self, text: str) -> tuple[list[float] | None, Target | None]:
@@ -479,7 +484,8 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
             if seconds is None and at not in ([], q):
                 raise refuse(line, text, "starts where the robot is not.")
             if seconds or not at:
-                moves.joint(JointMove(line, q, None, seconds, w if kind == "cubic" else None))
+                rates = w if kind == "cubic" else None
+                moves.joint(JointMove(line, q, None, seconds, rates, passes=True))
             at = q
     if expected not in ([name], []):
         raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
@@ -523,7 +529,7 @@ URSCRIPT = Dialect(
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     True, 64, "a function's name", _encode, _execute, _stopped, points=("joints",),
     speeds=(_MICRO,), constant=_ACCELERATION, numbered=False, circles=("space",),
-    to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"),
+    to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"), tool_text=_tool_text,
 )  # fmt: skip
 """URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4
 rad/s²; with 11 digits it is a hundredth of what `check` counts as rounding."""

@@ -164,8 +164,9 @@ class ToolSpeed:
 
 
 def tool_speed(
-    path_task: PathTask, motion: JointMotion, passing: Passing, limits: MotionLimits
-) -> ToolSpeed | None:
+    path_task: PathTask, motion: JointMotion, passing: Passing, limits: MotionLimits,
+    stops: Array | None = None,
+) -> ToolSpeed | None:  # fmt: skip
     r"""The tool's speed on a motion, and where it is below the programmed one.
 
     Between two waypoints the task states the speed :math:`\|\Delta\mathbf p\|/\delta t` of the
@@ -181,6 +182,8 @@ def tool_speed(
         motion: Of its joints.
         passing: When it passes the waypoints.
         limits: Of the joints, to name causes.
+        stops: Times at which a controller with ramps of its own comes to rest, which the motion
+            does not show, s; the tool is slow at the instants beside them.
 
     Returns:
         ``None`` if the task has no feed or the motion no times, or it passes no path in time.
@@ -199,6 +202,9 @@ def tool_speed(
     linear, angular = _rates(path_task, state.q, state.velocities, piece + 1)
     share = _shares(linear, angular, of_path[piece], turning[piece])
     share[(of_path[piece] <= 0.0) & (turning[piece] <= 0.0)] = 1.0
+    stops = np.zeros(0) if stops is None else stops[(stops >= times[0]) & (stops <= times[-1])]
+    after = np.searchsorted(times, stops)
+    share[np.concatenate([np.maximum(after - 1, 0), after])] = 0.0
     found: list[Dip] = []
     ramps, seconds, longest = 0, 0.0, 0.0
     run = np.cumsum(np.append(True, _begins(path_task, of_path)))[piece]
@@ -228,7 +234,8 @@ def tool_speed(
             k = int(dip[np.argmin(share[dip])])
             begin, end = times[dip[0]] - 0.5 * spans[dip[0]], times[dip[-1]] + 0.5 * spans[dip[-1]]
             near = int(np.argmin(np.abs(at - times[k])))
-            why = causes(path_task, motion, limits, begin, end)
+            stopped = bool(((stops >= begin) & (stops <= end)).any())
+            why = causes(path_task, motion, limits, begin, end, stopped=stopped)
             found.append(Dip(
                 int(piece[dip[0]]) + 1, int(piece[dip[-1]]) + 2, near + 1,
                 None if path_task.lines is None else int(path_task.lines[near]),
@@ -373,8 +380,9 @@ def _corner(path_task: PathTask, at: Array, begin: float, end: float) -> list[st
 
 
 def causes(
-    path_task: PathTask, motion: JointMotion, limits: MotionLimits, begin: float, end: float
-) -> list[str]:
+    path_task: PathTask, motion: JointMotion, limits: MotionLimits, begin: float, end: float, *,
+    stopped: bool = False,
+) -> list[str]:  # fmt: skip
     """The limits that are used up between two times, s, the longest used one first, and stops.
 
     If none is, the times of the rows are what slows the tool: that is said, with the most used
@@ -406,8 +414,9 @@ def causes(
     found = sorted(spent, key=lambda cause: -spent[cause])[:_NAMED]
     if motion.velocities is not None:
         rests = (np.abs(motion.velocities) < _REST).all(axis=1)
-        if (rests & (motion.times > begin) & (motion.times < end)).any():
-            found.append("a stop")
+        stopped |= bool((rests & (motion.times > begin) & (motion.times < end)).any())
+    if stopped:
+        found.append("a stop")
     if not found and most[0] > 0.0:
         found = [f"no joint's limit ({most[1]} is used to {100.0 * most[0]:.2g} %)"]
     return found

@@ -15,6 +15,7 @@ from qp_twist.kinematics import JointRanges
 from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.referee import (
+    DIP,
     Astray,
     Finding,
     JointMotion,
@@ -222,9 +223,14 @@ def check_trajectory(
     limits = motion_limits(path_task)
     if not rows.own_ramps:
         limits = with_default_jerks(with_default_accelerations(limits, ranges))
-    speed = tool_speed(path_task, motion, passing, limits)
+    stops = motion.times[list(rows.stops)] if rows.own_ramps and timed else None
+    speed = tool_speed(path_task, motion, passing, limits, stops)
     findings = examine(path_task, motion, tolerances, passing, errors, limits, astray)
     of_speed: list[str] = []
+    if speed is None and path_task.constant_speed and path_task.max_dip is not None:
+        why = "no times, so that the speed of the tool is not known"
+        unknown = Finding(DIP, np.inf, 100.0 * path_task.max_dip, "%", why, passes=False)
+        findings = (*findings, unknown)
     if speed is not None and path_task.constant_speed:
         findings, of_speed = (*findings, speed.finding(path_task.max_dip)), speed.sentences
     findings = (*findings, *of_rounding(rows, path_task, motion, passing, tolerances))
@@ -255,10 +261,12 @@ def check_trajectory(
                             "of them and the next one the path is not asked about")  # fmt: skip
     sources += more_sources
     unchecked = [*rows.unjudged, *unchecked]
+    if timed and rows.own_ramps and np.isfinite(MotionLimits.of(path_task).jerk).any():
+        unchecked.append("joint jerks not checked: the controller makes its own ramps")
     if timed and not rows.own_ramps:
         unchecked += _at_speed(ranges, motion)
-        jumps, unknown, source = _of_jerks(path_task, limits, ranges, motion)
-        findings, unchecked, sources = (*findings, *jumps), unchecked + unknown, sources + source
+        jumps, of_jerks, source = _of_jerks(path_task, limits, ranges, motion, rows.program)
+        findings, unchecked, sources = (*findings, *jumps), unchecked + of_jerks, sources + source
     return Check(
         path_task.name, len(rows.q), count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
@@ -268,14 +276,19 @@ def check_trajectory(
 
 
 def _of_jerks(
-    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, motion: JointMotion
-) -> tuple[list[Finding], list[str], list[str]]:
+    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, motion: JointMotion,
+    program: str,
+) -> tuple[list[Finding], list[str], list[str]]:  # fmt: skip
     """A finding where jerks that the task limits are unknown; what is not checked, and sources."""
     stated = np.isfinite(MotionLimits.of(path_task).jerk)
     if motion.accelerations is None:
         if not (stated & np.any(motion.q != motion.q[0], axis=0)).any():
             return [], ["jerks not checked: no accelerations"], []
-        where = "rows, at which accelerations may jump, since none are stated: write them, too"
+        do = (
+            "a script states none; export straight moves (--motion linear), whose ramps are the "
+            "controller's, or leave [limits.jerk] out" if program else "write them, too"
+        )  # fmt: skip
+        where = f"rows, at which accelerations may jump, since none are stated: {do}"
         return [Finding("jerk limits", np.inf, 100.0, "%", where, passes=False)], [], []
     if not limits.jerks_of:
         return [], [], []

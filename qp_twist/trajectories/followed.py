@@ -74,15 +74,11 @@ def followed(
     """
     lines = moves.straight or (0,) * (len(q) - 1)
     targets = moves.targets or (None,) * len(q)
+    tcps = moves.tcps or [target.tool.pose if target else None for target in targets]
     tool = joints.tool
     if tool is None and (any(lines) or any(targets)):
         raise InvalidInput("straight moves of the tool are read with the task of the robot.")
-    for part, number in moves.parts.items():
-        if tool is not None and part not in (None, tool.part):
-            raise InvalidInput(
-                f"the tool moves straight {_ON[part]}; the part of the task {_MOVED[tool.part]}.",
-                line=number,
-            )
+    _refuse_other_parts(moves, tool)
     order = [] if tool is None else [joints.joint_names.index(name) for name in tool.names]
     durations = None if moves.durations is None else moves.durations.copy()
     at, q = q[:1], q.copy()
@@ -96,10 +92,9 @@ def followed(
             elif line:
                 circle = moves.circles[k - 1] if moves.circles else None
                 via = vias[k - 1][order] if circle and vias[k - 1] is not None else None  # type: ignore[index]
-                move = _move(tool, joints.arm, at[0, order], q[k, order], target, circle, via)
-                share, more = _along(
-                    tool, joints.arm, move, at[0, order], q[k, order], target, circle
-                )
+                begin, end = at[0, order], q[k, order]
+                move = _move(tool, joints.arm, begin, end, target, tcps[k], circle, via)
+                share, more = _along(tool, joints.arm, move, begin, end, target, circle)
                 if moves.speeds and (speed := moves.speeds[k - 1]) and durations is not None:
                     durations[k - 1] = speed.seconds(move.length, move.turn)
             elif target is not None:
@@ -129,6 +124,16 @@ def followed(
     ends = np.concatenate([[0.0], np.cumsum(durations)])
     at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
     return Followed(found, np.concatenate(at_rows), points, corners, ramps, short)
+
+
+def _refuse_other_parts(moves: JointMoves, tool: ToolChain | None) -> None:
+    """Refuse straight moves on a part that is moved by something else than that of the task."""
+    for part, number in moves.parts.items():
+        if tool is not None and part not in (None, tool.part):
+            raise InvalidInput(
+                f"the tool moves straight {_ON[part]}; the part of the task {_MOVED[tool.part]}.",
+                line=number,
+            )
 
 
 def _ramps(
@@ -173,13 +178,18 @@ def _ramps(
 
 def _move(
     tool: ToolChain, arm: ControllerArm | None, begin: Array, end: Array, target: Target | None,
-    circle: Circle | None, via: Array | None,
+    tcp: mink.SE3 | None, circle: Circle | None, via: Array | None,
 ) -> ToolMove:  # fmt: skip
-    """The move of the tool from joint positions to others, or to a pose; through a point or not."""
-    here, there, point = _first(tool.poses(begin[None])), _first(tool.poses(end[None])), None
+    """The move of the tool from joint positions to others, or to a pose; through a point or not.
+
+    It is that of ``tcp``, its pose in the flange; ``None``: of the task's frame.
+    """
+    here, there = _first(tool.poses(begin[None])), _first(tool.poses(end[None]))
     if target is not None:
-        there, point = _poses(_in_world(tool, arm, target)), _point(arm, target)
-    offset = np.zeros(3) if point is None else point.translation()
+        there = _poses(_in_world(tool, arm, target))
+    offset = np.zeros(3)
+    if tcp is not None:
+        offset = (_arm(arm).tool_in_flange.inverse() @ tcp).translation()
     if circle is None:
         return ToolMove.between(here, there, offset)
     if tool.external or tool.part:
@@ -227,13 +237,6 @@ def _poses(pose: mink.SE3) -> Poses:
     return Poses(pose.rotation().as_matrix(), pose.translation())
 
 
-def _point(arm: ControllerArm | None, target: Target | None) -> mink.SE3 | None:
-    """The program's tool in the task's frame; ``None``: it is that one."""
-    if target is None or target.tool.pose is None:
-        return None
-    return _arm(arm).tool_in_flange.inverse() @ target.tool.pose
-
-
 def _in_world(tool: ToolChain, arm: ControllerArm | None, target: Target) -> mink.SE3:
     """The pose of the task's frame in the world, or on the part that moves, at a target."""
     if target.tool.pose is None and target.frame.pose is None:
@@ -250,7 +253,7 @@ def _in_world(tool: ToolChain, arm: ControllerArm | None, target: Target) -> min
 def _arm(arm: ControllerArm | None) -> ControllerArm:
     if arm is None:
         raise InvalidInput(
-            "a pose in the robot's base, or with configuration data, is read for known robots, in "
-            "the languages that have such data; name the robot (--robot)."
+            "a pose in the robot's base, of a tool in its flange, or with configuration data, is "
+            "read for known robots, in the languages that have such data; name the robot (--robot)."
         )
     return arm

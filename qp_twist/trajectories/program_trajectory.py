@@ -362,7 +362,8 @@ def decode(
             joints = joints.with_external(as_stated(joints.external, claimed))
         names = axis_names(dialect, joints)
         equations = joints.equations(names)
-        check_header(moves, dialect, joints.robot, equations)
+        tcp = None if joints.arm is None else joints.arm.tool_in_flange
+        check_header(moves, dialect, joints.robot, equations, tcp)
         angles, external = _columns(moves, joints, names)
         scale = joints.scale(dialect.unit)
         vias = [
@@ -409,6 +410,7 @@ def decode(
         zones=moves.zones,
         corners=found.corners,
         ramps=found.ramps,
+        stops=tuple(found.points[[*moves.rests]].tolist()),
         unjudged=tuple(unjudged),
         program=f"{len(lines)} lines, {moves.points} points",
     )

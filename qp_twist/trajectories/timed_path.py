@@ -86,7 +86,8 @@ class TimedPath:
         path_rows: Which rows are those of ``trajectory``; the others are between them.
         limits: The limits for which it was timed.
         slowed: Sections slower than the feed, in the order of the path.
-        stops: Indices of the intermediate rows at which the joints rest.
+        stops: Indices of the intermediate rows at which the joints rest, of a program of the points
+            at which the robot comes to rest, at both ends, too.
         zones: How a program rounds its points, P, else ``None``; empty without.
         unjudged: What of a program no check judges, in words for its verdict.
         corners: The tool at the points; ``None`` if no point is rounded, or no tool is known.

@@ -1,0 +1,106 @@
+"""What a program states of its tool, its stops and its speeds counts, whatever its header says."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles.program_cells import Job, job_of
+
+import qp_twist as qt
+from qp_twist.referee import DIP
+from qp_twist.trajectories import Check, check_trajectory, read_trajectory, write_checked
+from qp_twist.trajectories.linear_moves import LinearMotion
+
+IN_HEADER = r"frame in the flange: (set_tcp\(p\[.*?\]\))"
+
+
+def written(name: str, folder: Path, **options: object) -> tuple[Job, str]:
+    job = job_of(name, length=0.1, count=51)
+    job = job._replace(task=dataclasses.replace(job.task, **options))
+    path = folder / f"wave{job.suffix}"
+    linear = LinearMotion(tool=None if job.suffix == ".script" else 3)
+    check, done = write_checked(job.rows, path, job.task, job.joints, linear=linear)
+    assert done and check.passes, check.verdict
+    return job, path.read_text()
+
+
+def checked(job: Job, text: str, folder: Path) -> Check:
+    path = folder / f"changed{job.suffix}"
+    path.write_text(text)
+    return check_trajectory(read_trajectory(path, joints=job.joints), job.task)
+
+
+def without_header(text: str) -> str:
+    return re.sub(r"(?m)^\s*[#!].*\n", "", text)
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, str]:
+    return written("Universal Robots UR5e", tmp_path_factory.mktemp("script"))
+
+
+def test_a_tool_that_a_script_states_moves_straight_and_at_the_speed(
+    script: tuple[Job, str], tmp_path: Path
+) -> None:
+    job, text = script
+    found = re.search(IN_HEADER, text)
+    assert found
+    own = found[1]
+    begin = text.index("  movej(")
+    right = text[:begin] + f"  {own}\n" + text[begin:]
+    assert checked(job, right, tmp_path).passes
+    values = [float(each) for each in re.findall(r"-?\d+\.\d+", own)]
+    values[2] += 0.5  # the flange is then nearer to the path's turns than the tool
+    other = f"set_tcp(p[{', '.join(f'{each:.6f}' for each in values)}])"
+    wrong = checked(job, text[:begin] + f"  {other}\n" + text[begin:], tmp_path)
+    assert not wrong.passes and "feed" in wrong.verdict
+
+
+def test_the_tool_of_the_header_is_that_of_the_task(
+    script: tuple[Job, str], tmp_path: Path
+) -> None:
+    job, text = script
+    found = re.search(IN_HEADER, text)
+    assert found
+    number = re.findall(r"\d+\.\d+", found[1])[0]
+    changed = text.replace(found[1], found[1].replace(number, "0.123456", 1))
+    with pytest.raises(qt.InvalidInput, match=r"the header says flange: 0\.123456"):
+        checked(job, changed, tmp_path)
+
+
+def test_points_that_are_not_rounded_are_stops(tmp_path: Path) -> None:
+    job, text = written("Universal Robots UR5e", tmp_path, constant_speed=True, max_dip=0.5)
+    stopping = without_header(re.sub(r", r=0[0-9.]*", "", text))
+    check = checked(job, stopping, tmp_path)
+    (dip,) = (finding for finding in check.findings if finding.name == DIP)
+    assert not check.passes and dip.value == pytest.approx(100.0) and "a stop" in dip.where
+
+
+def test_a_dip_that_no_time_tells_does_not_pass(tmp_path: Path) -> None:
+    job, text = written("ABB IRB 120", tmp_path, constant_speed=True, max_dip=0.5)
+    untimed = re.sub(r"(?m)^( *)MoveL", r"\1AccSet 50,50;\n\1MoveL", text, count=1)
+    check = checked(job, without_header(untimed), tmp_path)
+    assert not check.passes
+    assert "no times" in check.verdict
+
+
+def test_a_speed_in_place_of_a_time_counts(tmp_path: Path) -> None:
+    job, text = written("ABB IRB 120", tmp_path)
+    moves = list(re.finditer(r"v1000\\T:=[\d.]+", text))
+    middle = moves[len(moves) // 2]
+    fast = without_header(text[: middle.start()] + "v5000" + text[middle.end() :])
+    check = checked(job, fast, tmp_path)
+    assert not check.passes and "feed" in check.verdict
+    own = np.linalg.norm(np.diff([w.translation() for w in job.task.waypoints], axis=0), axis=1)
+    assert own.max() < 5.0 * job.task.durations[1]  # which is far below 5 m/s
+
+
+def test_jerks_that_a_controller_makes_are_named(tmp_path: Path) -> None:
+    job, text = written("ABB IRB 120", tmp_path)
+    limited = dataclasses.replace(job.task, jerk_limits=np.full(6, 1000.0))
+    check = checked(job._replace(task=limited), text, tmp_path)
+    assert check.passes and "joint jerks not checked" in check.verdict
