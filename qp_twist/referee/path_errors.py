@@ -182,18 +182,20 @@ def sampled_errors(
 
 
 def errors_at(
-    path_task: PathTask, motion: JointMotion, when: Array, s: Array, piece: Indices, times: Array
-) -> tuple[Array, tuple[str, ...]]:
+    path_task: PathTask, motion: JointMotion, when: Array, s: Array, piece: Indices, times: Array,
+    row: Indices | None = None,
+) -> tuple[Array, tuple[str, ...]]:  # fmt: skip
     """The same at given times of a motion that is ``when`` (N,) at the parameters s (N,).
 
-    ``piece`` (K,) is the index of the parameter before each of the ``times`` (K,), s.
+    ``piece`` (K,) is the index of the parameter before each of the ``times`` (K,), s, ``row`` that
+    of the row; ``None``: there is a row at each parameter.
 
     Returns:
         The errors, (K, 2 + B), and the unit of each.
     """
     path = path_task.at(s)
     track = Track(path_task, motion, when, path, None)
-    values = track.points(piece, piece, times).values
+    values = track.points(piece, piece if row is None else row, times).values
     values = np.where(path.moves[piece, None] & track.of_path, 0.0, values)
     units = ("m", "rad", *(measure.unit for measure in track.kept))
     return np.hstack([values[:, :2], track.by_measure(values[:, 2:])]), units

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
@@ -27,12 +28,21 @@ class RoundedPoints(NamedTuple):
         zones: As the program states them, K.
         position: Largest linear task error of the tool at each from what is rounded, m, (K,).
         axis: Likewise the angular one, rad, (K,).
+        reach: From which share of half of each move beside it on at most, up to 2, (K,).
     """
 
     rows: Indices
     zones: tuple[Zone, ...]
     position: Array
     axis: Array
+    reach: Array
+
+    def only(self, which: Mask) -> RoundedPoints:
+        """Some of the points (K,)."""
+        zones = tuple(itertools.compress(self.zones, which))
+        return RoundedPoints(
+            self.rows[which], zones, self.position[which], self.axis[which], self.reach[which]
+        )
 
 
 class Rounding(NamedTuple):
@@ -156,7 +166,7 @@ class Corners(NamedTuple):
         at = np.flatnonzero([each is not None for each in zones[1:-1]])
         return RoundedPoints(
             rows[1:-1][at], tuple(known[k + 1] for k in at), (found.linear + found.square)[at],
-            found.angular[at],
+            found.angular[at], np.minimum(np.maximum(linear, angular), 2.0)[at],
         )  # fmt: skip
 
 

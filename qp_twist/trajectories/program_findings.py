@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from qp_twist.checks import Array, Indices
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, in_joint_moves
 from qp_twist.referee import (
@@ -13,10 +16,19 @@ from qp_twist.referee import (
     MotionLimits,
     Passing,
     Tolerances,
+    errors_at,
     with_default_accelerations,
 )
-from qp_twist.trajectories.corners import task_rows
+from qp_twist.trajectories.corners import RoundedPoints, task_rows
 from qp_twist.trajectories.timed_path import TimedPath
+
+if TYPE_CHECKING:
+    from qp_twist.trajectories.check import Check
+
+_BESIDE = np.linspace(-1.0, 1.0, 9)
+"""Shares of the distance from which on a point is rounded, before it and behind."""
+_ROOM = 0.02
+"""Share of the tolerances that is left to digits where less is rounded."""
 
 
 def of_rounding(
@@ -25,12 +37,56 @@ def of_rounding(
 ) -> list[Finding]:  # fmt: skip
     """The largest errors where a program's zones and blends let the tool leave its moves.
 
-    It is that of the corner alone, beside the errors of the moves. Beside the
+    The tool is then as far from its path as from its moves, and these from the path. At a share ξ
+    of the distance from which on it is rounded, the tool is off its moves by at most 1 − ξ of what
+    it is at the corner: an arc that begins there leaves them by less, as the square. Beside the
     path, where only constraints hold, points count if there are any: the motion that they are asked
     about is that through the points.
     """
     if rows.corners is None:
         return []
+    found, moved, beside = _rounded(rows, path_task, motion, passing)
+    findings = []
+    for k, (what, limit, scale, unit) in enumerate(
+        (("position", tolerances.position, 1e3, "mm"),
+         ("axis", tolerances.axis, float(np.degrees(1.0)), "°"))
+    ):  # fmt: skip
+        if len(found.rows):
+            values = (moved[..., k] + beside[..., k]).max(axis=1)
+            worst = int(np.argmax(values))
+            zone, value = found.zones[worst], float(values[worst])
+            place = passing.place(float(motion.times[found.rows[worst]]))
+            where = f"the move of line {zone.line}, {zone.mark}, {place}"
+            findings.append(
+                Finding(f"{what} where points are rounded", scale * value, scale * limit, unit,
+                        where, value <= limit)
+            )  # fmt: skip
+    return findings
+
+
+def kept_rounding(rows: TimedPath, path_task: PathTask, check: Check) -> Array:
+    """Shares (P,) of what a checked program rounds its points, that its moves leave room for."""
+    points = np.arange(len(rows.q)) if rows.points is None else rows.points
+    shares = np.ones(len(points))
+    if rows.corners is None:
+        return shares
+    found, moved, beside = _rounded(rows, path_task, check.motion, check.passing)
+    most = np.array([check.tolerances.position, check.tolerances.axis])
+    room = np.maximum((1.0 - _ROOM) * most - beside, 0.0)
+    # Where nothing is moved, the error is that of the moves alone.
+    of_all = np.divide(room, moved, out=np.ones_like(moved), where=moved > 0.0)
+    shares[np.searchsorted(points, found.rows)] = np.minimum(of_all.min(axis=(1, 2)), 1.0)
+    return shares
+
+
+def _rounded(
+    rows: TimedPath, path_task: PathTask, motion: JointMotion, passing: Passing
+) -> tuple[RoundedPoints, Array, Array]:
+    """The points that count; how far the tool is off its moves beside them, and these off the path.
+
+    Each of positions and axes, (K, 9, 2).
+    """
+    assert rows.corners is not None
     points = np.arange(len(rows.q)) if rows.points is None else rows.points
     found = rows.corners.rounded(rows.zones, points, task_rows(path_task))
     times, at = motion.times[found.rows], passing.times
@@ -38,21 +94,30 @@ def of_rounding(
     for k in np.flatnonzero(in_joint_moves(path_task, len(at))).tolist():
         counts &= (times <= at[k]) | (times >= at[k + 1])
     counts |= bool(path_task.stated_constraints)
-    findings = []
-    for what, values, limit, scale, unit in (
-        ("position", found.position, tolerances.position, 1e3, "mm"),
-        ("axis", found.axis, tolerances.axis, np.degrees(1.0), "°"),
-    ):
-        if counts.any():
-            worst = int(np.argmax(np.where(counts, values, -1.0)))
-            zone, value = found.zones[worst], float(values[worst])
-            place = passing.place(float(times[worst]))
-            where = f"the move of line {zone.line}, {zone.mark}, {place}"
-            findings.append(
-                Finding(f"{what} where points are rounded", scale * value, scale * limit, unit,
-                        where, value <= limit)
-            )  # fmt: skip
-    return findings
+    found = found.only(counts)
+    moved = np.stack([found.position, found.axis], axis=1)[:, None]
+    moved = moved * (1.0 - np.abs(_BESIDE))[:, None]
+    return found, moved, _beside_corners(path_task, motion, passing, points, found)
+
+
+def _beside_corners(
+    path_task: PathTask, motion: JointMotion, passing: Passing, points: Indices,
+    found: RoundedPoints,
+) -> Array:  # fmt: skip
+    """Task errors of the moves beside rounded points, position and axis, (K, 9, 2)."""
+    if not len(found.rows):
+        return np.zeros((0, len(_BESIDE), 2))
+    times, places = motion.times[found.rows], np.searchsorted(points, found.rows)
+    sides = [np.abs(motion.times[points[places + k]] - times) for k in (-1, 1)]
+    spans = 0.5 * found.reach[:, None] * np.where(_BESIDE < 0.0, *(x[:, None] for x in sides))
+    at = np.clip(times[:, None] + _BESIDE * spans, *passing.times[[0, -1]]).ravel()
+    piece, row = (
+        np.clip(np.searchsorted(of, at, "right") - 1, 0, len(of) - 2)
+        for of in (passing.times, motion.times)
+    )
+    s = np.arange(len(passing.times), dtype=np.float64)
+    errors, _ = errors_at(path_task, motion, passing.times, s, piece, at, row)
+    return errors[:, :2].reshape(*spans.shape, 2)
 
 
 def of_stated_ramps(

@@ -198,12 +198,14 @@ def encode(
     name: str,
     path_task: PathTask | None = None,
     linear: LinearMotion | None = None,
+    shares: Array | None = None,
 ) -> dict[str, str]:
     """The texts of a program's files, by name.
 
     Rows closer in time than the controller interpolates are :func:`spaced
     <qp_twist.trajectories.spaced_rows.spaced>`, with the tolerances of the task, if there is one.
-    With ``linear`` the tool moves straight along the path.
+    With ``linear`` the tool moves straight along the path. Points are rounded by these ``shares``
+    (N,) of what they would be, if there are so many.
 
     Raises:
         InvalidInput: If the robot is not programmed in this language, the trajectory has no times
@@ -213,7 +215,7 @@ def encode(
     check_language(dialect, joints)
     around = {} if path_task is None else around_rows(rows, path_task)
     held = np.isin(np.arange(len(rows.q)), list(around))
-    kept = _kept(rows, dialect, joints, path_task, held, linear)
+    kept = _kept(rows, dialect, joints, path_task, held, linear, shares)
     task = str(rows.metadata.get("task", ""))
     original, line, remarks = rows, kept.line, list(kept.remarks)
     rows = kept.rows.of_joints(joints.joint_names)
@@ -235,12 +237,12 @@ def encode(
             return moves
         return linear.moves(moves, planned, line, joints, dialect)
 
-    moves, longer = _timed(planned, written, kept, dialect, joints, path_task)
+    moves, longer = _timed(planned, written, kept, dialect, joints, path_task, shares)
     if any(moves.circles) and line is not None and linear is not None:
         assert moves.shares is not None
         if ((moves.shares == 0.0) & (line.shares > 0.0)).any():  # the robot would stop beside one
             plain = linear._replace(circles=False)
-            return encode(original, dialect, joints, name, path_task, plain)
+            return encode(original, dialect, joints, name, path_task, plain, shares)
     if longer > 0.0:
         remarks.append(f"{longer:.3f} s longer, so that joints keep their limits")
     moves = _with_around(moves, {int(np.searchsorted(kept.at, k)): v for k, v in around.items()})
@@ -262,12 +264,13 @@ class _Kept(NamedTuple):
 
 def _kept(
     rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
-    held: Mask, linear: LinearMotion | None,
+    held: Mask, linear: LinearMotion | None, shares: Array | None,
 ) -> _Kept:  # fmt: skip
     """The rows that become points, ``held`` ones among them, no closer than a period."""
     remarks, line, original, at = list[str](), None, rows, np.arange(float(len(rows.q)))
     if linear is not None:
         line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
+        line = line._replace(shares=_less(line.shares, shares, dialect))
         rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
         at = np.searchsorted(original.motion.times, rows.motion.times).astype(float)
         if line.instead:
@@ -288,7 +291,7 @@ def _kept(
 
 def _timed(
     planned: JointMoves, written: Callable[[JointMoves], JointMoves], kept: _Kept,
-    dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
+    dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None, less: Array | None,
 ) -> tuple[JointMoves, float]:  # fmt: skip
     """The moves as written, and by how much they are longer, s, so that joints keep limits."""
     if path_task is None or joints.tool is None or planned.durations is None:
@@ -297,12 +300,20 @@ def _timed(
     if line is None:
         corners = Corners.of(joints.tool, q, [None] * (len(q) - 1))
         within = task_rows(path_task), path_task.tolerances
-        planned = replace(planned, shares=rounded_shares(corners, *within, dialect.zone))
+        shares = _less(rounded_shares(corners, *within, dialect.zone), less, dialect)
+        planned = replace(planned, shares=shares)
         if dialect.cubic and planned.velocities is not None:
             return written(planned), 0.0
     ways = [Way.to(each) for each in q[1:]] if line is None else [each.way for each in line.moves]
     limits = JointLimits.of(path_task, joints.tool.names, ramps=dialect.constant > 0.0)
     return within_limits(planned, q[0], ways, limits, written)
+
+
+def _less(shares: Array, by: Array | None, dialect: Dialect) -> Array:
+    """Rounding that is less by some shares (N,); none where points are rounded from a zone on."""
+    if by is None or len(by) != len(shares):
+        return shares
+    return shares * (by == 1.0) if np.isfinite(dialect.zone) else shares * by
 
 
 def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> JointMoves:

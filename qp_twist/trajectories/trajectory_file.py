@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import clause, float_array, path_of
+from qp_twist.checks import Array, clause, float_array, path_of
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.paths import PathTask
@@ -26,10 +26,15 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.metadata import read_metadata
+from qp_twist.trajectories.program_findings import kept_rounding
 from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
+
+_ROUNDS = 6
+"""Times at most that points of a program are rounded less, as its check asks: with less rounding
+the moves beside are looked at nearer to the corner, where they may be farther off."""
 
 
 def _to_npz(rows: TimedPath) -> bytes:
@@ -123,6 +128,7 @@ def _encoded(
     joints: ControllerJoints | None,
     task: PathTask | None,
     linear: LinearMotion | None = None,
+    shares: Array | None = None,
 ) -> Mapping[str, str | bytes]:
     """The files to write, by name; a program may have several. Messages name ``path``."""
     rows, dialect = TimedPath.of(trajectory), dialect_of(path)
@@ -132,7 +138,7 @@ def _encoded(
     if joints is None:
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        return program_trajectory.encode(rows, dialect, joints, path.stem, task, linear)
+        return program_trajectory.encode(rows, dialect, joints, path.stem, task, linear, shares)
 
 
 def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -172,10 +178,17 @@ def write_checked(
     calls, dialect = path_task.calls.values(), dialect_of(path)
     straight = [] if linear is None or not linear.circles else [linear._replace(circles=False)]
     for motion in (linear, *straight):
-        files = _encoded(trajectory, path, joints, path_task, motion)
-        with tempfile.TemporaryDirectory() as folder:
-            file = _write(Path(folder) / path.name, files)
-            check = check_trajectory(read_trajectory(file, joint_names, joints, calls), path_task)
+        shares: Array | None = None
+        for _ in range(_ROUNDS):
+            files = _encoded(trajectory, path, joints, path_task, motion, shares)
+            with tempfile.TemporaryDirectory() as folder:
+                file = _write(Path(folder) / path.name, files)
+                rows = read_trajectory(file, joint_names, joints, calls)
+            check = check_trajectory(rows, path_task)
+            kept = kept_rounding(rows, path_task, check)
+            if check.passes or (kept == 1.0).all():
+                break
+            shares = kept * (1.0 if shares is None or len(shares) != len(kept) else shares)
         if check.passes:
             break
     if dialect is not None and not check.passes:

@@ -142,7 +142,8 @@ def test_a_corner_passes_where_its_arc_is_within_the_tolerance(
     assert check.passes == (arc(reach) <= 1e-4), check.verdict
     assert len(found) == (reach > 0.0)
     if found:
-        assert found[0].value == pytest.approx(1e3 * arc(reach), rel=1e-3)
+        # The joints follow the moves in steps, by which the tool is off them by some µm.
+        assert 0.0 <= found[0].value - 1e3 * arc(reach) <= 0.003
         moves = enumerate(text.split("\n"), start=1)
         line = next(k for k, each in moves if re.search("MoveL|:L|movel|LIN", each))
         assert f"the move of line {line}, {zone}, " in found[0].where
@@ -170,6 +171,22 @@ def test_zone_data_that_rapid_does_not_have_may_round_all_it_can(tmp_path: Path)
     check = checked("ABB IRB 120", *text_of("ABB IRB 120", "z17"), tmp_path)
     found = [each for each in check.findings if each.name == "position where points are rounded"]
     assert found[0].value == pytest.approx(1e3 * arc(0.5 * LEG), rel=1e-3)
+
+
+@pytest.mark.parametrize(("aside", "passes"), [(0.0, True), (0.01e-3, True), (0.07e-3, False)])
+def test_the_errors_of_moves_and_of_their_corner_add_up(
+    aside: float, passes: bool, tmp_path: Path
+) -> None:
+    """A corner beside the path, across its plane, and rounded within it: each alone would pass."""
+    text = krl_text("C_DIS", "$APO.CDIS=0.2")
+    assert max(aside, arc(2e-4)) <= 1e-4 and (np.hypot(aside, arc(2e-4)) <= 1e-4) == passes
+    corner = pose_text(cell("KUKA KR 16-2")[0].waypoints[10])
+    move = mink.SE3.from_translation(np.array([0.0, 0.0, aside]))
+    there = cell("KUKA KR 16-2")[0].waypoints[10] @ move
+    assert text.count(corner) == 1
+    check = checked("KUKA KR 16-2", text.replace(corner, pose_text(there)), ".src", tmp_path)
+    assert check.passes == passes, check.verdict
+    assert ("where points are rounded" in check.verdict) != passes
 
 
 def test_a_blend_that_overlaps_leaves_its_point_out(tmp_path: Path) -> None:
