@@ -294,9 +294,7 @@ class KrlProgram(KrlFrames):
         if self.moves.called(line, name):
             return
         if self.moves.strict:
-            why = (
-                f"calls {name}; if it switches the process, state it in [program] calls (--calls)."
-            )
+            why = f"calls {name}; if it is of the process, state it in [program] calls (--calls)."
             raise refuse(line, match[0], why)
         self.beside(line, match)
 
@@ -438,7 +436,7 @@ class KrlProgram(KrlFrames):
             )
         turn = _UNSTATED if math.isnan(one) or math.isnan(two) else min(one, two)
         speed = None if math.isnan(feed) else Speed(feed, turn)
-        *vias, target = (self._at_pose(line, text) for text in texts)
+        *vias, to = (self._at_pose(line, text) for text in texts)
         circle = None
         if vias and self.circle is None:
             why = "expected $CIRC_TYPE=#BASE or #PATH before it: how the tool turns on circles."
@@ -447,8 +445,7 @@ class KrlProgram(KrlFrames):
             sweep = None if sweep_deg is None else math.radians(sweep_deg)
             circle = Circle(self.circle, None, vias[0], sweep)
         self.moves.joint(JointMove(
-            line, tool=target.tool.name, target=target, speed=speed, circle=circle,
-            tcp=target.tool.pose,
+            line, tool=to.tool.name, target=to, speed=speed, circle=circle, tcp=to.tool.pose,
         ))  # fmt: skip
 
     def _at_pose(self, line: int, text: str) -> Target:

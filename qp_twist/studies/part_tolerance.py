@@ -153,12 +153,7 @@ def part_tolerance(
         True
     """
     instance("part_tolerance(trajectory, …)", trajectory, Trajectory)
-    widths = finite_array("part_tolerance(box)", np.atleast_1d(box), (None,))
-    if len(widths) not in (3, 6) or (widths < 0.0).any() or not widths.any():
-        raise InvalidInput(
-            "part_tolerance(box): expected three half-widths, m, or six, the last three in rad, "
-            f"none below 0 and one above it; got {widths.tolist()}."
-        )
+    widths = _widths(box)
     one_of("part_tolerance(roll=…)", roll, ("free", "held"))
     whole_number("part_tolerance(samples=…)", samples, at_least=1)
     if trajectory.path_task.joint_moves:
@@ -166,7 +161,6 @@ def part_tolerance(
             f"{trajectory.path_task.name}: the task has joint moves, whose ways would have to be "
             "found anew at each placement; ask about each stretch of the path."
         )
-    widths = np.pad(widths, (0, 6 - len(widths)))
     if roll == "held":
         trajectory = _holding_roll(trajectory)
     unheld = _unheld(trajectory) & (widths[:3] > 0.0)
@@ -199,6 +193,17 @@ def _unheld(trajectory: Trajectory) -> Mask:
         for each in distinct_projectors(trajectory.path.projectors)[0]
     ]
     return np.asarray(np.max(held, axis=0) == 0.0)
+
+
+def _widths(box: npt.ArrayLike) -> Array:
+    """Half-widths of a box, m and rad, (6,)."""
+    widths = finite_array("part_tolerance(box)", np.atleast_1d(box), (None,))
+    if len(widths) not in (3, 6) or (widths < 0.0).any() or not widths.any():
+        raise InvalidInput(
+            "part_tolerance(box): expected three half-widths, m, or six, the last three in rad, "
+            f"none below 0 and one above it; got {widths.tolist()}."
+        )
+    return np.pad(widths, (0, 6 - len(widths)))
 
 
 def half_widths(widths: Array) -> str:

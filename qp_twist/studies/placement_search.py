@@ -182,11 +182,7 @@ def best_placement(
     if moves not in ("part", "base"):
         raise InvalidInput(f"best_placement(moves=…): expected 'part' or 'base', got {moves!r}.")
     number("best_placement(seconds=…)", seconds, above=0.0)
-    if objective == "clearance" and not path_task.clearances:
-        raise InvalidInput(
-            f"{path_task.name}: has no [clearance], so that no placement keeps more of it than "
-            "another; add one to the task, or choose another objective."
-        )
+    _refuse_without_clearance(path_task, objective)
     place = placing(path_task, moves, body, about)
     place(np.zeros(6))  # refuses a body that does not exist
     search = _Search(place, box, objective, seconds, progress or (lambda what, at: None))
@@ -213,6 +209,14 @@ def best_placement(
         "" if best is not None else str(next(iter(search.plans.values())).certificate),
         interrupted,
     )
+
+
+def _refuse_without_clearance(task: PathTask, objective: str | Mapping[str, float]) -> None:
+    if objective == "clearance" and not task.clearances:
+        raise InvalidInput(
+            f"{task.name}: has no [clearance], so that no placement keeps more of it than another; "
+            "add one to the task, or choose another objective."
+        )
 
 
 class Box(NamedTuple):

@@ -226,16 +226,10 @@ def check_trajectory(
     stops = motion.times[list(rows.stops)] if rows.own_ramps and timed else None
     speed = tool_speed(path_task, motion, passing, limits, stops)
     findings = examine(path_task, motion, tolerances, passing, errors, limits, astray)
-    of_speed: list[str] = []
-    if speed is None and path_task.constant_speed and path_task.max_dip is not None:
-        why = "no times, so that the speed of the tool is not known"
-        unknown = Finding(DIP, np.inf, 100.0 * path_task.max_dip, "%", why, passes=False)
-        findings = (*findings, unknown)
-    if speed is not None and path_task.constant_speed:
-        findings, of_speed = (*findings, speed.finding(path_task.max_dip)), speed.sentences
-    findings = (*findings, *of_rounding(rows, path_task, motion, passing, tolerances))
+    dips, of_speed = _of_speed(path_task, speed)
+    rounding = of_rounding(rows, path_task, motion, passing, tolerances)
     of_ramps, more_sources = of_stated_ramps(rows, limits, ranges, passing)
-    findings = (*findings, *of_ramps)
+    findings = (*findings, *dips, *rounding, *of_ramps)
     notes = [
         *of_speed,
         *disagreements(rows.metadata, path_task, limits),
@@ -261,11 +255,9 @@ def check_trajectory(
                             "of them and the next one the path is not asked about")  # fmt: skip
     sources += more_sources
     unchecked = [*rows.unjudged, *unchecked]
-    if timed and rows.own_ramps and np.isfinite(MotionLimits.of(path_task).jerk).any():
-        unchecked.append("joint jerks not checked: the controller makes its own ramps")
-    if timed and not rows.own_ramps:
-        unchecked += _at_speed(ranges, motion)
-        jumps, of_jerks, source = _of_jerks(path_task, limits, ranges, motion, rows.program)
+    if timed:
+        unchecked += [] if rows.own_ramps else _at_speed(ranges, motion)
+        jumps, of_jerks, source = _of_jerks(path_task, limits, ranges, rows)
         findings, unchecked, sources = (*findings, *jumps), unchecked + of_jerks, sources + source
     return Check(
         path_task.name, len(rows.q), count,
@@ -275,18 +267,32 @@ def check_trajectory(
     )  # fmt: skip
 
 
+def _of_speed(path_task: PathTask, speed: ToolSpeed | None) -> tuple[list[Finding], list[str]]:
+    """The dips of a constant speed, and sentences about them."""
+    most = path_task.max_dip
+    if not path_task.constant_speed or (speed is None and most is None):
+        return [], []
+    if speed is not None:
+        return [speed.finding(most)], speed.sentences
+    assert most is not None
+    why = "no times, so that the speed of the tool is not known"
+    return [Finding(DIP, np.inf, 100.0 * most, "%", why, passes=False)], []
+
+
 def _of_jerks(
-    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, motion: JointMotion,
-    program: str,
-) -> tuple[list[Finding], list[str], list[str]]:  # fmt: skip
+    path_task: PathTask, limits: MotionLimits, ranges: JointRanges, rows: TimedPath
+) -> tuple[list[Finding], list[str], list[str]]:
     """A finding where jerks that the task limits are unknown; what is not checked, and sources."""
-    stated = np.isfinite(MotionLimits.of(path_task).jerk)
+    stated, motion = np.isfinite(MotionLimits.of(path_task).jerk), rows.motion
+    if rows.own_ramps:
+        but = ["joint jerks not checked: the controller makes its own ramps"] * bool(stated.any())
+        return [], but, []
     if motion.accelerations is None:
         if not (stated & np.any(motion.q != motion.q[0], axis=0)).any():
             return [], ["jerks not checked: no accelerations"], []
         do = (
             "a script states none; export straight moves (--motion linear), whose ramps are the "
-            "controller's, or leave [limits.jerk] out" if program else "write them, too"
+            "controller's, or leave [limits.jerk] out" if rows.program else "write them, too"
         )  # fmt: skip
         where = f"rows, at which accelerations may jump, since none are stated: {do}"
         return [Finding("jerk limits", np.inf, 100.0, "%", where, passes=False)], [], []
