@@ -26,7 +26,7 @@ import numba
 import numpy as np
 from llvmlite.binding import parse_assembly
 from numba import njit, typeof
-from numba.core import typed_passes, types, untyped_passes
+from numba.core import types
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -81,19 +81,13 @@ def _resolve(function: Any, context: Any, arguments: Any, names: Any) -> Any:
 
 
 _UNUSED = {
-    untyped_passes.WithLifting,
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.MakeFunctionToJitFunction,
-    untyped_passes.RewriteDynamicRaises,
-    untyped_passes.InlineInlinables,
-    untyped_passes.FindLiterallyCalls,
-    untyped_passes.LiteralUnroll,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    typed_passes.InlineOverloads,
-}
+    "WithLifting", "InlineClosureLikes", "MakeFunctionToJitFunction", "RewriteDynamicRaises",
+    "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "LiteralPropagationSubPipelinePass",
+    "InlineOverloads",
+}  # fmt: skip
 """Passes of numba's compiler for what kernels do not have: ``with``, closures, exceptions, literal
-arguments, and functions to inline in Python."""
-_OF_ARRAYS = {typed_passes.NopythonRewrites}
+arguments, and functions to inline in Python. By their names: another version may lack some."""
+_OF_ARRAYS = {"NopythonRewrites"}
 """The pass for expressions of whole arrays, whose results are allocated."""
 
 
@@ -104,7 +98,7 @@ class _Passes(CompilerBase):
         unused = _UNUSED if self.state.flags.nrt else _UNUSED | _OF_ARRAYS
         usual = DefaultPassBuilder.define_nopython_pipeline(self.state)
         needed: Any = PassManager(usual.pipeline_name)
-        needed.passes = [each for each in usual.passes if each[0] not in unused]
+        needed.passes = [each for each in usual.passes if each[0].__name__ not in unused]
         needed.finalize()
         return [needed]
 
