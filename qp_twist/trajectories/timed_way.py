@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.errors import InvalidInput
 from qp_twist.kernel.speed_kernel import reachable, with_jerk_limits
 from qp_twist.referee import FASTER, JointMotion, Tolerances
 from qp_twist.trajectories.joint_curve import JointCurve
@@ -134,6 +135,7 @@ class TimedWay:
         coarse = _Cells(np.append(ends[cubic] + share * np.diff(ends)[cubic], ends[-1]), cubic)
         y = self._reachable(coarse, np.ones((3, len(cubic))))
         t = _times(coarse.x, y)
+        self._refuse_rest(t, cubic)
         T = float(t[-1])
         ramp = min(_RAMP, 0.49 * T)  # so that there is always something between both
         step = max(min(_STEP, T / _CELLS[0]), T / _CELLS[1])
@@ -157,6 +159,21 @@ class TimedWay:
         cubic = np.searchsorted(ends, 0.5 * (nodes[1:] + nodes[:-1]), side="right") - 1
         ramps = RestRamps(ends[0], ends[-1], borders[0] - ends[0], ends[-1] - borders[1])
         return _Cells(nodes, cubic), ramps
+
+    def _refuse_rest(self, t: Array, cubic: Indices) -> None:
+        """Refuse a curve on which the joints rest for ever (times of cells (C + 1,), their cubics).
+
+        Raises:
+            InvalidInput: With the rows between which that is.
+        """
+        endless = np.flatnonzero(~np.isfinite(t))
+        if len(endless):
+            row = int(self.piece[cubic[endless[0] - 1]]) + 1
+            raise InvalidInput(
+                f"no speed is slow enough between rows {row} and {row + 1} of the trajectory: the "
+                "joints jump or turn back there. Take another motion (another --method, or start), "
+                "or more rows beside them."
+            )
 
     # ------------------------------------------------------------ speeds
 
@@ -285,7 +302,8 @@ def _divided(counts: Indices) -> tuple[Indices, Array]:
 def _times(x: Array, y: Array) -> Array:
     """Times at the ends of cells, s: from √y to √y at constant acceleration."""
     pace = np.sqrt(y)
-    took = 2.0 * np.diff(x) / (pace[:-1] + pace[1:])
+    with np.errstate(divide="ignore"):
+        took = 2.0 * np.diff(x) / (pace[:-1] + pace[1:])
     return np.concatenate([[0.0], np.cumsum(took)])
 
 

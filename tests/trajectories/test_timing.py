@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import mink
 import mujoco
@@ -16,6 +17,7 @@ from scipy.interpolate import BPoly, CubicHermiteSpline
 from scipy.optimize import linprog
 
 import qp_twist as qt
+from qp_twist.checks import Array
 from qp_twist.kernel.speed_kernel import reachable
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import (
@@ -33,6 +35,7 @@ from qp_twist.trajectories import (
     speed_profile,
     time_trajectory,
 )
+from qp_twist.trajectories.timed_way import TimedWay
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -611,3 +614,22 @@ def test_refused_arguments() -> None:
         time_trajectory(trajectory, position_tolerance=0.0)
     with pytest.raises(qt.InvalidInput, match="slow_down"):
         qt.follow(trajectory.path_task, slow_down="yes")  # type: ignore[arg-type]
+
+
+def test_rows_between_which_no_speed_is_slow_enough_are_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As where a motion jumps from branch to branch: two neighbouring cells then end at rest."""
+    trajectory = qt.follow(qt.load_task("deburring").part(np.arange(6)))
+    ranges = JointRanges.of(trajectory.path_task.model)
+    limits = with_default_accelerations(motion_limits(trajectory.path_task), ranges)
+    limits, solved = with_default_jerks(limits), TimedWay._reachable
+
+    def stuck(self: TimedWay, cells: Any, tight: Array) -> Array:
+        y = solved(self, cells, tight)
+        y[len(y) // 2 : len(y) // 2 + 2] = 0.0
+        return y
+
+    monkeypatch.setattr(TimedWay, "_reachable", stuck)
+    with pytest.raises(qt.InvalidInput, match="no speed is slow enough between rows 3 and 4"):
+        qt.time_trajectory(trajectory, limits=limits)
