@@ -66,7 +66,7 @@ def of_rounding(
 
 def kept_rounding(rows: TimedPath, path_task: PathTask, check: Check) -> Array:
     """Shares (P,) of what a checked program rounds its points, that its moves leave room for."""
-    points = np.arange(len(rows.q)) if rows.points is None else rows.points
+    points = _points(rows)
     shares = np.ones(len(points))
     if rows.corners is None:
         return shares
@@ -79,6 +79,11 @@ def kept_rounding(rows: TimedPath, path_task: PathTask, check: Check) -> Array:
     return shares
 
 
+def _points(rows: TimedPath) -> Indices:
+    """Which rows are points of the program, (P,)."""
+    return np.arange(len(rows.q)) if rows.points is None else rows.points
+
+
 def _rounded(
     rows: TimedPath, path_task: PathTask, motion: JointMotion, passing: Passing
 ) -> tuple[RoundedPoints, Array, Array]:
@@ -87,7 +92,7 @@ def _rounded(
     Each of positions and axes, (K, 9, 2).
     """
     assert rows.corners is not None
-    points = np.arange(len(rows.q)) if rows.points is None else rows.points
+    points = _points(rows)
     found = rows.corners.rounded(rows.zones, points, task_rows(path_task))
     times, at = motion.times[found.rows], passing.times
     counts = (times >= at[0]) & (times <= at[-1])
@@ -127,10 +132,10 @@ def of_stated_ramps(
     if rows.ramps is None:
         return [], []
     whole = with_default_accelerations(limits, ranges)
-    used, points = 100.0 * rows.ramps / whole.acceleration, rows.points
+    used = 100.0 * rows.ramps / whole.acceleration
     k, joint = np.unravel_index(int(np.argmax(used)), used.shape)
-    row = int(k) if points is None else int(points[k])
-    where = f"{ranges.names[int(joint)]}, move to {passing.place(float(rows.motion.times[row]))}"
+    time = float(rows.motion.times[_points(rows)[k]])
+    where = f"{ranges.names[int(joint)]}, move to {passing.place(time)}"
     passes = bool(used.max() <= 100.0 * (1.0 + EXCEEDED))
     source = [] if whole is limits else [
         f"accelerations that the program states (a) checked against {whole.accelerations_of}"

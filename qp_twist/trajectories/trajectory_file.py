@@ -185,8 +185,10 @@ def write_checked(
                 file = _write(Path(folder) / path.name, files)
                 rows = read_trajectory(file, joint_names, joints, calls)
             check = check_trajectory(rows, path_task)
+            if check.passes:
+                break
             kept = kept_rounding(rows, path_task, check)
-            if check.passes or (kept == 1.0).all():
+            if (kept == 1.0).all():
                 break
             shares = kept * (1.0 if shares is None or len(shares) != len(kept) else shares)
         if check.passes:

@@ -34,6 +34,13 @@ def checked(job: Job, text: str, folder: Path) -> Check:
     return check_trajectory(read_trajectory(path, joints=job.joints), job.task)
 
 
+def stated_tool(text: str) -> str:
+    """The tool as the header states it."""
+    found = re.search(IN_HEADER, text)
+    assert found
+    return found[1]
+
+
 def without_header(text: str) -> str:
     return re.sub(r"(?m)^\s*[#!].*\n", "", text)
 
@@ -47,9 +54,7 @@ def test_a_tool_that_a_script_states_moves_straight_and_at_the_speed(
     script: tuple[Job, str], tmp_path: Path
 ) -> None:
     job, text = script
-    found = re.search(IN_HEADER, text)
-    assert found
-    own = found[1]
+    own = stated_tool(text)
     begin = text.index("  movej(")
     right = text[:begin] + f"  {own}\n" + text[begin:]
     assert checked(job, right, tmp_path).passes
@@ -64,10 +69,9 @@ def test_the_tool_of_the_header_is_that_of_the_task(
     script: tuple[Job, str], tmp_path: Path
 ) -> None:
     job, text = script
-    found = re.search(IN_HEADER, text)
-    assert found
-    number = re.findall(r"\d+\.\d+", found[1])[0]
-    changed = text.replace(found[1], found[1].replace(number, "0.123456", 1))
+    own = stated_tool(text)
+    number = re.findall(r"\d+\.\d+", own)[0]
+    changed = text.replace(own, own.replace(number, "0.123456", 1))
     with pytest.raises(qt.InvalidInput, match=r"the header says flange: 0\.123456"):
         checked(job, changed, tmp_path)
 
