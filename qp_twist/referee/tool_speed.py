@@ -396,7 +396,7 @@ def causes(
         ("acceleration", limits.acceleration, acceleration_use),
         ("jerk", limits.jerk, jerk_use),
     ):
-        shares = use(motion, of_joints)[1]
+        shares = use(motion, of_joints)[1] if np.isfinite(of_joints).any() else of_joints[:0]
         if not len(shares):
             continue
         opens, closes = motion.times[:-1], motion.times[1:]

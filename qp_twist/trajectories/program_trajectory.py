@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, Mask
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, of_lines, read_bytes, text_lines
 from qp_twist.kinematics import JointRanges, SerialChain
@@ -21,15 +19,11 @@ from qp_twist.programs import (
     DIALECTS,
     DOES_NOT_PASS,
     WRITTEN_AS_MODELLED,
-    Around,
     Dialect,
-    ExternalColumn,
     JointMoves,
     check_header,
     dialect_of,
-    header_lines,
     joint_moves,
-    printed,
 )
 from qp_twist.robots import (
     ControllerJoints,
@@ -44,18 +38,8 @@ from qp_twist.robots import (
 )
 from qp_twist.robots.tool_chain import Part
 from qp_twist.robots.wording import listed
-from qp_twist.trajectories.around_moves import around_rows
-from qp_twist.trajectories.corners import Corners, task_rows
 from qp_twist.trajectories.followed import followed
-from qp_twist.trajectories.linear_moves import (
-    LinearMotion,
-    StraightMoves,
-    rounded_shares,
-    straight_moves,
-)
-from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
-from qp_twist.trajectories.within_limits import JointLimits, Way, within_limits
 
 _ADVICE = (
     "Give its name (--robot), a table of your own (--robot FILE.toml), or, if the controller's "
@@ -189,160 +173,6 @@ def check_program(path: Path, joints: ControllerJoints, path_task: PathTask) -> 
             f"{path_task.name}: has no [feed], so that a program would not know how fast to move; "
             "add one to the task file."
         )
-
-
-def encode(
-    rows: TimedPath,
-    dialect: Dialect,
-    joints: ControllerJoints,
-    name: str,
-    path_task: PathTask | None = None,
-    linear: LinearMotion | None = None,
-    shares: Array | None = None,
-) -> dict[str, str]:
-    """The texts of a program's files, by name.
-
-    Rows closer in time than the controller interpolates are :func:`spaced
-    <qp_twist.trajectories.spaced_rows.spaced>`, with the tolerances of the task, if there is one.
-    With ``linear`` the tool moves straight along the path. Points are rounded by these ``shares``
-    (N,) of what they would be, if there are so many.
-
-    Raises:
-        InvalidInput: If the robot is not programmed in this language, the trajectory has no times
-            or leaves the robot's ranges, or the name is none for the controller.
-    """
-    dialect.check_name(name)
-    check_language(dialect, joints)
-    around = {} if path_task is None else around_rows(rows, path_task)
-    held = np.isin(np.arange(len(rows.q)), list(around))
-    kept = _kept(rows, dialect, joints, path_task, held, linear, shares)
-    task = str(rows.metadata.get("task", ""))
-    original, line, remarks = rows, kept.line, list(kept.remarks)
-    rows = kept.rows.of_joints(joints.joint_names)
-    if outside := joints.outside(rows.q):
-        raise InvalidInput(f"{outside}; the robot cannot go there.")
-    scale = joints.scale(dialect.unit)
-    names = axis_names(dialect, joints)
-    velocities = None if rows.velocities is None else scale * joints.shown_rates(rows.velocities)
-    durations = None if rows.times is None else np.diff(rows.times)
-    if len(rows.q) < 2:
-        raise InvalidInput("the trajectory has one row; a program needs two or more.")
-    columns = zip(names[AXES:], joints.external, strict=True)
-    external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
-    planned = JointMoves(scale * joints.shown(rows.q), durations, velocities, external=external)
-
-    def written(planned: JointMoves) -> JointMoves:
-        moves = printed(planned, dialect)
-        if line is None or linear is None:
-            return moves
-        return linear.moves(moves, planned, line, joints, dialect)
-
-    moves, longer = _timed(planned, written, kept, dialect, joints, path_task, shares)
-    if any(moves.circles) and line is not None and linear is not None:
-        assert moves.shares is not None
-        if ((moves.shares == 0.0) & (line.shares > 0.0)).any():  # the robot would stop beside one
-            plain = linear._replace(circles=False)
-            return encode(original, dialect, joints, name, path_task, plain, shares)
-    if longer > 0.0:
-        remarks.append(f"{longer:.3f} s longer, so that joints keep their limits")
-    moves = _with_around(moves, {int(np.searchsorted(kept.at, k)): v for k, v in around.items()})
-    # In characters that every controller reads, and on one line.
-    task = " ".join("".join(c if " " <= c <= "~" else "?" for c in task).split())[:60]
-    equations = joints.equations(names)
-    lines = header_lines(dialect, moves, joints.robot, equations, task, "; ".join(remarks))
-    return dialect.encode(name, moves, lines)
-
-
-class _Kept(NamedTuple):
-    """The points, straight moves between them, at or between which rows they are, and remarks."""
-
-    rows: TimedPath
-    line: StraightMoves | None
-    at: Array
-    remarks: Sequence[str]
-
-
-def _kept(
-    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
-    held: Mask, linear: LinearMotion | None, shares: Array | None,
-) -> _Kept:  # fmt: skip
-    """The rows that become points, ``held`` ones among them, no closer than a period."""
-    remarks, line, original, at = list[str](), None, rows, np.arange(float(len(rows.q)))
-    if linear is not None:
-        line = _straight(rows, dialect, joints, path_task, held, circles=linear.circles)
-        line = line._replace(shares=_less(line.shares, shares, dialect))
-        rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
-        at = np.searchsorted(original.motion.times, rows.motion.times).astype(float)
-        if line.instead:
-            remarks.append(f"{line.instead} joint moves where the joints do not follow a straight "
-                           "one, or not within their limits")  # fmt: skip
-    if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
-        of = None if line is not None else path_task  # straight moves keep their points
-        times, tick = rows.times, 10.0**-dialect.time_decimals
-        rows, left_out, longer, points, moved = spaced(rows, dialect.period, tick, of, held)
-        at = np.interp(points, times, at)
-        if left_out or longer:
-            remarks.append(f"{left_out} rows left out, {longer} moves longer: none is below the "
-                           f"controller's {1e3 * dialect.period:g} ms")  # fmt: skip
-        if moved:
-            remarks.append(f"{moved} points between rows, so that times are whole {tick:g} s")
-    return _Kept(rows, line, at, remarks)
-
-
-def _timed(
-    planned: JointMoves, written: Callable[[JointMoves], JointMoves], kept: _Kept,
-    dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None, less: Array | None,
-) -> tuple[JointMoves, float]:  # fmt: skip
-    """The moves as written, and by how much they are longer, s, so that joints keep limits."""
-    if path_task is None or joints.tool is None or planned.durations is None:
-        return written(planned), 0.0
-    q, line = kept.rows.of_joints(joints.tool.names).q, kept.line
-    if line is None:
-        corners = Corners.of(joints.tool, q, [None] * (len(q) - 1))
-        within = task_rows(path_task), path_task.tolerances
-        shares = _less(rounded_shares(corners, *within, dialect.zone), less, dialect)
-        planned = replace(planned, shares=shares)
-        if dialect.cubic and planned.velocities is not None:
-            return written(planned), 0.0
-    ways = [Way.to(each) for each in q[1:]] if line is None else [each.way for each in line.moves]
-    limits = JointLimits.of(path_task, joints.tool.names, ramps=dialect.constant > 0.0)
-    return within_limits(planned, q[0], ways, limits, written)
-
-
-def _less(shares: Array, by: Array | None, dialect: Dialect) -> Array:
-    """Rounding that is less by some shares (N,); none where points are rounded from a zone on."""
-    if by is None or len(by) != len(shares):
-        return shares
-    return shares * (by == 1.0) if np.isfinite(dialect.zone) else shares * by
-
-
-def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> JointMoves:
-    """The moves with what stands around them; the robot stops where a procedure is called."""
-    calls = [k for k, found in around.items() if any(each.call for each in found)]
-    if not calls:
-        return replace(moves, around=around)
-    shares = np.where(moves.stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
-    shares[calls] = 0.0
-    return replace(moves, around=around, shares=shares)
-
-
-def _straight(
-    rows: TimedPath, dialect: Dialect, joints: ControllerJoints, path_task: PathTask | None,
-    held: Mask, *, circles: bool,
-) -> StraightMoves:  # fmt: skip
-    """The rows between which the tool moves straight.
-
-    Raises:
-        InvalidInput: If the language has no such moves here, or the tool is not known.
-    """
-    if not dialect.points:
-        raise InvalidInput(
-            f"straight moves are not written in {dialect.title}; write joint moves (--motion "
-            "joint)."
-        )
-    if path_task is None or joints.tool is None or rows.times is None:
-        raise InvalidInput("straight moves need a trajectory with times and its task.")
-    return straight_moves(rows, path_task, joints.tool, held, dialect=dialect, circles=circles)
 
 
 def decode(

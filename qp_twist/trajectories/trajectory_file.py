@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from qp_twist.checks import Array, clause, float_array, path_of
+from qp_twist.checks import clause, float_array, path_of
 from qp_twist.errors import InvalidInput
 from qp_twist.files import of_file, read_bytes, write_atomically
 from qp_twist.paths import PathTask
@@ -26,7 +26,7 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.metadata import read_metadata
-from qp_twist.trajectories.program_findings import kept_rounding
+from qp_twist.trajectories.program_writer import ProgramWriter
 from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
@@ -119,26 +119,35 @@ def write_trajectory(
     path = path_of("write_trajectory(…, path)", path)
     run = getattr(trajectory, "trajectory", trajectory)
     task: PathTask | None = getattr(run, "path_task", None)  # rows of a file have none
-    return _write(path, _encoded(trajectory, path, joints, task))
+    return _write(path, _encoded(trajectory, path, _writer(trajectory, path, joints, task)))
 
 
-def _encoded(
+def _writer(
     trajectory: Trajectory | TimedPath,
     path: Path,
     joints: ControllerJoints | None,
     task: PathTask | None,
     linear: LinearMotion | None = None,
-    shares: Array | None = None,
-) -> Mapping[str, str | bytes]:
-    """The files to write, by name; a program may have several. Messages name ``path``."""
+) -> ProgramWriter | None:
+    """What writes a program; ``None`` of other files. Messages name ``path``."""
     rows, dialect = TimedPath.of(trajectory), dialect_of(path)
     if dialect is None:
-        encode, _ = _format(path)
-        return {path.name: encode(rows)}
+        return None
     if joints is None:
         joints = program_trajectory.joints_of(task, rows.joint_names)
     with of_file(path):
-        return program_trajectory.encode(rows, dialect, joints, path.stem, task, linear, shares)
+        return ProgramWriter(rows, dialect, joints, path.stem, task, linear)
+
+
+def _encoded(
+    trajectory: Trajectory | TimedPath, path: Path, writer: ProgramWriter | None
+) -> Mapping[str, str | bytes]:
+    """The files to write, by name; a program may have several. Messages name ``path``."""
+    if writer is None:
+        encode, _ = _format(path)
+        return {path.name: encode(TimedPath.of(trajectory))}
+    with of_file(path):
+        return writer.texts()
 
 
 def _write(path: Path, files: Mapping[str, str | bytes]) -> Path:
@@ -178,19 +187,15 @@ def write_checked(
     calls, dialect = path_task.calls.values(), dialect_of(path)
     straight = [] if linear is None or not linear.circles else [linear._replace(circles=False)]
     for motion in (linear, *straight):
-        shares: Array | None = None
+        writer = _writer(trajectory, path, joints, path_task, motion)
         for _ in range(_ROUNDS):
-            files = _encoded(trajectory, path, joints, path_task, motion, shares)
+            files = _encoded(trajectory, path, writer)
             with tempfile.TemporaryDirectory() as folder:
                 file = _write(Path(folder) / path.name, files)
                 rows = read_trajectory(file, joint_names, joints, calls)
             check = check_trajectory(rows, path_task)
-            if check.passes:
+            if check.passes or writer is None or not writer.answers(rows, check):
                 break
-            kept = kept_rounding(rows, path_task, check)
-            if (kept == 1.0).all():
-                break
-            shares = kept * (1.0 if shares is None or len(shares) != len(kept) else shares)
         if check.passes:
             break
     if dialect is not None and not check.passes:
