@@ -15,10 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from qp_twist.paths import Toolpath, read_toolpath
 
 Array = npt.NDArray[np.float64]
+UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -46,14 +48,14 @@ class Case:
         dialect: Who writes such files.
         file: Name of the file.
         text: Its contents.
-        path: Computes its curves.
+        path: Its curves.
         options: Of the reader, if the file needs any.
     """
 
     dialect: str
     file: str
     text: str | bytes
-    path: Callable[[], list[TruePath]]
+    path: list[TruePath]
     options: dict[str, object] = field(default_factory=dict)
 
     def read(self, folder: Path) -> Toolpath:
@@ -70,20 +72,44 @@ CASES: list[Case] = []
 
 
 def case(
-    dialect: str, file: str, text: str | bytes, **options: object
-) -> Callable[[Callable[[], list[TruePath]]], Callable[[], list[TruePath]]]:
-    """Add an input; the function that is decorated computes its path."""
+    dialect: str, file: str, text: str | bytes, path: list[TruePath] | None = None,
+    **options: object,
+) -> Callable[[Callable[[], list[TruePath]]], None]:  # fmt: skip
+    """Add an input with its path, or with that which the function that is decorated computes."""
 
-    def add(path: Callable[[], list[TruePath]]) -> Callable[[], list[TruePath]]:
-        CASES.append(Case(dialect, file, text, path, options))
-        return path
+    def add(compute: Callable[[], list[TruePath]]) -> None:
+        CASES.append(Case(dialect, file, text, compute(), options))
 
+    if path is not None:
+        add(lambda: path)
     return add
 
 
 def mm(*points: tuple[float, float, float]) -> Array:
     """Points in millimetres as metres, (N, 3)."""
     return 1e-3 * np.array(points, dtype=np.float64)
+
+
+def at(x: float, y: float, z: float) -> Array:
+    """A point in millimetres as metres, (3,)."""
+    return 1e-3 * np.array([x, y, z])
+
+
+def up(points: Array) -> Array:
+    """The tool axis of a machine of three axes at each point."""
+    return np.tile(UP, (len(points), 1))
+
+
+def upright(*parts: Array, feed: float | None = None) -> TruePath:
+    """A curve of some parts, one after the other, on such a machine."""
+    points = np.vstack(parts)
+    return TruePath(points, up(points), feed=feed)
+
+
+def held(turn: Rotation, *parts: Array, feed: float | None = None) -> TruePath:
+    """A curve of some parts along which the tool keeps its orientation."""
+    points = np.vstack(parts)
+    return TruePath(points, rotations=np.tile(turn.as_matrix(), (len(points), 1, 1)), feed=feed)
 
 
 def arc(centre: Array, begin: Array, axis: Array, angle: float, rise: float = 0.0) -> Array:

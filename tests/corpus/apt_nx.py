@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import Array, TruePath, arc, case, mm
+from corpus import UP, Array, TruePath, arc, at, case, mm, upright
 
 HEAD = """TOOL PATH/CONTOUR,TOOL,MILL_20
 TLDATA/MILL,20.0000,1.0000,50.0000,0.0000,0.0000
@@ -21,27 +21,14 @@ GOTO/20.0000,0.0000,10.0000,0.0000000,0.0000000,1.0000000
 FEDRAT/MMPM,600.0000
 """
 END = "PAINT/SPEED,10\nPAINT/TOOL,NOMORE\nEND-OF-PATH\n"
-UP = np.array([0.0, 0.0, 1.0])
-
-
-def up(points: Array) -> Array:
-    """The tool axis of a machine of three axes at each point."""
-    return np.tile(UP, (len(points), 1))
-
-
-@case("Siemens NX", "contour.cls", f"{HEAD}GOTO/20.0000,0.0000,4.0000\n"
-      f"PAINT/COLOR,31\nGOTO/-20.0000,30.0000,4.0000\n{END}")  # fmt: skip
-def contour() -> list[TruePath]:
-    points = mm((20, 0, 10), (20, 0, 4), (-20, 30, 4))
-    return [TruePath(points, up(points), feed=0.01)]
-
-
-@case("Siemens NX", "quarter.cls",
-      f"{HEAD}CIRCLE/0.,0.,10.,0.,0.,1.,20.,0.06,0.5,20.,1.\nGOTO/0.,20.,10.\n{END}")  # fmt: skip
-def quarter() -> list[TruePath]:
-    # NX writes the axis about which the tool goes clockwise.
-    points = arc(np.array([0, 0, 0.01]), np.array([0.02, 0, 0.01]), -UP, 1.5 * np.pi)
-    return [TruePath(points, up(points))]
+case("Siemens NX", "contour.cls", f"{HEAD}GOTO/20.0000,0.0000,4.0000\n"
+     f"PAINT/COLOR,31\nGOTO/-20.0000,30.0000,4.0000\n{END}",
+     [upright(mm((20, 0, 10), (20, 0, 4), (-20, 30, 4)), feed=0.01)])  # fmt: skip
+# NX writes the axis about which the tool goes clockwise.
+case("Siemens NX", "quarter.cls",
+     f"{HEAD}CIRCLE/0.,0.,10.,0.,0.,1.,20.,0.06,0.5,20.,1.\nGOTO/0.,20.,10.\n{END}",
+     [upright(arc(np.array([0, 0, 0.01]), np.array([0.02, 0, 0.01]), -UP, 1.5 * np.pi))]
+)  # fmt: skip
 
 
 def msys(origin: Array, turn: Rotation) -> str:
@@ -61,10 +48,10 @@ def two_frames() -> list[TruePath]:
     # Points of the second operation in the frame of the first one.
     first = mm((20, 0, 10), (20, 30, 10))
     local = np.vstack([mm((20, 0, 10)),
-                       arc(1e-3 * np.array([0, 20, 10]), 1e-3 * np.array([20, 20, 10]), -UP,
+                       arc(at(0, 20, 10), at(20, 20, 10), -UP,
                            0.5 * np.pi)])  # fmt: skip
     turn = FIRST[1].inv() * SECOND[1]
     shift = 1e-3 * FIRST[1].inv().apply(SECOND[0] - FIRST[0])
     second = turn.apply(local) + shift
-    return [TruePath(first, up(first)),
+    return [upright(first),
             TruePath(second, np.tile(turn.apply(UP), (len(second), 1)))]  # fmt: skip

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from corpus import TruePath, case, mm
-from corpus.gcode_fanuc import turned, up
+from corpus import TruePath, case, mm, upright
+from corpus.gcode_fanuc import turned
 
 
 @case("Haas", "umc.nc", "%\nO00021 (BRACKET)\n(USING HIGH FEED G1 F500.)\n"
@@ -22,17 +22,11 @@ def umc() -> list[TruePath]:
     return [TruePath(0.0254 * rows[:, :3], vectors)]
 
 
-@case("Haas", "subprogram.eia", "%\nO0100 (MAIN)\nG21 G90 G54\nG00 X0. Y0. Z5.\n"
-      "M98 P200 L2\nM97 P900\n"
-      "M30\nN900 G90 G01 X0. Y0. F100.\nM99\nO0200\nG91 G01 Z-1. F50.\nX10.\nG00 Z1.\n"
-      "M99\n%\n")  # fmt: skip
-def subprogram() -> list[TruePath]:
-    first = mm((0, 0, 5), (0, 0, 4), (10, 0, 4))
-    second = mm((10, 0, 5), (10, 0, 4), (20, 0, 4))
-    third = mm((20, 0, 5), (0, 0, 5))
-    return [TruePath(path, up(path)) for path in (first, second, third)]
-
-
+case("Haas", "subprogram.eia", "%\nO0100 (MAIN)\nG21 G90 G54\nG00 X0. Y0. Z5.\n"
+     "M98 P200 L2\nM97 P900\n"
+     "M30\nN900 G90 G01 X0. Y0. F100.\nM99\nO0200\nG91 G01 Z-1. F50.\nX10.\nG00 Z1.\nM99\n%\n",
+     [upright(path) for path in (mm((0, 0, 5), (0, 0, 4), (10, 0, 4)),
+     mm((10, 0, 5), (10, 0, 4), (20, 0, 4)), mm((20, 0, 5), (0, 0, 5)))])  # fmt: skip
 HEADS = "G21 G90\nG0 X0. Y0. Z50. A0. C0.\nG1 Z10. F600.\nX20. A25. C40.\nG3 X20. Y20. R10.\nM30\n"
 
 
@@ -72,4 +66,4 @@ def turned_c() -> list[TruePath]:
     angles = np.radians(np.linspace(0, 180, 2000))
     points = np.column_stack([30 * np.cos(angles), 30 * np.sin(angles), 0 * angles])
     points = 1e-3 * np.vstack([[30, 0, 5], points])
-    return [TruePath(points, up(points))]
+    return [upright(points)]

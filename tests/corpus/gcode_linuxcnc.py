@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from corpus import TruePath, arc, case, mm
-from corpus.gcode_fanuc import UP, turned, up
+from corpus import UP, TruePath, arc, at, case, mm, upright
+from corpus.gcode_fanuc import turned
 
 
 @case("LinuxCNC", "boat-xyzac.ngc", "%\nM428 ;TCP:xyzac\n( 5 AXIS MILLING )\nG00 G17 G21 G40 G90\n"
@@ -31,23 +31,17 @@ def spokes() -> list[TruePath]:
     for k, far in enumerate((20.0, 10.0, 20.0)):
         x, y = far * np.cos(2 * np.pi * k / 3), far * np.sin(2 * np.pi * k / 3)
         points = mm((x, y, 5), (x, y, -1), (0, 0, -1))
-        found.append(TruePath(points, up(points), feed=0.2 / 60))
+        found.append(upright(points, feed=0.2 / 60))
     return found
 
 
-@case("LinuxCNC", "offsets.ngc", "G20 G90 G10 L2 P1 X1 Y2 Z3\nG54\nG0 X0 Y0 Z1\nG92 X5 Y0\n"
-      "G1 Z0 F10\nX6\nG92.1\nY1\nM2\n")  # fmt: skip
-def offsets() -> list[TruePath]:
-    points = 25.4 * mm((0, 0, 1), (0, 0, 0), (1, 0, 0), (1, 1, 0))
-    return [TruePath(points, up(points), feed=10 * 0.0254 / 60)]
-
-
-@case("LinuxCNC", "centres.tap", "G17\nT2M6S1527F244.3( 10. END_MILL )\nG0X-22.Y-5.\nZ4.\n"
-      "G1Z2.F122.2\nG2X-32.Y5.I-22.J5.\nM30\n")  # fmt: skip
-def centres() -> list[TruePath]:
-    turn = arc(mm((-22, 5, 2))[0], mm((-22, -5, 2))[0], -UP, 0.5 * np.pi)
-    points = np.vstack([mm((-22, -5, 4)), turn])
-    return [TruePath(points, up(points))]
+case("LinuxCNC", "offsets.ngc", "G20 G90 G10 L2 P1 X1 Y2 Z3\nG54\nG0 X0 Y0 Z1\nG92 X5 Y0\n"
+     "G1 Z0 F10\nX6\nG92.1\nY1\nM2\n",
+     [upright(25.4 * mm((0, 0, 1), (0, 0, 0), (1, 0, 0), (1, 1, 0)), feed=10 * 0.0254 / 60)]
+)  # fmt: skip
+case("LinuxCNC", "centres.tap", "G17\nT2M6S1527F244.3( 10. END_MILL )\nG0X-22.Y-5.\nZ4.\n"
+     "G1Z2.F122.2\nG2X-32.Y5.I-22.J5.\nM30\n",
+     [upright(mm((-22, -5, 4)), arc(at(-22, 5, 2), at(-22, -5, 2), -UP, 0.5 * np.pi))])  # fmt: skip
 
 
 @case("LinuxCNC", "indexed.ngc", "G21 G90\nG0 X0 Y0 Z30 A0\nG1 Z20 F100\nX10 A90\nG0 Z30\nM2\n")
@@ -63,20 +57,13 @@ def indexed() -> list[TruePath]:
 
 @case("LinuxCNC", "polar.ngc", "G21 G90 G17\nG0 @10 ^30 Z5\nG1 Z0 F600\n^120\nG91 @5\n^-30\nM2\n")
 def polar() -> list[TruePath]:
-    def at(radius: float, angle: float, z: float = 0.0) -> tuple[float, float, float]:
-        return radius * np.cos(np.radians(angle)), radius * np.sin(np.radians(angle)), z
+    words = ((10, 30, 5), (10, 30, 0), (10, 120, 0), (15, 120, 0), (15, 90, 0))
+    turns = [np.radians(angle) for _, angle, _ in words]
+    points = [(r * np.cos(a), r * np.sin(a), z) for (r, _, z), a in zip(words, turns, strict=True)]
+    return [upright(mm(*points), feed=0.01)]
 
-    points = mm(at(10, 30, 5), at(10, 30), at(10, 120), at(15, 120), at(15, 90))
-    return [TruePath(points, up(points), feed=0.01)]
 
-
-@case(
-    "LinuxCNC",
-    "loops.ngc",
-    "G21 G90\nG0 X0 Y0 Z0\n#1=0\nG1 F600\no1 do\n#1=[#1+1]\nX#1\n"
-    "o1 while [#1 lt 3]\no2 repeat [5]\n#1=[#1+1]\no3 if [#1 eq 4]\no2 continue\n"
-    "o3 elseif [#1 eq 6]\no2 break\no3 else\nY#1\no3 endif\no2 endrepeat\nX9\nM2\n",
-)
-def loops() -> list[TruePath]:
-    points = mm((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 5, 0), (9, 5, 0))
-    return [TruePath(points, up(points))]
+case("LinuxCNC", "loops.ngc", "G21 G90\nG0 X0 Y0 Z0\n#1=0\nG1 F600\no1 do\n#1=[#1+1]\nX#1\n"
+     "o1 while [#1 lt 3]\no2 repeat [5]\n#1=[#1+1]\no3 if [#1 eq 4]\no2 continue\n"
+     "o3 elseif [#1 eq 6]\no2 break\no3 else\nY#1\no3 endif\no2 endrepeat\nX9\nM2\n",
+     [upright(mm((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 5, 0), (9, 5, 0)))])  # fmt: skip

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from corpus import TruePath, case, mm
-from corpus.gcode_fanuc import turned, up
+from corpus import TruePath, case, mm, upright
+from corpus.gcode_fanuc import turned
 
 
 @case("printer", "plate.gcode", ";FLAVOR:Marlin\nM201 X500 Y500 Z100 E5000\nM140 S60\nM83\nG28\n"
@@ -16,22 +16,7 @@ from corpus.gcode_fanuc import turned, up
       "G1 X40 Y30 F1200 E0.4\nM104 S0\nM84 X Y E\n")  # fmt: skip
 def plate() -> list[TruePath]:
     paths = mm((10, 10, 0.2), (20, 10, 0.2), (20, 20, 0.2)), mm((40, 20, 0.2), (40, 30, 0.2))
-    return [TruePath(path, up(path), feed=0.02) for path in paths]
-
-
-TILTING = ("G21\nG90\nM82\nG92 E0\nG1 F3000 E-2\nG0 F6000 X50 Y50 Z0.3 A0 B0\n"
-      "G1 F1200 X60 Y50 E0.4\n"
-           "G1 X60 Y60 A10 E0.8\nG1 X50 Y60 A10 B20 E1.2\nM104 S0\n")  # fmt: skip
-
-
-@case("printer", "slicer.gcode", TILTING, machine="table-ab", pivot="10,20,-30")
-def slicer() -> list[TruePath]:
-    return [_tilting((10.0, 20.0, -30.0), (10.0, 20.0, -30.0))]
-
-
-@case("printer", "two_pivots.gcode", TILTING, machine="table-ab", pivot="10,20,-30,12,25,-5")
-def two_pivots() -> list[TruePath]:
-    return [_tilting((10.0, 20.0, -30.0), (12.0, 25.0, -5.0))]
+    return [upright(path, feed=0.02) for path in paths]
 
 
 def _tilting(first: tuple[float, ...], second: tuple[float, ...]) -> TruePath:
@@ -50,3 +35,14 @@ def _tilting(first: tuple[float, ...], second: tuple[float, ...]) -> TruePath:
             points.append((chain @ [*row[:3], 1.0])[:3])
             axes.append(chain[:3, 2])
     return TruePath(1e-3 * np.array(points), np.array(axes))
+
+
+TILTING = ("G21\nG90\nM82\nG92 E0\nG1 F3000 E-2\nG0 F6000 X50 Y50 Z0.3 A0 B0\n"
+      "G1 F1200 X60 Y50 E0.4\n"
+           "G1 X60 Y60 A10 E0.8\nG1 X50 Y60 A10 B20 E1.2\nM104 S0\n")  # fmt: skip
+case("printer", "slicer.gcode", TILTING,
+     [_tilting((10.0, 20.0, -30.0), (10.0, 20.0, -30.0))], machine="table-ab", pivot="10,20,-30"
+)  # fmt: skip
+case("printer", "two_pivots.gcode", TILTING,
+     [_tilting((10.0, 20.0, -30.0), (12.0, 25.0, -5.0))], machine="table-ab",
+     pivot="10,20,-30,12,25,-5")  # fmt: skip

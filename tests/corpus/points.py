@@ -49,161 +49,78 @@ def poses(angles: Array = DOWN) -> list[TruePath]:
     return [TruePath(BENT, rotations=zyx(angles))]
 
 
-@case("RoboDK", "Import-CSV-XYZWPR.csv", rows(1e3 * BENT, DOWN, np.arange(12), mark=", "))
-def robodk_poses() -> list[TruePath]:
-    return poses()
-
-
+case("RoboDK", "Import-CSV-XYZWPR.csv", rows(1e3 * BENT, DOWN, np.arange(12), mark=", "), poses())
 SPEEDS = ["100"] + [""] * 11
-
-
-@case("RoboDK", "LineXYZS.csv", "".join(f"{line},{speed}\n" for line, speed in zip(
-    rows(1e3 * BENT, digits=4).splitlines(), SPEEDS, strict=True)))  # fmt: skip
-def robodk_speeds() -> list[TruePath]:
-    # mm and mm/s, and a speed holds until the next one: RoboDK's macro for such files.
-    return [TruePath(BENT, feed=0.1)]
-
-
-@case("RoboDK", "points.csv", rows(1e3 * BENT, digits=3, mark=" "))
-def robodk_points() -> list[TruePath]:
-    return [TruePath(np.round(BENT, 6))]
-
-
-@case("CloudCompare", "section.asc", "//X,Y,Z,Nx,Ny,Nz\n" + rows(1e3 * BENT, NORMALS))
-def cloudcompare_header() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("CloudCompare", "section.txt", "12\n" + rows(1e3 * BENT, NORMALS, mark=" "))
-def cloudcompare_count() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("CloudCompare", "section.xyz", rows(
-    1e3 * BENT, 255.0 * (T[:, None] > 0.5) + 0.0 * BENT, NORMALS, mark=" "))  # fmt: skip
-def cloudcompare_colours() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("KUKA", "points.csv", "Name;X;Y;Z;A;B;C\n" + "".join(
-    f"P{k};{line}\n" for k, line in enumerate(
-        rows(1e3 * BENT, DOWN[:, ::-1], mark=";").replace(".", ",").splitlines())))  # fmt: skip
-def kuka_points() -> list[TruePath]:
-    # A turns about z, B about y, C about x.
-    return poses()
+# mm and mm/s, and a speed holds until the next one: RoboDK's macro for such files.
+case("RoboDK", "LineXYZS.csv", "".join(f"{line},{speed}\n" for line, speed in zip(
+     rows(1e3 * BENT, digits=4).splitlines(), SPEEDS, strict=True)), [TruePath(BENT, feed=0.1)]
+)  # fmt: skip
+case("RoboDK", "points.csv", rows(1e3 * BENT, digits=3, mark=" "), [TruePath(np.round(BENT, 6))])
+case("CloudCompare", "section.asc", "//X,Y,Z,Nx,Ny,Nz\n" + rows(1e3 * BENT, NORMALS),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
+case("CloudCompare", "section.txt", "12\n" + rows(1e3 * BENT, NORMALS, mark=" "),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
+case("CloudCompare", "section.xyz", rows(
+     1e3 * BENT, 255.0 * (T[:, None] > 0.5) + 0.0 * BENT, NORMALS, mark=" "),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
+# A turns about z, B about y, C about x.
+case("KUKA", "points.csv", "Name;X;Y;Z;A;B;C\n" + "".join(
+     f"P{k};{line}\n" for k, line in enumerate(
+     rows(1e3 * BENT, DOWN[:, ::-1], mark=";").replace(".", ",").splitlines())), poses()
+)  # fmt: skip
 
 
 ABC = DOWN[:, ::-1]
-
-
-@case("KUKA", "recorder.csv", "Timestamp,X_RIst,Y_RIst,Z_RIst,A_RIst,B_RIst,C_RIst,"
-      "X_RSol,Y_RSol,Z_RSol,A_RSol,B_RSol,C_RSol\n" + "".join(
-    f"2026-01-01 10:00:{k:02},{line}\n" for k, line in enumerate(
-        rows(1e3 * BENT, ABC, 1e3 * BENT + 0.2, ABC + 0.1).splitlines())))  # fmt: skip
-def kuka_recorder() -> list[TruePath]:
-    # RIst is where the robot was, RSol where it was meant to be.
-    return poses()
-
-
-@case("ABB", "targets.csv", "x,y,z,q1,q2,q3,q4\n" + rows(1e3 * BENT, WXYZ, digits=9))
-def abb_targets() -> list[TruePath]:
-    return poses()
-
-
-@case("FANUC", "bare.txt", rows(1e3 * BENT, DOWN, mark=" "))
-def angles_about_x_y_z_of_a_tool_that_points_down() -> list[TruePath]:
-    return poses()
-
-
-@case("KUKA", "bare.txt", rows(1e3 * BENT, DOWN[:, ::-1], mark=" "))
-def angles_about_z_y_x_of_a_tool_that_points_down() -> list[TruePath]:
-    return poses()
-
-
-@case("Universal Robots", "bare.txt", rows(BENT, Rotation.from_matrix(zyx(DOWN)).as_rotvec()))
-def vectors_of_a_tool_that_points_down() -> list[TruePath]:
-    return poses()
-
-
-@case("FANUC", "points.csv", "X,Y,Z,W,P,R\n" + rows(1e3 * BENT, DOWN))
-def fanuc_points() -> list[TruePath]:
-    return poses()
-
-
-@case("Universal Robots", "record.csv", "timestamp "
-      + " ".join(f"actual_TCP_pose_{k}" for k in range(6)) + " "
-      + " ".join(f"target_TCP_pose_{k}" for k in range(6)) + "\n" + rows(
-    0.008 * np.arange(12), BENT, Rotation.from_matrix(zyx(DOWN)).as_rotvec(),
-    BENT + 1e-4, Rotation.from_matrix(zyx(DOWN)).as_rotvec() + 1e-3, mark=" "))  # fmt: skip
-def universal_robots_record() -> list[TruePath]:
-    return poses()
+# RIst is where the robot was, RSol where it was meant to be.
+case("KUKA", "recorder.csv", "Timestamp,X_RIst,Y_RIst,Z_RIst,A_RIst,B_RIst,C_RIst,"
+     "X_RSol,Y_RSol,Z_RSol,A_RSol,B_RSol,C_RSol\n" + "".join(
+     f"2026-01-01 10:00:{k:02},{line}\n" for k, line in enumerate(
+     rows(1e3 * BENT, ABC, 1e3 * BENT + 0.2, ABC + 0.1).splitlines())), poses())  # fmt: skip
+case("ABB", "targets.csv", "x,y,z,q1,q2,q3,q4\n" + rows(1e3 * BENT, WXYZ, digits=9), poses())
+# Angles about x, y, z of a tool that points down.
+case("FANUC", "bare.txt", rows(1e3 * BENT, DOWN, mark=" "), poses())
+# Angles about z, y, x of a tool that points down.
+case("KUKA", "bare.txt", rows(1e3 * BENT, DOWN[:, ::-1], mark=" "), poses())
+# Vectors of a tool that points down.
+case("Universal Robots", "bare.txt", rows(BENT, Rotation.from_matrix(zyx(DOWN)).as_rotvec()),
+     poses())  # fmt: skip
+case("FANUC", "points.csv", "X,Y,Z,W,P,R\n" + rows(1e3 * BENT, DOWN), poses())
+case("Universal Robots", "record.csv", "timestamp "
+     + " ".join(f"actual_TCP_pose_{k}" for k in range(6)) + " "
+     + " ".join(f"target_TCP_pose_{k}" for k in range(6)) + "\n" + rows(
+     0.008 * np.arange(12), BENT, Rotation.from_matrix(zyx(DOWN)).as_rotvec(),
+     BENT + 1e-4, Rotation.from_matrix(zyx(DOWN)).as_rotvec() + 1e-3, mark=" "), poses()
+)  # fmt: skip
 
 
 ROS = "field.pose.position.x,field.pose.position.y,field.pose.position.z," + ",".join(
     f"field.pose.orientation.{c}" for c in "xyzw"
 )
-
-
-@case("ROS", "echo.csv", f"%time,field.header.seq,field.header.stamp,{ROS}\n" + "".join(
-    f"{1609060336768428032 + 10**8 * k},{k},{1609060336768428032 + 10**8 * k},{line}\n"
-    for k, line in enumerate(rows(BENT, XYZW, digits=12).splitlines())))  # fmt: skip
-def ros_echo() -> list[TruePath]:
-    return poses()
-
-
-@case("ROS", "juggler.csv", "__time," + ",".join(
-    [f"/tool_path/pose/position/{c}" for c in "xyz"]
-    + [f"/tool_path/pose/orientation/{c}" for c in "xyzw"]) + "\n" + rows(
-    1.7e9 + 0.1 * np.arange(12), BENT, XYZW))  # fmt: skip
-def ros_plotjuggler() -> list[TruePath]:
-    return poses()
-
-
-@case("IKLink", "input.csv", "time," + ",".join(
-    [f"target-POS_{c}" for c in "XYZ"] + [f"target-ROT_{c}" for c in "XYZW"]) + "\n" + rows(
-    T, BENT, XYZW))  # fmt: skip
-def iklink() -> list[TruePath]:
-    return poses()
-
-
+case("ROS", "echo.csv", f"%time,field.header.seq,field.header.stamp,{ROS}\n" + "".join(
+     f"{1609060336768428032 + 10**8 * k},{k},{1609060336768428032 + 10**8 * k},{line}\n"
+     for k, line in enumerate(rows(BENT, XYZW, digits=12).splitlines())), poses())  # fmt: skip
+case("ROS", "juggler.csv", "__time," + ",".join([f"/tool_path/pose/position/{c}" for c in "xyz"]
+     + [f"/tool_path/pose/orientation/{c}" for c in "xyzw"]) + "\n" + rows(
+     1.7e9 + 0.1 * np.arange(12), BENT, XYZW), poses())  # fmt: skip
+case("IKLink", "input.csv", "time," + ",".join(
+     [f"target-POS_{c}" for c in "XYZ"] + [f"target-ROT_{c}" for c in "XYZW"]) + "\n" + rows(
+     T, BENT, XYZW), poses())  # fmt: skip
 START = BENT - BENT[0]
-
-
-@case("Stampede", "motion", "".join(
-    f"{t};{','.join(f'{v:.9f}' for v in p)};{','.join(f'{v:.9f}' for v in q)}\n"
-    for t, p, q in zip(0.02 * T, START, UPRIGHT[:, [3, 0, 1, 2]], strict=True)))  # fmt: skip
-def stampede() -> list[TruePath]:
-    return [TruePath(START, rotations=zyx(SLOPE))]
-
-
-@case("TUM", "groundtruth.txt", "# ground truth trajectory\n# timestamp tx ty tz qx qy qz qw\n"
-      + rows(1.305e9 + T, BENT, XYZW, mark=" "))  # fmt: skip
-def tum_header() -> list[TruePath]:
-    return poses()
-
-
-@case("TUM", "estimate.tum", rows(1.305e9 + T**2, BENT, XYZW, mark=" "))
-def tum_bare() -> list[TruePath]:
-    return poses()
-
-
-@case("KITTI", "poses.txt", "".join(
-    " ".join(f"{v:.9e}" for v in np.column_stack([turn, at]).ravel()) + "\n"
-    for turn, at in zip(zyx(DOWN), BENT, strict=True)))  # fmt: skip
-def kitti() -> list[TruePath]:
-    return poses()
-
-
-@case("Descartes", "puzzle.csv", " Line 1,,,,,,\n Line 2,,,,,,\n" + "".join(
-    f"{k},{line}\n" for k, line in enumerate(
-        rows(1e3 * BENT, NORMALS).splitlines(), start=1)))  # fmt: skip
-def descartes() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("MATLAB", "up.csv", rows(1e3 * BENT, UPRIGHT))
-def scalar_last_of_little_turned_frames() -> list[TruePath]:
-    return [TruePath(BENT, rotations=zyx(SLOPE))]
+case("Stampede", "motion", "".join(
+     f"{t};{','.join(f'{v:.9f}' for v in p)};{','.join(f'{v:.9f}' for v in q)}\n"
+     for t, p, q in zip(0.02 * T, START, UPRIGHT[:, [3, 0, 1, 2]], strict=True)),
+     [TruePath(START, rotations=zyx(SLOPE))])  # fmt: skip
+case("TUM", "groundtruth.txt", "# ground truth trajectory\n# timestamp tx ty tz qx qy qz qw\n"
+     + rows(1.305e9 + T, BENT, XYZW, mark=" "), poses())  # fmt: skip
+case("TUM", "estimate.tum", rows(1.305e9 + T**2, BENT, XYZW, mark=" "), poses())
+case("KITTI", "poses.txt", "".join(
+     " ".join(f"{v:.9e}" for v in np.column_stack([turn, at]).ravel()) + "\n"
+     for turn, at in zip(zyx(DOWN), BENT, strict=True)), poses())  # fmt: skip
+case("Descartes", "puzzle.csv", " Line 1,,,,,,\n Line 2,,,,,,\n" + "".join(
+     f"{k},{line}\n" for k, line in enumerate(rows(1e3 * BENT, NORMALS).splitlines(), start=1)),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
+# Scalar last of little turned frames.
+case("MATLAB", "up.csv", rows(1e3 * BENT, UPRIGHT), [TruePath(BENT, rotations=zyx(SLOPE))])
 
 
 # ---------------------------------------------------------------- point clouds
@@ -228,25 +145,14 @@ def packed(types: str, *columns: Array) -> bytes:
 NAMES = "x y z nx ny nz"
 FLOATS = "float float float float float float"
 FIELDS = f"x y z {' '.join(f'normal_{c}' for c in 'xyz')} curvature"
-
-
-@case("PLY", "text.ply", ply("ascii", NAMES, FLOATS, rows(1e3 * BENT, NORMALS, mark=" ").encode())
-      .decode() + "\n")  # fmt: skip
-def ply_text() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("PLY", "little.ply", ply(
-    "binary_little_endian", f"{NAMES} red", "double double double float float float uchar",
-    packed("<f8 <f8 <f8 <f4 <f4 <f4 u1", 1e3 * BENT, NORMALS, 200.0 * T)))  # fmt: skip
-def ply_little() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("PLY", "big.ply", ply("binary_big_endian", NAMES, FLOATS,
-                            packed(">f4 >f4 >f4 >f4 >f4 >f4", BENT, NORMALS)))  # fmt: skip
-def ply_big() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
+case("PLY", "text.ply", ply("ascii", NAMES, FLOATS, rows(1e3 * BENT, NORMALS, mark=" ").encode())
+     .decode() + "\n", [TruePath(BENT, NORMALS)])  # fmt: skip
+case("PLY", "little.ply", ply(
+     "binary_little_endian", f"{NAMES} red", "double double double float float float uchar",
+     packed("<f8 <f8 <f8 <f4 <f4 <f4 u1", 1e3 * BENT, NORMALS, 200.0 * T)),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
+case("PLY", "big.ply", ply("binary_big_endian", NAMES, FLOATS,
+     packed(">f4 >f4 >f4 >f4 >f4 >f4", BENT, NORMALS)), [TruePath(BENT, NORMALS)])  # fmt: skip
 
 
 def pcd(kind: str, body: bytes, count: int = 12) -> bytes:
@@ -258,17 +164,12 @@ def pcd(kind: str, body: bytes, count: int = 12) -> bytes:
     ).encode() + body
 
 
-@case("PCD", "text.pcd", pcd("ascii", (
-    "nan nan nan nan nan nan nan\n" + rows(BENT, NORMALS, 0.0 * T, mark=" ")).encode(), 13)
-    .decode())  # fmt: skip
-def pcd_text() -> list[TruePath]:
-    # A point that is not a number is none.
-    return [TruePath(BENT, NORMALS)]
-
-
-@case("PCD", "binary.pcd", pcd("binary", packed("<f4 " * 7, BENT, NORMALS, T)))
-def pcd_binary() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
+# A point that is not a number is none.
+case("PCD", "text.pcd", pcd("ascii", (
+     "nan nan nan nan nan nan nan\n" + rows(BENT, NORMALS, 0.0 * T, mark=" ")).encode(), 13)
+     .decode(), [TruePath(BENT, NORMALS)])  # fmt: skip
+case("PCD", "binary.pcd", pcd("binary", packed("<f4 " * 7, BENT, NORMALS, T)),
+     [TruePath(BENT, NORMALS)])  # fmt: skip
 
 
 def lzf(data: bytes) -> bytes:
@@ -287,13 +188,9 @@ def lzf(data: bytes) -> bytes:
 
 
 FIELD_AFTER_FIELD = np.column_stack([BENT, NORMALS, 0.0 * T]).T.astype("<f4").tobytes()
-
-
-@case("PCD", "compressed.pcd", pcd("binary_compressed", np.array(
-    [len(lzf(FIELD_AFTER_FIELD)), len(FIELD_AFTER_FIELD)], "<u4").tobytes()
-    + lzf(FIELD_AFTER_FIELD)))  # fmt: skip
-def pcd_compressed() -> list[TruePath]:
-    return [TruePath(BENT, NORMALS)]
+case("PCD", "compressed.pcd", pcd("binary_compressed", np.array(
+     [len(lzf(FIELD_AFTER_FIELD)), len(FIELD_AFTER_FIELD)], "<u4").tobytes()
+     + lzf(FIELD_AFTER_FIELD)), [TruePath(BENT, NORMALS)])  # fmt: skip
 
 
 # ---------------------------------------------------------------- YAML and JSON
@@ -307,75 +204,32 @@ def pose_yaml(at: Array, turn: Array, indent: str = "") -> str:
 
 
 HEADER = "header:\n  stamp:\n    sec: 12\n    nanosec: 5\n  frame_id: part\n"
-
-
-@case(
-    "YAML",
-    "array.yaml",
-    HEADER
-    + "poses:\n"
-    + "".join("- " + pose_yaml(at, turn, "  ")[2:] for at, turn in zip(BENT, XYZW, strict=True))
-    + "---\n",
-)
-def pose_array() -> list[TruePath]:
-    return poses()
-
-
-@case(
-    "YAML",
-    "stamped.txt",
-    "".join(
-        f"{HEADER}pose:\n{pose_yaml(at, turn, '  ')}---\n"
-        for at, turn in zip(BENT, XYZW, strict=True)
-    ),
-)
-def stamped_poses() -> list[TruePath]:
-    return poses()
-
-
-@case("YAML", "path.yml", HEADER + "poses:\n" + "".join(
-    "- header:\n    frame_id: part\n  pose:\n" + pose_yaml(at, turn, "    ")
-    for at, turn in zip(BENT, XYZW, strict=True)))  # fmt: skip
-def path_message() -> list[TruePath]:
-    return poses()
-
-
-@case("YAML", "rasters.yaml", "tool_paths:\n" + "".join(
-    "- poses:\n" + "".join(
-        "  - " + pose_yaml(at, turn, "    ")[4:]
-        for at, turn in zip(BENT[part], XYZW[part], strict=True))
-    for part in (slice(0, 6), slice(6, 12))))  # fmt: skip
-def rasters() -> list[TruePath]:
-    return [TruePath(BENT[part], rotations=zyx(DOWN)[part]) for part in (slice(0, 6), slice(6, 12))]
-
-
-@case("JSON", "points.json", json.dumps({"name": "edge", "points": (1e3 * BENT).tolist()}))
-def json_points() -> list[TruePath]:
-    return [TruePath(BENT)]
-
-
-@case("JSON", "waypoints.json", json.dumps([
-    {"id": k, "position": at.tolist(), "rpy": angles.tolist(), "speed_mm/s": 20.0}
-    for k, (at, angles) in enumerate(zip(1e3 * BENT, DOWN, strict=True))], indent=2))  # fmt: skip
-def json_waypoints() -> list[TruePath]:
-    return [TruePath(BENT, rotations=zyx(DOWN), feed=0.02)]
-
-
-@case("JSON", "frames.json", json.dumps({f"target_{k}": np.vstack(
-    [np.column_stack([turn, 1e3 * at]), [0, 0, 0, 1]]).tolist()
-    for k, (turn, at) in enumerate(zip(zyx(DOWN), BENT, strict=True))}))  # fmt: skip
-def json_matrices() -> list[TruePath]:
-    return poses()
-
-
-@case("JSON", "columns.json", json.dumps({"path": dict(zip(
-    ["x", "y", "z", "qx", "qy", "qz", "qw"], np.column_stack([BENT, XYZW]).T.tolist(),
-    strict=True)), "source": "planner"}))  # fmt: skip
-def json_columns() -> list[TruePath]:
-    return poses()
-
-
-@case("JSON", "lists.json", json.dumps(
-    {"poses": np.column_stack([1e3 * BENT, UPRIGHT]).tolist()}, indent="\t"))  # fmt: skip
-def json_lists_of_seven() -> list[TruePath]:
-    return [TruePath(BENT, rotations=zyx(SLOPE))]
+case("YAML", "array.yaml", HEADER + "poses:\n"
+     + "".join("- " + pose_yaml(at, turn, "  ")[2:] for at, turn in zip(BENT, XYZW, strict=True))
+     + "---\n", poses())  # fmt: skip
+case("YAML", "stamped.txt", "".join(f"{HEADER}pose:\n{pose_yaml(at, turn, '  ')}---\n"
+     for at, turn in zip(BENT, XYZW, strict=True)), poses())  # fmt: skip
+case("YAML", "path.yml", HEADER + "poses:\n" + "".join(
+     "- header:\n    frame_id: part\n  pose:\n" + pose_yaml(at, turn, "    ")
+     for at, turn in zip(BENT, XYZW, strict=True)), poses())  # fmt: skip
+case("YAML", "rasters.yaml", "tool_paths:\n" + "".join("- poses:\n" + "".join(
+     "  - " + pose_yaml(at, turn, "    ")[4:]
+     for at, turn in zip(BENT[part], XYZW[part], strict=True))
+     for part in (slice(0, 6), slice(6, 12))),
+     [TruePath(BENT[part], rotations=zyx(DOWN)[part]) for part in (slice(0, 6), slice(6, 12))]
+)  # fmt: skip
+case("JSON", "points.json", json.dumps({"name": "edge", "points": (1e3 * BENT).tolist()}),
+     [TruePath(BENT)])  # fmt: skip
+case("JSON", "waypoints.json", json.dumps([
+     {"id": k, "position": at.tolist(), "rpy": angles.tolist(), "speed_mm/s": 20.0}
+     for k, (at, angles) in enumerate(zip(1e3 * BENT, DOWN, strict=True))], indent=2),
+     [TruePath(BENT, rotations=zyx(DOWN), feed=0.02)])  # fmt: skip
+case("JSON", "frames.json", json.dumps({f"target_{k}": np.vstack(
+     [np.column_stack([turn, 1e3 * at]), [0, 0, 0, 1]]).tolist()
+     for k, (turn, at) in enumerate(zip(zyx(DOWN), BENT, strict=True))}), poses())  # fmt: skip
+case("JSON", "columns.json", json.dumps({"path": dict(zip(
+     ["x", "y", "z", "qx", "qy", "qz", "qw"], np.column_stack([BENT, XYZW]).T.tolist(),
+     strict=True)), "source": "planner"}), poses())  # fmt: skip
+case("JSON", "lists.json", json.dumps(
+     {"poses": np.column_stack([1e3 * BENT, UPRIGHT]).tolist()}, indent="\t"),
+     [TruePath(BENT, rotations=zyx(SLOPE))])  # fmt: skip

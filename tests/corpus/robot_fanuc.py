@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import Array, TruePath, arc, case, mm
+from corpus import UP, TruePath, arc, at, case, held, mm
 
 ATTRIBUTES = """/ATTR
 OWNER		= MNEDITOR;
@@ -32,36 +32,9 @@ def point(number: int, xyz: str, wpr: str, frame: int = 1) -> str:
     )
 
 
-JOINTS = """P[9]{
-   GP1:
-	UF : 1, UT : 2,
-	J1=     0.000 deg,	J2=   -10.000 deg,	J3=     5.000 deg,
-	J4=     0.000 deg,	J5=   -80.000 deg,	J6=     0.000 deg
-};
-"""
-
-
-def wpr(*angles: tuple[float, float, float]) -> Array:
-    """R_z(R) R_y(P) R_x(W) of some angles W, P, R in degrees."""
-    return Rotation.from_euler("xyz", np.array(angles), degrees=True).as_matrix()
-
-
-SEAM = """\
+SEAM = f"""\
 /PROG  SEAM
-/ATTR
-OWNER		= MNEDITOR;
-COMMENT		= "";
-PROG_SIZE	= 1000;
-FILE_NAME	= ;
-LINE_COUNT	= 0;
-PROTECT		= READ_WRITE;
-TCD:  STACK_SIZE	= 0,
-      TASK_PRIORITY	= 50;
-DEFAULT_GROUP	= 1,*,*,*,*;
-CONTROL_CODE	= 00000000 00000000;
-/APPL
-/MN
-   1:  !a seam ;
+{ATTRIBUTES}   1:  !a seam ;
    2:  UFRAME_NUM=1 ;
    3:  UTOOL_NUM=2 ;
    4:J P[9] 20% CNT100    ;
@@ -73,58 +46,24 @@ CONTROL_CODE	= 00000000 00000000;
    9:  DO[1:GUN]=OFF ;
   10:J P[9] 20% FINE    ;
 /POS
-P[1]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =   100.000  mm,	Y =   -20.500  mm,	Z =         0  mm,
-	W =      -180 deg,	P =         0 deg,	R =      30.0 deg
-};
-P[2]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =   100.000  mm,	Y =      .500  mm,	Z =         0  mm,
-	W =      -180 deg,	P =         0 deg,	R =      30.0 deg
-};
-P[3]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =   160.000  mm,	Y =      .500  mm,	Z =      2.25  mm,
-	W =      -170 deg,	P =       5.0 deg,	R =      30.0 deg
-};
-P[9]{
+{point(1, "100.000 -20.500 0", "-180 0 30.0")}{point(2, "100.000 .500 0", "-180 0 30.0")}\
+{point(3, "160.000 .500 2.25", "-170 5.0 30.0")}P[9]{{
    GP1:
 	UF : 1, UT : 2,
 	J1=     0.000 deg,	J2=   -10.000 deg,	J3=     5.000 deg,
 	J4=     0.000 deg,	J5=   -80.000 deg,	J6=     0.000 deg
-};
+}};
 /END
 """
+ANGLES = [(-180, 0, 30), (-180, 0, 30), (-170, 5, 30)]  # R = R_z(R) R_y(P) R_x(W)
+case("FANUC LS", "SEAM.LS", SEAM, [
+    TruePath(mm((100, -20.5, 0), (100, 0.5, 0), (160, 0.5, 2.25)),
+             rotations=Rotation.from_euler("xyz", ANGLES, degrees=True).as_matrix(), feed=0.005)
+])  # fmt: skip
 
-
-@case("FANUC LS", "SEAM.LS", SEAM)
-def seam() -> list[TruePath]:
-    points = mm((100, -20.5, 0), (100, 0.5, 0), (160, 0.5, 2.25))
-    return [
-        TruePath(points, rotations=wpr((-180, 0, 30), (-180, 0, 30), (-170, 5, 30)), feed=0.005)
-    ]
-
-
-RING = """\
+RING = f"""\
 /PROG RING
-/ATTR
-OWNER		= MNEDITOR;
-COMMENT		= "";
-PROG_SIZE	= 1000;
-FILE_NAME	= ;
-LINE_COUNT	= 0;
-PROTECT		= READ_WRITE;
-TCD:  STACK_SIZE	= 0,
-      TASK_PRIORITY	= 50;
-DEFAULT_GROUP	= 1,*,*,*,*;
-CONTROL_CODE	= 00000000 00000000;
-/APPL
-/MN
-1:L P[1] 100mm/sec FINE ;
+{ATTRIBUTES}1:L P[1] 100mm/sec FINE ;
 2:C P[2]
  : P[3] 100mm/sec CNT100 ;
 3:C P[4]
@@ -132,64 +71,23 @@ CONTROL_CODE	= 00000000 00000000;
 4:  WAIT   1.00(sec) ;
 5:  CALL GRIPPER_OFF ;
 /POS
-P[1]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =     520.0  mm,	Y =       0.0  mm,	Z =     300.0  mm,
-	W =     180.0 deg,	P =       0.0 deg,	R =       0.0 deg
-};
-P[2]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =     500.0  mm,	Y =      20.0  mm,	Z =     300.0  mm,
-	W =     180.0 deg,	P =       0.0 deg,	R =       0.0 deg
-};
-P[3]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =     480.0  mm,	Y =       0.0  mm,	Z =     300.0  mm,
-	W =     180.0 deg,	P =       0.0 deg,	R =       0.0 deg
-};
-P[4]{
-   GP1:
-	UF : 1, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =     500.0  mm,	Y =     -20.0  mm,	Z =     300.0  mm,
-	W =     180.0 deg,	P =       0.0 deg,	R =       0.0 deg
-};
-/END
-"""
+""" + "".join(
+    point(k, f"{x} {y} 300.0", "180.0 0.0 0.0")
+    for k, (x, y) in enumerate(((520.0, 0.0), (500.0, 20.0), (480.0, 0.0), (500.0, -20.0)), 1)
+) + "/END\n"  # fmt: skip
+case("FANUC LS", "ring.ls", RING,
+     [held(Rotation.from_euler("x", 180, degrees=True),
+           arc(at(500, 0, 300), at(520, 0, 300), UP, 2 * np.pi), feed=0.1)])  # fmt: skip
 
-
-@case("FANUC LS", "ring.ls", RING)
-def ring() -> list[TruePath]:
-    points = arc(
-        np.array([0.5, 0, 0.3]), np.array([0.52, 0, 0.3]), np.array([0, 0, 1.0]), 2 * np.pi
-    )
-    return [TruePath(points, rotations=np.tile(wpr((180, 0, 0)), (len(points), 1, 1)), feed=0.1)]
-
-
-DEPOSIT = """\
+DEPOSIT = f"""\
 /PROG deposit
-/ATTR
-OWNER		= MNEDITOR;
-COMMENT		= "";
-PROG_SIZE	= 1000;
-FILE_NAME	= ;
-LINE_COUNT	= 0;
-PROTECT		= READ_WRITE;
-TCD:  STACK_SIZE	= 0,
-      TASK_PRIORITY	= 50;
-DEFAULT_GROUP	= 1,*,*,*,*;
-CONTROL_CODE	= 00000000 00000000;
-/APPL
-/MN
-:R[34]=0;
+{ATTRIBUTES}:R[34]=0;
 1: L P[1] 600mm/min CNT100 COORD ;
 2: L P[2] WELD_SPEED CNT100 COORD PTH ;
 3: L P[3] R[2]mm/sec CNT50 ;
 4: JMP LBL[1] ;
 /POS
-P[1] {
+P[1] {{
   GP1:
    UF : 6, UT : 5,  CONFIG: 'N U T, 0, 0, 0',
    X = 1.5 mm, Y = 0.0 mm, Z = 53.3 mm,
@@ -197,23 +95,8 @@ P[1] {
   GP2:
    UF : 1, UT : 2,
    J1 = 0.0 deg, J2 = 0.0 deg
- };
-P[2]{
-   GP1:
-	UF : 6, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =      31.5  mm,	Y =         0  mm,	Z =      53.3  mm,
-	W =         0 deg,	P =         0 deg,	R =         0 deg
-};
-P[3]{
-   GP1:
-	UF : 6, UT : 2,		CONFIG : 'N U T, 0, 0, 0',
-	X =      31.5  mm,	Y =        12  mm,	Z =      53.3  mm,
-	W =         0 deg,	P =         0 deg,	R =         0 deg
-};
-"""
-
-
-@case("FANUC LS", "deposit.ls", DEPOSIT)
-def deposit() -> list[TruePath]:
-    points = mm((1.5, 0, 53.3), (31.5, 0, 53.3), (31.5, 12, 53.3))
-    return [TruePath(points, rotations=wpr(*[(0, 0, 0)] * 3))]
+ }};
+{point(2, "31.5 0 53.3", "0 0 0", frame=6)}{point(3, "31.5 12 53.3", "0 0 0", frame=6)}"""
+case("FANUC LS", "deposit.ls", DEPOSIT,
+     [held(Rotation.identity(), mm((1.5, 0, 53.3), (31.5, 0, 53.3), (31.5, 12, 53.3)))]
+)  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import TruePath, arc, case, mm
+from corpus import UP, TruePath, arc, at, case, held, mm
 
 JOB = """\
 /JOB
@@ -42,14 +42,11 @@ MOVL C00003 V=50.0
 """
 
 
-@case("Yaskawa JBI", "PLATE.JBI", JOB.format(name="PLATE", count=4, positions=PLATE, moves=MOVES))
-def plate() -> list[TruePath]:
-    angles = np.array([(180, -10, 30), (180, -10, 30), (-170, 0, 30)])
-    points = mm((100, -20.5, 0), (100, 0.5, 0), (160.25, 0.5, 2.25))
-    return [
-        TruePath(points, rotations=Rotation.from_euler("xyz", angles, degrees=True).as_matrix())
-    ]
-
+ANGLES = [(180, -10, 30), (180, -10, 30), (-170, 0, 30)]
+case("Yaskawa JBI", "PLATE.JBI", JOB.format(name="PLATE", count=4, positions=PLATE, moves=MOVES),
+     [TruePath(mm((100, -20.5, 0), (100, 0.5, 0), (160.25, 0.5, 2.25)),
+               rotations=Rotation.from_euler("xyz", ANGLES, degrees=True).as_matrix())]
+)  # fmt: skip
 
 RING = """\
 ///POSTYPE BASE
@@ -62,11 +59,6 @@ P00004=440.000,0.000,300.000,180.0,0.0,0.0
 """
 ARC = "".join(f"{word} P0000{k} V=46.0 PL=0\n" for word, k in (
     ("MOVL", 1), ("MOVC", 1), ("MOVC", 2), ("MOVC", 3), ("MOVL", 4)))  # fmt: skip
-
-
-@case("Yaskawa JBI", "RING.JBI", JOB.format(name="RING", count=4, positions=RING, moves=ARC))
-def ring() -> list[TruePath]:
-    half = arc(np.array([0.5, 0, 0.3]), np.array([0.52, 0, 0.3]), np.array([0, 0, 1.0]), np.pi)
-    points = np.vstack([half, mm((440, 0, 300))])
-    down = Rotation.from_euler("x", 180, degrees=True).as_matrix()
-    return [TruePath(points, rotations=np.tile(down, (len(points), 1, 1)))]
+case("Yaskawa JBI", "RING.JBI", JOB.format(name="RING", count=4, positions=RING, moves=ARC),
+     [held(Rotation.from_euler("x", 180, degrees=True),
+           arc(at(500, 0, 300), at(520, 0, 300), UP, np.pi), mm((440, 0, 300)))])  # fmt: skip

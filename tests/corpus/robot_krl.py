@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import Array, TruePath, arc, case, mm
+from corpus import UP, Array, TruePath, arc, at, case, held, mm
 
 HEAD = """&ACCESS RVP
 &REL 1
@@ -25,16 +25,9 @@ def zyx(*angles: tuple[float, float, float]) -> Array:
     return Rotation.from_euler("ZYX", np.array(angles), degrees=True).as_matrix()
 
 
-MILL = r"""&ACCESS RVP
-&REL 1
-&PARAM TEMPLATE = C:\KRC\Roboter\Template\vorgabe
-&PARAM EDITMASK = *
-DEF PATH ( )
-;FOLD INI
-GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
-INTERRUPT ON 3
-BAS (#INITMOV,0)
-;ENDFOLD (INI)
+MILL = (
+    HEAD
+    + """\
 FDAT_ACT = {TOOL_NO 3,BASE_NO 2,IPO_FRAME #BASE}
 BAS (#FRAMES)
 BAS (#VEL_PTP,20)
@@ -48,14 +41,12 @@ LIN {X 160.5,Y 90.25,Z -1.5}
 PTP {A1 0,A2 -90,A3 90,A4 0,A5 45,A6 0}
 END
 """
+)
 
 
-@case("KUKA KRL", "mill.src", MILL)
-def mill() -> list[TruePath]:
-    points = mm((100, 50, 30), (100, 50, 0), (160.5, 50, 0), (160.5, 90.25, -1.5))
-    return [TruePath(points, rotations=zyx(*[(0, 20, 180)] * 2, *[(10, 10, 180)] * 2), feed=0.2)]
-
-
+case("KUKA KRL", "mill.src", MILL,
+     [TruePath(mm((100, 50, 30), (100, 50, 0), (160.5, 50, 0), (160.5, 90.25, -1.5)),
+     rotations=zyx(*[(0, 20, 180)] * 2, *[(10, 10, 180)] * 2), feed=0.2)])  # fmt: skip
 CIRC = """\
 DEF circ()
 DECL E6POS home
@@ -71,21 +62,13 @@ END
 
 @case("KUKA KRL", "circ.src", CIRC)
 def circ() -> list[TruePath]:
-    begin, up = np.array([0.52, 0, 0.3]), np.array([0, 0, 1.0])
-    points = arc(np.array([0.5, 0, 0.3]), begin, up, 1.5 * np.pi)
-    return [TruePath(points, rotations=np.tile(zyx((0, 0, 180)), (len(points), 1, 1)), feed=0.05)]
+    points = arc(at(500, 0, 300), at(520, 0, 300), UP, 1.5 * np.pi)
+    return [held(Rotation.from_euler("x", 180, degrees=True), points, feed=0.05)]
 
 
-TWO_BASES = r"""&ACCESS RVP
-&REL 1
-&PARAM TEMPLATE = C:\KRC\Roboter\Template\vorgabe
-&PARAM EDITMASK = *
-DEF PATH ( )
-;FOLD INI
-GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
-INTERRUPT ON 3
-BAS (#INITMOV,0)
-;ENDFOLD (INI)
+TWO_BASES = (
+    HEAD
+    + """\
 BASE_DATA[1] = {X 500,Y 0,Z 100,A 90,B 0,C 0}
 BASE_DATA[2] = BASE_DATA[1]
 $VEL.CP = 0.1
@@ -97,6 +80,7 @@ PTP {X 0,Y 0,Z 0,A 0,B 0,C 180}
 LIN {X 40,Y 0,Z 0,A 0,B 0,C 180}
 END
 """
+)
 
 
 @case("KUKA KRL", "two_bases.src", TWO_BASES)
@@ -105,23 +89,16 @@ def two_bases() -> list[TruePath]:
     down = Rotation.from_euler("x", 180, degrees=True)
     one = Rotation.from_euler("z", 90, degrees=True)
     other = Rotation.from_euler("y", 30, degrees=True)
-    at = np.array([0, 0.6, 0.1]) + other.apply([0, 0, 0.01])
+    there = at(0, 600, 100) + other.apply([0, 0, 0.01])
     return [
-        TruePath(turn.apply(points) + origin, rotations=np.stack([(turn * down).as_matrix()] * 2))
-        for turn, origin in ((one, np.array([0.5, 0, 0.1])), (other, at))
+        held(turn * down, turn.apply(points) + origin)
+        for turn, origin in ((one, at(500, 0, 100)), (other, there))
     ]
 
 
-RASTER = r"""&ACCESS RVP
-&REL 1
-&PARAM TEMPLATE = C:\KRC\Roboter\Template\vorgabe
-&PARAM EDITMASK = *
-DEF PATH ( )
-;FOLD INI
-GLOBAL INTERRUPT DECL 3 WHEN $STOPMESS==TRUE DO IR_STOPM ( )
-INTERRUPT ON 3
-BAS (#INITMOV,0)
-;ENDFOLD (INI)
+RASTER = (
+    HEAD
+    + """\
 INT i
 DECL POS p[2]
 p[1]={X 300,Y 0,Z 50,A 0,B 90,C 0}
@@ -137,10 +114,11 @@ ENDIF
 SLIN {X 300,Y 40,Z 50,A 0,B 90,C 0} WITH $VEL = SVEL_CP(0.3, , LDEFAULT), $TOOL = STOOL2(F1)
 END
 """
+)
 
 
 @case("KUKA KRL", "raster.src", RASTER)
 def raster() -> list[TruePath]:
     lines = [(300.0 + x, 10.0 * k, 50.0) for k in range(3) for x in (0, 80)]
-    points = mm(*lines, (300, 40, 50))
-    return [TruePath(points, rotations=np.tile(zyx((0, 90, 0)), (7, 1, 1)), feed=0.3)]
+    turn = Rotation.from_euler("y", 90, degrees=True)
+    return [held(turn, mm(*lines, (300, 40, 50)), feed=0.3)]

@@ -5,24 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import Array, TruePath, arc, case, mm
+from corpus import UP, TruePath, arc, at, case, held, mm
 
-TAIL = "[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 DOWN = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])  # x, y, z, w: half a turn about x
-
-
-def turns(rotation: Rotation, count: int) -> Array:
-    """The same orientation at each point."""
-    return np.tile(rotation.as_matrix(), (count, 1, 1))
-
-
-def framed(wobj: Array, points: Array) -> Array:
-    """Points of a frame, (4, 4), in its base."""
-    return points @ wobj[:3, :3].T + wobj[:3, 3]
-
-
-def target(name: str, x: float, y: float, z: float, q: str = "0,1,0,0") -> str:
-    return f"    CONST robtarget {name}:=[[{x},{y},{z}],[{q}],{TAIL};\n"
 
 
 MODULE = r"""MODULE Module1
@@ -52,12 +37,8 @@ ENDMODULE
 """
 
 
-@case("ABB RAPID", "Module1.mod", MODULE)
-def module() -> list[TruePath]:
-    points = mm((10, 20, 50), (10, 20, 0), (60, 20, 0), (60, 80, 0))
-    return [TruePath(points, rotations=turns(DOWN, 4), feed=0.05)]
-
-
+case("ABB RAPID", "Module1.mod", MODULE,
+     [held(DOWN, mm((10, 20, 50), (10, 20, 0), (60, 20, 0), (60, 80, 0)), feed=0.05)])  # fmt: skip
 ARCS = r"""MODULE arcs
 CONST speeddata slow:=[20,500,5000,1000];
 PROC main()
@@ -72,14 +53,8 @@ ENDMODULE
 """
 
 
-@case("ABB RAPID", "arcs.mod", ARCS)
-def arcs() -> list[TruePath]:
-    points = arc(
-        np.array([0.5, 0, 0.3]), np.array([0.52, 0, 0.3]), np.array([0, 0, 1.0]), 2 * np.pi
-    )
-    return [TruePath(points, rotations=turns(DOWN, len(points)), feed=0.02)]
-
-
+case("ABB RAPID", "arcs.mod", ARCS,
+     [held(DOWN, arc(at(500, 0, 300), at(520, 0, 300), UP, 2 * np.pi), feed=0.02)])  # fmt: skip
 HATCH = r"""MODULE hatch
     CONST robtarget start:=[[400,0,100],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
   PROC main()
@@ -106,10 +81,9 @@ ENDMODULE
 def hatch() -> list[TruePath]:
     lines = [(400.0 + x, 10.0 * k, 100.0) for k in range(3) for x in (0, 60)]
     # z of the tool points down, so that 20 mm against it is up.
-    points = mm((400, 0, 150), *lines, (400, 0, 120))
-    rotations = turns(DOWN, len(points))
-    rotations[-1] = (DOWN * Rotation.from_euler("z", 90, degrees=True)).as_matrix()
-    return [TruePath(points, rotations=rotations, feed=0.1)]
+    path = held(DOWN, mm((400, 0, 150), *lines, (400, 0, 120)), feed=0.1)
+    path.rotations[-1] = (DOWN * Rotation.from_euler("z", 90, degrees=True)).as_matrix()
+    return [path]
 
 
 TWO_OBJECTS = r"""%%%
@@ -137,10 +111,5 @@ ENDMODULE
 def two_objects() -> list[TruePath]:
     points = mm((0, 0, 0), (40, 0, 0))
     quarter = Rotation.from_euler("z", 90, degrees=True)
-    first, second = np.eye(4), np.eye(4)
-    first[:3, :3], first[:3, 3] = quarter.as_matrix(), (0.5, 0.0, 0.11)
-    second[:3, 3] = (0.0, 0.6, 0.1)
-    return [
-        TruePath(framed(first, points), rotations=turns(quarter * DOWN, 2), feed=0.1),
-        TruePath(framed(second, points), rotations=turns(DOWN, 2), feed=0.1),
-    ]
+    first, second = quarter.apply(points) + at(500, 0, 110), points + at(0, 600, 100)
+    return [held(quarter * DOWN, first, feed=0.1), held(DOWN, second, feed=0.1)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from corpus import Array, TruePath, arc, case
+from corpus import UP, Array, TruePath, arc, at, case, held, mm
 
 
 def rotvec(*vectors: tuple[float, float, float]) -> Array:
@@ -30,16 +30,9 @@ end
 """
 
 
-@case("URScript", "program.script", PROGRAM)
-def program() -> list[TruePath]:
-    points = np.array([[-0.025, -0.4, 0.1], [-0.025, -0.48, 0.1], [0.05, -0.48, 0.1]])
-    return [
-        TruePath(
-            points, rotations=rotvec((0, 3.14159, 0), (0, 3.14159, 0), (0.1, 3.1, 0)), feed=0.1
-        )
-    ]
-
-
+case("URScript", "program.script", PROGRAM,
+     [TruePath(np.array([[-0.025, -0.4, 0.1], [-0.025, -0.48, 0.1], [0.05, -0.48, 0.1]]),
+     rotations=rotvec((0, 3.14159, 0), (0, 3.14159, 0), (0.1, 3.1, 0)), feed=0.1 )])  # fmt: skip
 POST = """\
 def Prog1():
   # Global parameters:
@@ -64,8 +57,7 @@ def post() -> list[TruePath]:
     quarter = Rotation.from_euler("z", 90, degrees=True)
     local = np.array([[0.01, 0.02, 0.05], [0.01, 0.02, 0], [0.06, 0.02, 0]])
     points = quarter.apply(local) + np.array([0.4, -0.2, 0.1])
-    turned = (quarter * Rotation.from_rotvec([np.pi, 0, 0])).as_matrix()
-    return [TruePath(points, rotations=np.tile(turned, (3, 1, 1)), feed=0.05)]
+    return [held(quarter * Rotation.from_rotvec([np.pi, 0, 0]), points, feed=0.05)]
 
 
 CIRCLE = """\
@@ -77,16 +69,10 @@ stopl(1.2)
 """
 
 
-@case("URScript", "circle.script", CIRCLE)
-def circle() -> list[TruePath]:
-    begin = np.array([0.52, 0, 0.3])
-    points = arc(np.array([0.5, 0, 0.3]), begin, np.array([0, 0, 1.0]), 2 * np.pi)
-    points = np.vstack([points, [0.56, 0, 0.3]])
-    return [
-        TruePath(points, rotations=np.tile(rotvec((np.pi, 0, 0)), (len(points), 1, 1)), feed=0.02)
-    ]
-
-
+case("URScript", "circle.script", CIRCLE,
+     [held(Rotation.from_rotvec([np.pi, 0, 0]),
+           arc(at(500, 0, 300), at(520, 0, 300), UP, 2 * np.pi), mm((560, 0, 300)), feed=0.02)]
+)  # fmt: skip
 POLYSCOPE = """\
 def seam():
   set_gravity([0.0, 0.0, 9.82])
@@ -117,7 +103,6 @@ end
 """
 
 
-@case("URScript", "polyscope.script", POLYSCOPE)
-def polyscope() -> list[TruePath]:
-    points = np.array([[0.3, -0.4, 0.2], [0.35, -0.4, 0.2], [0.35, -0.34, 0.2]])
-    return [TruePath(points, rotations=rotvec(*[(2.2, -2.2, 0)] * 3), feed=0.25)]
+case("URScript", "polyscope.script", POLYSCOPE,
+     [TruePath(np.array([[0.3, -0.4, 0.2], [0.35, -0.4, 0.2], [0.35, -0.34, 0.2]]),
+     rotations=rotvec(*[(2.2, -2.2, 0)] * 3), feed=0.25)])  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,8 @@ TURNED = np.radians(0.05)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_the_path_is_the_true_one(case: Case, tmp_path: Path) -> None:
     toolpath = case.read(tmp_path)
-    true = case.path()
-    assert len(toolpath.curves) == len(true), toolpath
-    for curve, other in zip(toolpath.curves, true, strict=True):
+    assert len(toolpath.curves) == len(case.path), toolpath
+    for curve, other in zip(toolpath.curves, case.path, strict=True):
         read = TruePath(curve.positions, curve.vectors, curve.rotations)
         assert_near(read, other)
         assert_near(other, read)
@@ -77,15 +77,21 @@ TEXTS = [case for case in CASES if isinstance(case.text, str)]
 
 @pytest.mark.parametrize("case", TEXTS, ids=str)
 def test_a_word_of_motion_that_is_not_known_is_never_passed_over(
-    case: Case, tmp_path: Path
+    case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each keyword in turn becomes one that no dialect has: refused, or the path is the same."""
+    """Each keyword in turn becomes one that no dialect has: refused, or the path is the same.
+
+    Of lines that differ in numbers alone two are changed; a loop that then does not end is short.
+    """
+    monkeypatch.setattr("qp_twist.paths.program_course.MOST_REPEATED", 1000)
     assert isinstance(case.text, str)
     before = _numbers(case.read(tmp_path))
-    lines = case.text.split("\n")
+    lines, seen = case.text.split("\n"), Counter[str]()
     for k, line in enumerate(lines):
+        shape = re.sub(r"[-+\d.]+", "0", line)
+        seen[shape] += 1
         word = re.search(r"[A-Za-z]+", line)
-        if word is None:
+        if word is None or seen[shape] > 2:
             continue
         changed = [*lines[:k], line[: word.end()] + "QX" + line[word.end() :], *lines[k + 1 :]]
         other = Case(case.dialect, case.file, "\n".join(changed), case.path, case.options)
