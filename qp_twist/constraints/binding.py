@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from qp_twist.checks import Array, largest
+from qp_twist.kinematics.tolerance_band import ELASTIC
 
 NEGLIGIBLE = 1e-7
 """Multipliers below this share of the largest one (or of 1, if larger) count as zero: some backends
@@ -59,18 +60,19 @@ def binding_limits(
         kinds: Kinds of the lower and of the upper bounds, by degree of freedom.
         sources: Limits and bands behind the rows, which have the rows' names.
     """
+    names: list[tuple[str, str]] = []
+    if rows.any():  # names are looked up only then
+        names = [name for source in sources for name in source.names]
+        # Those of elastic tasks are no limits, and their prices are far above all others.
+        rows = np.where([kind == ELASTIC for _, kind in names], 0.0, rows)
     negligible = NEGLIGIBLE * max(largest(box), rows.max(initial=0.0), floor)
     found = []
     for dof in np.flatnonzero(np.abs(box) > negligible).tolist():
         upper = bool(box[dof] > 0.0)
         side = "upper" if upper else "lower"
         found.append(BindingLimit(joints[dof], kinds[upper][dof], side, float(abs(box[dof]))))
-    active = np.flatnonzero(rows > negligible).tolist()
-    names: list[tuple[str, str]] = []
-    if active:  # names are looked up only then
-        names = [name for source in sources for name in source.names]
     pairs: dict[tuple[str, str], float] = {}
-    for row in active:
+    for row in np.flatnonzero(rows > negligible).tolist():
         name, multiplier = names[row], float(rows[row])
         if name[1] in _OF_PAIRS:
             pairs[name] = max(pairs.get(name, 0.0), multiplier)

@@ -19,7 +19,7 @@ from qp_twist.control.mink_costs import mink_costs
 from qp_twist.control.posing import Displacement, in_words
 from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Status, Step
-from qp_twist.control.step_arrays import StepArrays, is_soft
+from qp_twist.control.step_arrays import StepArrays, is_elastic, is_soft
 from qp_twist.control.task_arrays import address
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.compiling import bound
@@ -116,7 +116,7 @@ class CompiledStep:
         lost: Callable[[], tuple[LostDirection, ...]] = tuple
         if status != DONE:  # seldom
             if status in (AT_THE_EDGE, INFEASIBLE):
-                if composed.on_infeasible == "raise":
+                if composed.on_infeasible == "raise" or any(map(is_elastic, rows)):
                     return None
                 status = live_edge_step(
                     *self._memory, dt, use_secondary, self._twist_space, status == INFEASIBLE
@@ -188,13 +188,14 @@ class CompiledStep:
         """
         arrays = self._arrays
         limits = arrays.limits.rows(configuration, dt)
-        costs = None
-        if composed.soft_tasks:
-            costs = mink_costs(composed.soft_tasks, configuration, dt)
         rows: list[LimitRows | BandRows] = [source for source in limits if source is not None]
         for task in composed.twist_tasks:
             if task.bands:
                 rows += task.band_rows(configuration, dt)
+        costs = None
+        if composed.soft_tasks:
+            *costs, elastic = mink_costs(composed.soft_tasks, configuration, dt)
+            rows += elastic
         k = sum([len(source.bounds) for source in rows])
         slacks = sum([is_soft(source) for source in rows])
         if k > arrays.capacity or slacks != arrays.slacks:

@@ -10,6 +10,8 @@ import numpy as np
 
 from qp_twist.checks import Array, are_rows, finite_array, float_array, largest, within
 from qp_twist.errors import InvalidInput, InvalidTarget
+from qp_twist.kernel.constants import ELASTIC_CURVED, FASTEST
+from qp_twist.kinematics import BandRows
 
 LARGEST_ROW = 1e12
 """Largest entry of a task's rows: beyond it the others are lost in the arithmetic."""
@@ -24,12 +26,16 @@ class WeightedRows(NamedTuple):
     """e, (k,)."""
     damping: Any
     """μ, a number or (nv,)."""
+    penalty: Array | None = None
+    """ρ of an elastic task, (k,), whose cost is Σ ρᵢ |(W Δq − e)ᵢ| instead; ``None`` of others."""
 
 
 def name_of(task: Any) -> str:
     """How messages call a task: with its frame, where it has one."""
     frame, kind = getattr(task, "frame_name", None), getattr(task, "frame_type", None)
     name = type(task).__name__
+    if hasattr(task, "compute_penalized_rows"):  # around a task
+        return f"{name}({name_of(task.task)})" if hasattr(task, "task") else name
     return name if frame is None or kind is None else f"{name}({frame!r}, {kind!r})"
 
 
@@ -45,17 +51,70 @@ def check_target(task: Any) -> None:
 
 
 def refuse_elastic(task: Any) -> None:
-    """Refuse an elastic task of a newer mink: its rows are neither a cost nor equations.
+    """Refuse an elastic task where rows are met, not priced: as a constraint, or in a level.
 
     Raises:
         InvalidInput: If the task has a true attribute ``elastic``.
     """
     if getattr(task, "elastic", False):
         raise InvalidInput(
-            f"{name_of(task)} is elastic: its rows may be missed at a price (mink after 1.3), "
-            "which qp_twist would ignore. Give the same task with elastic=False, for a cost or an "
-            "equation, or a lower level of a qt.Controller to a task that may give way."
+            f"{name_of(task)} is elastic: its rows may be missed at a price, so that it is neither "
+            "a constraint nor a task of a level. Give it in tasks=, of a qt.Controller as a mink "
+            "task, or set elastic=False."
         )
+
+
+def elastic_constraint(item: Any, configuration: mink.Configuration) -> WeightedRows:
+    """What an item with mink's ``compute_penalized_rows``, ``mink.Elastic``, states for a cost.
+
+    Raises:
+        InvalidInput: If it is no rows, errors and penalties of one number, or not finite.
+    """
+    J, e, penalty = item.compute_penalized_rows(configuration)
+    rows, error = as_rows(item, J, -np.asarray(e), configuration.model.nv)
+    return WeightedRows(rows, error, 0.0, _penalty(item, penalty, len(error)))
+
+
+def _penalty(task: Any, given: Any, k: int) -> Array:
+    """ρ of the k rows of an elastic task or constraint: one number for all or one for each."""
+    name = f"{name_of(task)}: its penalty"
+    if np.size(given) == 1:
+        given = np.full(k, np.asarray(given).item())
+    penalty = finite_array(name, given, (k,))
+    if not (penalty > 0.0).all():
+        raise InvalidInput("expected numbers above 0.", key=name)
+    return within(name, penalty, LARGEST_ROW)
+
+
+def elastic_rows(
+    tasks: Sequence[Any], stated: Sequence[WeightedRows | mink.Objective | None], dt: float
+) -> list[BandRows]:
+    r"""The rows of elastic tasks, each with a slack ε ≥ 0, divided by dt² as all costs on q̇.
+
+    .. math::
+
+        -\varepsilon_i \le \mathbf w_i^T\dot{\mathbf q} - e_i/dt \le \varepsilon_i, \qquad
+        \text{cost } \tfrac{\rho_i}{dt}\,(\varepsilon_i + \tfrac{1}{2}\,\eta\,\varepsilon_i^2/r)
+
+    η makes the program strictly convex in ε; r is a speed of the size of those that may be missed.
+
+    Raises:
+        InvalidInput: If a number is none, or too large to compute with.
+    """
+    found: list[BandRows] = []
+    for task, cost in zip(tasks, stated, strict=True):
+        if isinstance(cost, WeightedRows) and cost.penalty is not None:
+            check_cost(task, cost)
+            name = name_of(task)
+            rates = within(f"{name}: its error/dt", cost.error / dt, FASTEST)
+            lengths = np.linalg.norm(cost.rows, axis=1)
+            reach = max(largest(rates), largest(lengths))
+            for i in np.flatnonzero(lengths).tolist():  # a cost of zero asks for nothing
+                row, rate, price = cost.rows[i], rates[i], float(cost.penalty[i]) / dt
+                rows, bounds = np.array([row, -row]), np.array([rate, -rate])
+                weight = ELASTIC_CURVED * price / reach
+                found.append(BandRows(rows, bounds, f"{name} row {i + 1}", weight, price))
+    return found
 
 
 def mink_cost(
@@ -63,17 +122,26 @@ def mink_cost(
 ) -> WeightedRows | mink.Objective:
     """What a task states for a cost, once asked and of the right shape; any class may state it.
 
-    As mink has it: lists of numbers and single rows are taken, and a pair for an objective.
+    As mink has it: lists of numbers and single rows are taken, and a pair for an objective. A task
+    with a true attribute ``elastic`` has the attribute ``penalty``, too (mink after 1.3).
 
     Raises:
         InvalidInput: If it is anything else.
     """
-    refuse_elastic(task)
+    elastic = getattr(task, "elastic", False)
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
+        if elastic:
+            raise InvalidInput(f"{name_of(task)} is elastic, but states no rows to be missed.")
         return _objective(name_of(task), task.compute_qp_objective(configuration), nv)
     W, e, damping = residual
-    return WeightedRows(*as_rows(task, W, e, nv), damping)
+    rows, error = as_rows(task, W, e, nv)
+    if not elastic:
+        return WeightedRows(rows, error, damping)
+    if np.any(np.asarray(damping) > 0.0):
+        raise InvalidInput(f"{name_of(task)} is elastic: set its lm_damping to 0.")
+    penalty = _penalty(task, getattr(task, "penalty", None), len(error))
+    return WeightedRows(rows, error, 0.0, penalty)
 
 
 def as_rows(task: Any, rows: Any, sides: Any, nv: int) -> tuple[Array, Array]:
@@ -119,15 +187,16 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
 
 def mink_costs(
     tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
-) -> tuple[Array, Array]:
-    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt².
+) -> tuple[Array, Array, list[BandRows]]:
+    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt²; elastic rows.
 
     Raises:
         InvalidInput: If what a task states is not finite or of the wrong shape.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused by name
         stated = [mink_cost(task, configuration) for task in tasks]
-        return costs_of(tasks, stated, configuration.model.nv, dt)
+        H, c = costs_of(tasks, stated, configuration.model.nv, dt)
+        return H, c, elastic_rows(tasks, stated, dt)
 
 
 def costs_of(
@@ -136,7 +205,7 @@ def costs_of(
     nv: int,
     dt: float,
 ) -> tuple[Array, Array]:
-    r""":func:`mink_costs` of what tasks have stated.
+    r"""H and c of :func:`mink_costs`, of what tasks have stated; elastic ones have none.
 
     .. math::
 
@@ -146,6 +215,8 @@ def costs_of(
     H, c = np.zeros((nv, nv)), np.zeros(nv)
     for cost in stated:
         if isinstance(cost, WeightedRows):
+            if cost.penalty is not None:
+                continue
             H += cost.rows.T @ cost.rows
             H.reshape(-1)[:: nv + 1] += cost.damping
             c -= cost.error @ cost.rows

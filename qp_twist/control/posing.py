@@ -13,10 +13,16 @@ import numpy as np
 import numpy.typing as npt
 import qpsolvers
 
-from qp_twist.checks import Array, finite_array, largest, number
+from qp_twist.checks import Array, Mask, finite_array, largest, number
 from qp_twist.constraints import GatheredLimits, Named, gather_limits, stopping_share
 from qp_twist.control.composition import damps_by_error
-from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of
+from qp_twist.control.mink_costs import (
+    check_cost,
+    mink_cost,
+    mink_costs,
+    name_of,
+    refuse_elastic,
+)
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement
@@ -82,8 +88,8 @@ class Posed:
 
     problem: QuadraticProgram
     """The program with all levels as equality constraints. Its inequality rows are those of the
-    limits, then those of soft bands, then the levels' own; unknowns beyond nv are the slacks of
-    soft bands."""
+    limits, then those of soft bands and elastic rows, then the levels' own; unknowns beyond nv are
+    the slacks of soft bands and elastic rows."""
     levels: list[PosedLevel]
     limits: GatheredLimits
     sources: list[Named]
@@ -101,11 +107,27 @@ class Posed:
     """The joint, and the side of its acceleration limit, that decide this at the first level that
     is braked."""
 
+    elastic: int = 0
+    """Number of elastic rows, whose slacks are the last unknowns."""
+
     def hard(self, levels: int) -> QuadraticProgram:
         """The program without equality rows, and with the inequality rows of so many levels."""
         p = self.problem
         k = len(p.g) - sum(len(level.g) for level in self.levels[levels:])
         return QuadraticProgram(p.H, p.c, p.A[:0], p.b[:0], p.G[:k], p.g[:k], p.lower, p.upper)
+
+    def held_first(self) -> tuple[QuadraticProgram, Mask]:
+        """:meth:`hard` of the first level without elastic rows; which of its rows are left.
+
+        What limits make of a level does not depend on prices.
+        """
+        p = self.hard(1)
+        n = p.n - self.elastic
+        kept: Mask = np.abs(p.G[:, n:]).sum(axis=1) == 0.0
+        return QuadraticProgram(
+            p.H[:n, :n], p.c[:n], p.A[:, :n], p.b, p.G[kept, :n], p.g[kept], p.lower[:n],
+            p.upper[:n],
+        ), kept  # fmt: skip
 
     def sigma_min(self) -> float:
         """Smallest singular value of the first level's rows, as stated; infinity without rows."""
@@ -135,17 +157,18 @@ class NamedProblem(qpsolvers.Problem):
     r"""min ½ xᵀP x + qᵀx  subject to  A x = b,  G x ≤ h,  lb ≤ x ≤ ub,  as qpsolvers has it.
 
     Attributes:
-        unknowns: Names of x: the joints, whose velocities they are, then slacks of soft bands.
+        unknowns: Names of x: the joints, whose velocities they are, then slacks of soft bands and
+            of elastic rows.
         equalities: Names of the rows of A.
         inequalities: Names of the rows of G.
     """
 
     def __init__(self, posed: Posed) -> None:
         """Take the arrays of a step, and name them."""
-        p, bands = posed.problem, posed.problem.n - len(posed.limits.lower)
+        p, slacks = posed.problem, posed.problem.n - len(posed.limits.lower)
         super().__init__(p.H, p.c, p.G, p.g, p.A, p.b, p.lower, p.upper)
         rows = [rows for level in posed.levels for rows in level.tasks]
-        self.unknowns = (*posed.limits.names, *(f"slack {i + 1}" for i in range(bands)))
+        self.unknowns = (*posed.limits.names, *(f"slack {i + 1}" for i in range(slacks)))
         self.equalities = tuple(
             f"{name_of(task)} row {i + 1}"
             for task, (A, *_) in zip(posed.tasks, rows, strict=True)
@@ -166,12 +189,13 @@ def pose(
     desired = _desired(controller, configuration, dt, h)
     H, c = _secondary_cost(controller, configuration, desired, A)
     if controller.soft_tasks:
-        hessian, linear = mink_costs(controller.soft_tasks, configuration, dt)
-        H, c = H + hessian, c + linear
+        hessian, linear, elastic = mink_costs(controller.soft_tasks, configuration, dt)
+        H, c, posed.elastic = H + hessian, c + linear, len(elastic)
+        soft_bands += elastic
     problem = QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, limits.lower, limits.upper)
     check_speed("the secondary asks", desired)
     check_magnitudes(problem)
-    posed.problem = _with_inequalities(problem, soft_bands, posed.levels)
+    posed.problem = with_inequalities(problem, soft_bands, posed.levels)
     posed.sources[:0] = [*limits.sources, *soft_bands]
     return posed
 
@@ -281,6 +305,7 @@ def _evaluate(
 
 def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt: float) -> TaskRows:
     """A mink task as rows: weighted as in its cost, which decides between rows of one level."""
+    refuse_elastic(task)
     stated = mink_cost(task, configuration)
     if isinstance(stated, mink.Objective):
         raise InvalidInput(
@@ -288,7 +313,7 @@ def _mink_rows(task: mink.tasks.BaseTask, configuration: mink.Configuration, dt:
             "stand in a level; give it in tasks= instead."
         )
     check_cost(task, stated)
-    matrix, error, _ = stated
+    matrix, error, *_ = stated
     seen = np.abs(matrix).max(axis=1, initial=0.0) > 0.0  # a cost of zero asks for nothing
     return TaskRows(matrix[seen], error[seen] / dt)
 
@@ -310,16 +335,15 @@ def stacked(blocks: Sequence[tuple[Any, ...]], n: int) -> tuple[Array, Array]:
 # ----------------------------------------------------------------------------------- the program
 
 
-def _with_inequalities(
+def with_inequalities(
     problem: QuadraticProgram, bands: Sequence[BandRows], levels: Sequence[PosedLevel]
 ) -> QuadraticProgram:
     r"""The program with the levels' own inequality rows, and a slack ε ≥ 0 for each soft band.
 
     .. math:: \mathbf G\dot{\mathbf q} - \varepsilon \le \mathbf g, \quad
-              \text{cost } \tfrac12 w\,\varepsilon^2
+              \text{cost } \tfrac12 w\,\varepsilon^2 + \rho\,\varepsilon
 
-    The unknown is ε in units that give it a cost of the size of the others, whatever w: costs of
-    one size are what the optimality of a result can be told by.
+    ρ is the price of the rows of elastic tasks, 0 of tolerance bands.
     """
     blocks = [(band.rows, band.bounds) for band in bands]
     blocks += [(level.G, level.g) for level in levels if len(level.g)]
@@ -328,13 +352,13 @@ def _with_inequalities(
         problem = replace(problem, G=G, g=g)
     if not bands:
         return problem
-    cost, wide = problem.steepest, problem.widened(len(bands))
+    wide = problem.widened(len(bands))
     n, at = problem.n, len(wide.g) - sum(len(g) for _, g in blocks)
     wide.lower[n:] = 0.0
-    for i, band in enumerate(bands):
-        wide.H[n + i, n + i] = cost
+    for z, band in enumerate(bands, start=n):
+        wide.H[z, z], unit, wide.c[z] = band.slack(problem.steepest)
         end = at + len(band.bounds)
-        wide.G[at:end, n + i] = -math.sqrt(cost / float(band.weight or 1.0))
+        wide.G[at:end, z] = -unit
         at = end
     return wide
 

@@ -29,6 +29,8 @@ from qp_twist.control.mink_costs import (
     as_rows,
     check_target,
     costs_of,
+    elastic_constraint,
+    elastic_rows,
     mink_cost,
     name_of,
     refuse_elastic,
@@ -41,12 +43,13 @@ from qp_twist.control.posing import (
     check_magnitudes,
     check_speed,
     stacked,
+    with_inequalities,
 )
 from qp_twist.control.solving import solved_step, step_of
 from qp_twist.control.step import Status, Step
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
-from qp_twist.kinematics import TwistTask, check_configuration
+from qp_twist.kinematics import BandRows, TwistTask, check_configuration
 from qp_twist.qp import Directions, Found, QuadraticProgram, check_solver
 
 DEFAULT_SINGULARITY = 1e-9
@@ -87,15 +90,16 @@ def solve_ik(
 
     Args:
         configuration: Configuration of the robot; not modified.
-        tasks: mink tasks, each a cost. Tasks, limits and constraints may be any iterables of
-            objects that have the methods which mink calls.
+        tasks: mink tasks, each a cost; of elastic ones (mink after 1.3) a price of what they miss.
+            Tasks, limits and constraints may be any iterables of objects that have the methods
+            which mink calls.
         dt: Length of the step, s.
         solver: Name of a qpsolvers backend.
         damping: Levenberg–Marquardt damping, a number or one for each degree of freedom, (nv,).
         safety_break: Whether a joint outside its range is an error; otherwise mink logs it.
         limits: Limits of mink and this package; ``None`` for ``mink.ConfigurationLimit``, ``[]``
             for none.
-        constraints: mink tasks whose rows are equality constraints.
+        constraints: mink tasks whose rows are equality constraints; ``mink.Elastic`` has a price.
         on_infeasible: What to do if the constraints are infeasible.
         singularity: Singular value of the constraints' rows below which a direction is slowed down,
             as in :class:`~qp_twist.Controller`.
@@ -177,9 +181,12 @@ class _Asked(NamedTuple):
     """Rows G Δq ≤ h of each limit; ``None`` of those in ``box``."""
     box: Array
     """Bounds of the velocity, (2, nv), of mink's limits on single joints."""
+    elastic: list[BandRows]
+    """Rows of tasks that are elastic, and of ``mink.Elastic`` constraints, with their prices."""
     constraints: Sequence[mink.Task]
+    """Those that are not elastic."""
     rows: list[TaskRows]
-    """Rows of each constraint."""
+    """Their rows."""
     damping: float | Array
     dt: float
     nv: int
@@ -222,9 +229,11 @@ class _Asked(NamedTuple):
         limiting = None if limits is None else _listed("limits", limits)
         if constraints is None or not isinstance(constraints, Iterable):
             constraints = constraints or ()  # as in mink
-        equalities = _listed("constraints", constraints)
+        given = _listed("constraints", constraints)
+        priced = [item for item in given if hasattr(item, "compute_penalized_rows")]
+        equalities = [item for item in given if item not in priced] if priced else given
         try:
-            for task in (*costed, *equalities):
+            for task in (*costed, *equalities, *(getattr(item, "task", item) for item in priced)):
                 if TwistTask in type(task).__mro__:  # a third of the time of isinstance
                     task.set_dt(dt)  # for its feed-forward
             H, c = np.zeros((nv, nv)), np.zeros(nv)
@@ -242,14 +251,16 @@ class _Asked(NamedTuple):
                 for limit in ((default_limit(model),) if limiting is None else limiting)
             ]
             rows = [_constraint_rows(task, configuration, dt, own) for task in equalities]
+            prices = [elastic_constraint(item, configuration) for item in priced]
+            elastic = elastic_rows([*costed, *priced], [*costs, *prices], dt)
         except Exception:
             _check_items("tasks", costed, model)
             _check_items("limits", limiting or (), model)
-            _check_items("constraints", equalities, model)
+            _check_items("constraints", given, model)
             raise
         return cls(
-            costed, costs, (H, c, mu), limiting, bounds, box, equalities, rows, damping, dt, nv,
-            solver, on_infeasible, singularity, options,
+            costed, costs, (H, c, mu), limiting, bounds, box, elastic, equalities, rows, damping,
+            dt, nv, solver, on_infeasible, singularity, options,
         )  # fmt: skip
 
     def note(self, velocity: Array) -> None:
@@ -262,8 +273,9 @@ class _Asked(NamedTuple):
         """The solution, at the largest scale where the constraints do not fit.
 
         ``None`` where the backend has to solve the program: with options of its own, where a
-        direction is to be slowed down or the task relaxed, and where the kernel could not verify
-        its result or found something that is no number.
+        direction is to be slowed down or the task relaxed, where constraints beside elastic rows
+        do not fit, and where the kernel could not verify its result or found something that is no
+        number.
         """
         if self.options:
             return None
@@ -273,8 +285,9 @@ class _Asked(NamedTuple):
         damping = self.damping + own
         for cost in self.costs:
             if isinstance(cost, WeightedRows):
-                residuals.append(cost[:2])
-                damping = damping + cost.damping
+                if cost.penalty is None:
+                    residuals.append(cost[:2])
+                    damping = damping + cost.damping
             elif cost is not None:
                 H += cost.H
                 c += cost.c
@@ -285,12 +298,29 @@ class _Asked(NamedTuple):
         W, e = stacked(residuals, nv)
         A, b = stacked(self.rows, nv)
         G, h = stacked([rows for rows in self.bounds if rows is not None], nv)
+        bounds = self.box
+        if self.elastic:
+            H, c = np.tril(H) + np.tril(H, -1).T + W.T @ W, c - e @ W
+            H.reshape(-1)[:: nv + 1] += damping
+            program = QuadraticProgram(H, c / self.dt, A, b, G, h / self.dt, *bounds)
+            program = with_inequalities(program, self.elastic, [])
+            H, c, A, G, h = (
+                program.H,
+                program.c * self.dt,
+                program.A,
+                program.G,
+                program.g * self.dt,
+            )
+            bounds, level, each = np.array([program.lower, program.upper]), 0.0, _NONE
+            W, e = H[:0], c[:0]
         slowed = self.singularity if self.singularity > DEFAULT_SINGULARITY else 0.0
         solved, velocity, scale, box, multipliers = _machine_code()(
             floats(W), floats(e), level, each, H, c, floats(A), floats(b), floats(G), floats(h),
-            self.box, self.dt, slowed, self.on_infeasible == "scale",
+            bounds, self.dt, slowed, self.on_infeasible == "scale" and not self.elastic,
         )  # fmt: skip
-        return Found(velocity, scale, 0.0, box, multipliers, COMPILED) if solved else None
+        if not solved:
+            return None
+        return Found(velocity[:nv], scale, 0.0, box[:nv], multipliers, COMPILED)
 
     def posed(self, configuration: mink.Configuration) -> Posed:
         """The program, with names, and the constraints in their singular directions.
@@ -333,8 +363,9 @@ class _Asked(NamedTuple):
         problem = QuadraticProgram(H, c, A, b, limits.rows, limits.bounds, *box)
         check_magnitudes(problem)
         return Posed(
-            problem, [level], limits, list(limits.sources), self.constraints, configuration,
-            epsilon, turns,
+            with_inequalities(problem, self.elastic, [level]), [level], limits,
+            [*limits.sources, *self.elastic], self.constraints, configuration, epsilon, turns,
+            elastic=len(self.elastic),
         )  # fmt: skip
 
     def by_reference(self, configuration: mink.Configuration) -> Step:
@@ -421,8 +452,9 @@ def _check_items(name: str, items: Sequence[Any], model: mujoco.MjModel) -> None
     """Refuse an item that lacks the methods mink calls, or belongs to another model."""
     for index, item in enumerate(items):
         label = f"solve_ik: {name}[{index}]"
-        calls = _METHODS_CALLED[name]
-        if isinstance(item, type) or not all(hasattr(item, method) for method in calls):
+        calls, elastic = _METHODS_CALLED[name], hasattr(item, "compute_penalized_rows")
+        callable_ = (elastic and name == "constraints") or all(hasattr(item, m) for m in calls)
+        if isinstance(item, type) or not callable_:
             what = f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
             raise InvalidInput(f"{label} is {what}, which is none of mink's {name}.")
         check_model(label, item, model.nv)

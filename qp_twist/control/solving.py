@@ -49,13 +49,18 @@ def solved_step(
             box, rows = result.multipliers.box, result.multipliers.rows
             return step_of(posed, result.x, Status.SOLVED, result.solver, (box, rows, 1.0))
     mode = "relax" if on_infeasible == "relax" else "scale"
-    whole = not (regular and alone)  # else it has just been tried
-    found = first_level(posed.hard(1), first, mode, solver, options, whole=whole)
+    whole = not (regular and alone) or posed.elastic > 0  # else it has just been tried
+    held, kept = posed.held_first()
+    found = first_level(held, first, mode, solver, options, whole=whole)
     if isinstance(found, Refused):
         raise _not_solved(posed, solver, found)
+    if found is not None:
+        rows = np.zeros(len(kept))
+        rows[kept] = found.rows
+        found = found._replace(rows=rows)
     if on_infeasible == "raise":
         _raise_if_short(posed, found)
-    if found is None or not alone:
+    if found is None or not alone or posed.elastic:
         return _in_order(posed, found, solver)
     status, scale = Status.SCALED, found.scale
     if found.relaxed > 0.0:
@@ -184,7 +189,7 @@ def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:
     hard = Level(np.zeros((0, wide.n)), np.zeros(0), wide.G, wide.g)
     start = np.zeros(wide.n)
     if found is not None:
-        start[: problem.n] = found.x
+        start[: len(found.x)] = found.x
     cascade = Cascade([hard, *blocks], wide.lower, wide.upper, start)
     if not hard.met(cascade.x):
         status = Status.RELAXED

@@ -43,7 +43,8 @@ class StepArrays:
         memory: The two arrays, as ``kernel.live_step`` takes them.
         size: The present sizes.
         capacity: Number of inequality rows that there is room for.
-        slacks: Number of slacks ε ≥ 0, one for each soft band: unknowns that move no joint.
+        slacks: Number of slacks ε ≥ 0, one for each soft band or elastic row: unknowns that move
+            no joint.
         views: Views for the present number of inequality rows.
         tasks: The tasks in the arrays.
         without_links: Those of them whose Jacobians Python has to write at each configuration.
@@ -131,26 +132,27 @@ class StepArrays:
     def write_rows(
         self,
         rows: Sequence[LimitRows | BandRows],
-        costs: tuple[Array, Array] | None,
+        costs: Sequence[Array] | None,
         joint_weight: float,
     ) -> None:
-        """Write inequality rows, one slack for each soft band, and the costs of other tasks."""
+        """Write inequality rows with their slacks, and the costs of other tasks."""
         s, nv = self.views.arrays, self.size.nv - self.slacks
         metric, G, hardest = s.metric, s.G, 0.0
         if costs is not None:
             s.quadratic[:nv, :nv], s.linear[:nv] = costs
             hardest = float(np.abs(costs[0]).max())
         cost = 0.0
-        if self.slacks:  # they are scaled so that their cost is about that of the joints
+        if self.slacks:
             cost = max(joint_weight * float(metric[:nv].max()), hardest)
-            metric[nv:] = cost / joint_weight
             G[:, nv:] = 0.0
         first, slack = 0, nv
         for source in rows:
             end = first + len(source.bounds)
             G[first:end, :nv], s.g[first:end] = source.rows, source.bounds
             if isinstance(source, BandRows) and source.weight is not None:
-                G[first:end, slack] = -np.sqrt(cost / source.weight)
+                quadratic, unit, linear = source.slack(cost)
+                metric[slack], G[first:end, slack] = quadratic / joint_weight, -unit
+                s.linear[slack : slack + 1] = linear  # none without other tasks
                 slack += 1
             first = end
 
@@ -164,6 +166,11 @@ class StepArrays:
                 mujoco.mju_quat2Mat(row[:9], pose[:4])
                 row[9:12], row[12:] = pose[4:], known.task.feedforward
         return targets
+
+
+def is_elastic(source: object) -> bool:
+    """Whether these are a row of an elastic task."""
+    return isinstance(source, BandRows) and source.price > 0.0
 
 
 def is_soft(source: LimitRows | BandRows) -> bool:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import Array, Revised, checked, finite_array, number, one_of, read_only
 from qp_twist.constraints import Constraint, check_constraint, check_model
+from qp_twist.control.mink_costs import refuse_elastic
 from qp_twist.control.posing import LevelItem
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import SecondaryObjective, TwistTask, frame_pose
@@ -135,6 +136,8 @@ def checked_levels(
     for item in items:
         if not isinstance(item, (mink.tasks.BaseTask, mink.Limit)):
             raise InvalidInput(f"Controller(levels=…): expected tasks and limits, got {item!r}.")
+        if isinstance(item, mink.tasks.BaseTask):
+            refuse_elastic(item)
     all_of(model, "tasks", mink.tasks.BaseTask, tasks)
     _check_constraints(model, items)
     probe = mink.Configuration(model)

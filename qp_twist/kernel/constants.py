@@ -51,6 +51,10 @@ STILL = 1e-9
 """Progress below this share of the whole is none, so that rounding decides nothing at rest."""
 LEAST_MOTION = 1e-12
 """Square of a task's motion beside which s is not priced lower, (rad/s)²: rest has no scale."""
+ELASTIC_CURVED = 1e-8
+"""η: share by which the price of an elastic row's slack grows until it has the size of the row's
+speed, which makes the program strictly convex in it. The motion that balances a row's price is off
+by this share of itself; held rows are not."""
 
 # ------------------------------------------------------------------------------------- verification
 

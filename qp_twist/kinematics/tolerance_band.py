@@ -12,10 +12,13 @@ import numpy as np
 from qp_twist.checks import Array, Mask, number, one_of
 from qp_twist.errors import InvalidInput
 from qp_twist.geometry import Projector, TwistProjector
+from qp_twist.kernel.constants import STEEPEST
 from qp_twist.kinematics.frame_pair import FramePair, Stretch
 
 HEAVIEST = 1e12
 """Largest weight of a soft band: beyond it the other costs are lost in rounding."""
+ELASTIC = "elastic"
+"""Kind of the rows of elastic tasks, beside ``"band"``."""
 _ROUNDING = 1e-9
 """A direction, or a value, that is fixed differs by less from what T fixes."""
 
@@ -30,13 +33,27 @@ class BandRows(NamedTuple):
     label: str
     """Name, e.g. ``"roll band of TwistTask('tool', 'site')"``."""
     weight: float | None
-    """``None`` for a hard band. Otherwise G q̇ ≤ g + ε with the cost ½·weight·ε², one ε ≥ 0 for all
-    rows."""
+    """``None`` for a hard band. Otherwise G q̇ ≤ g + ε with the cost ½·weight·ε² + price·ε, one
+    ε ≥ 0 for all rows."""
+    price: float = 0.0
+    """Above 0 for a row of an elastic task: a band of no width."""
 
     @property
     def names(self) -> list[tuple[str, str]]:
         """Name and kind of each row."""
-        return [(self.label, "band")] * len(self.bounds)
+        return [(self.label, ELASTIC if self.price else "band")] * len(self.bounds)
+
+    def slack(self, cost: float) -> tuple[float, float, float]:
+        """Of z = ε/unit the quadratic cost, the unit and the linear cost, beside others of a size.
+
+        The unknown is in units that give it a cost of the size of the others, whatever the weight:
+        costs of one size are what the optimality of a result can be told by. Where the price is
+        high beside them, the cost is larger, so that the linear one stays below ``STEEPEST``.
+        """
+        weight = self.weight or 1.0
+        cost = max(cost, (100.0 * self.price / STEEPEST) ** 2 / weight)
+        unit = math.sqrt(cost / weight)
+        return cost, unit, self.price * unit
 
 
 class Range(NamedTuple):

@@ -282,25 +282,6 @@ def test_the_controller_takes_all_of_minks_limits_and_keeps_loops_closed() -> No
     assert kinds >= {"velocity", "FreeJointVelocityLimit"}
 
 
-class Elastic(mink.FrameTask):
-    """As in the mink that follows 1.3."""
-
-    elastic, penalty = True, 100.0
-
-
-def test_elastic_tasks_are_refused_and_not_taken_for_others() -> None:
-    configuration = mink.Configuration(PLANAR)
-    task = Elastic("tip", "site", position_cost=1.0, orientation_cost=1.0)
-    task.set_target_from_configuration(configuration)
-    for given in ({"tasks": [task]}, {"tasks": [], "constraints": [task]}):
-        with pytest.raises(qt.InvalidInput, match=r"Elastic\('tip', 'site'\) is elastic"):
-            qt.solve_ik(configuration, dt=DT, solver="daqp", **given)  # type: ignore[arg-type]
-    with pytest.raises(qt.InvalidInput, match="is elastic"):
-        qt.Controller(PLANAR, [task]).step(configuration, DT)
-    task.elastic = False
-    assert qt.solve_ik(configuration, [task], DT, "daqp").shape == (PLANAR.nv,)
-
-
 def test_a_misspelt_keyword_is_refused_with_the_one_that_is_meant() -> None:
     configuration = mink.Configuration(PLANAR)
     with pytest.raises(qt.InvalidInput, match="did you mean 'on_infeasible'"):
