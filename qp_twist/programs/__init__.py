@@ -12,6 +12,8 @@ from .header import WRITTEN_AS_MODELLED as WRITTEN_AS_MODELLED
 from .header import check_header as check_header
 from .header import header_lines as header_lines
 from .joint_moves import AXES as AXES
+from .joint_moves import PACE as PACE
+from .joint_moves import RESTS as RESTS
 from .joint_moves import Around as Around
 from .joint_moves import Circle as Circle
 from .joint_moves import Dialect as Dialect

@@ -103,8 +103,11 @@ def _sums(moves: JointMoves, dialect: Dialect) -> str:
         a or 0.0 for a, other in zip(moves.accelerations[1:], timed, strict=False) if not other
     )
     total, ramps = round(sum(speeds), _EXACT), round(ramps, _EXACT)
-    return f"{total:.6f} m/s in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s" + (
-        f", accelerations {ramps:.6g} m/s2" if ramps else ""
+    lines = moves.straight or (0,) * len(moves.speeds)
+    joint = any(speed and not line for speed, line in zip(moves.speeds, lines, strict=True))
+    unit, per = ("m/s or rad/s", "m/s2 or rad/s2") if joint else ("m/s", "m/s2")
+    return f"{total:.6f} {unit} in {len(speeds)} moves, {seconds:.{dialect.time_decimals}f} s" + (
+        f", accelerations {ramps:.6g} {per}" if ramps else ""
     )
 
 

@@ -18,6 +18,11 @@ from qp_twist.errors import InvalidInput
 AXES = 6
 """Number of axes of the robots: all arms of their controllers have six."""
 
+PACE = 0.02
+"""Share by which speeds of moves may differ and be one, or be below the planned one; also largest
+difference between the shares of time and of way on a move that is at one speed."""
+RESTS = 1e-6
+"""On a way up to this, m, the tool only turns; or it rests if it turns less, too, rad."""
 _CLOCK = 1e-12
 """Rounding of times that are added and subtracted, s."""
 
@@ -97,7 +102,8 @@ class Speed(NamedTuple):
     """Of a straight move: that of the tool's point, m/s, and of its turn, rad/s.
 
     The move takes as long as the slower of both needs. Where languages do not state how fast the
-    tool turns, that counts as if it took no time.
+    tool turns, that counts as if it took no time. Of a joint move ``linear`` is that of the joint
+    that goes farthest, rad/s; the move is from rest to rest.
     """
 
     linear: float
@@ -163,7 +169,8 @@ class JointMoves:
             stops at both ends.
         tool: Number of the tool of straight moves to joint angles.
         targets: The points that are poses, (N,), else ``None``; empty without.
-        speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without.
+        speeds: Those of the moves that state a speed, (N − 1,), else ``None``; empty without. Joint
+            moves with a speed are from rest to rest.
         around: What stands behind points, by their index from 0.
         constant: Whether moves are of those from one stop to the next at constant speed, or with
             circles at speeds that the arcs of corners allow, (N − 1,); empty without.

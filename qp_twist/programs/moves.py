@@ -39,11 +39,11 @@ class JointMove(NamedTuple):
     With rates, in unit/s, there and where it begins, each joint moves on a cubic. External axes are
     given by name, each with its unit, if the program says it; others stay. With ``tool``, the name
     of one, that moves straight. ``target`` states where to for ``check``, ``speed`` how fast a
-    straight move is that has no time, ``acceleration`` of its ramps, m/s², or of the joint that
-    goes farthest, rad/s², if it is stated, ``part`` what moves the part on which the tool moves
-    straight to angles, ``circle`` that it is on one, ``tcp`` the pose of that tool in the flange,
-    if the program states it, ``passes`` that the robot does not come to rest at its end, which is
-    not rounded either.
+    straight move, or a joint move from rest to rest, is that has no time, ``acceleration`` of its
+    ramps, m/s², or of the joint that goes farthest, rad/s², if it is stated, ``part`` what moves
+    the part on which the tool moves straight to angles, ``circle`` that it is on one, ``tcp`` the
+    pose of that tool in the flange, if the program states it, ``passes`` that the robot does not
+    come to rest at its end, which is not rounded either.
     """
 
     line: int
@@ -100,6 +100,9 @@ class Moves:
         """The next point is rounded."""
         self.noted(zone.line, zone.mark, "passed")
 
+    def rests(self) -> None:
+        """The robot comes to rest where the last move, which is streamed, leads."""
+
     def uses(self, tool: str, frame: str) -> None:
         """Names or numbers of the tool and the frame of a move of the tool."""
 
@@ -139,6 +142,7 @@ class Course(Moves):
         self._externals: list[dict[str, float]] = []
         self._columns: dict[str, ExternalColumn] = {}
         self._straight: list[int] = []
+        self._lines: list[int] = []
         self._tool = ""
         self._targets: list[Target | None] = []
         self._speeds: list[Speed | None] = []
@@ -183,6 +187,7 @@ class Course(Moves):
         if self._points:
             self._straight.append(line if tool else 0)
             self._circles.append(circle)
+        self._lines.append(line)
         self._targets.append(target)
         self._accelerations.append(a)
         self._tcps.append(move.tcp)
@@ -236,6 +241,10 @@ class Course(Moves):
             )
         self._zone = zone
 
+    def rests(self) -> None:
+        """At the last point."""
+        self._rests.append(len(self._zones) - 1)
+
     def uses(self, tool: str, frame: str) -> None:
         """Their numbers, which the header may state."""
         for what, name in (("tool", tool), ("frame", frame)):
@@ -276,6 +285,9 @@ class Course(Moves):
                 f"there {'is one joint move' if self._points else 'are no joint moves'} in the "
                 "program; expected two or more."
             )
+        for k, (speed, line) in enumerate(zip(self._speeds, self._straight, strict=True)):
+            if speed is not None and not line and not {k, k + 1} <= {*self._rests}:
+                self._without_time(self._lines[k + 1], "the move", "does not begin and end at rest")
         notes = list(self._notes)
         targets = [target for target in self._targets if target is not None]
         if self._tool and "hand" in self._parts:

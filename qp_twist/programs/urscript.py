@@ -13,7 +13,6 @@ whose blends overlap are left out with a warning.
 
 from __future__ import annotations
 
-import itertools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -147,47 +146,40 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     q = moves.angles.tolist()
     w = [[0.0] * AXES] * len(q) if moves.velocities is None else moves.velocities.tolist()
     times = [f"{seconds:.{time_decimals}f}" for seconds in moves.durations.tolist()]
-    straight = moves.straight or (0,) * len(times)
     if moves.tcp is not None:
         text = URSCRIPT.tool_text(moves.tcp)
         header = (*header, f"The task's frame in the flange: {text}; compare it.")
     lines = [f"# {line}" for line in header] + [f"def {name}():"]
-    if not all(straight):
+    if moves.straight is None:
         lines.append(_functions(kind).rstrip("\n"))
-    if straight[0]:
+        lines.append(f"  start({listed(q[0])}, {listed(w[0])})")
+        rates = [f"{listed(each)}, " if kind == "cubic" else "" for each in w]
+        words = [f"{kind}({listed(at)}, {rate}" for at, rate in zip(q, rates, strict=True)]
+        written = [f"{words[k + 1]}{time})" for k, time in enumerate(times)]
+    else:
         lines.append(f"  movej({listed(q[0])}, a=0.5, v=0.25)")
-        lines += _behind(moves, 0)
-    ends = _straight_ends(moves, times)
-    for is_straight, places in itertools.groupby(range(len(times)), lambda k: bool(straight[k])):
-        if is_straight:
-            for k in places:
-                circle = moves.circles[k] if moves.circles else None
-                via = f"{listed(circle.angles)}, " if circle and circle.angles else ""
-                lines.append(f"  {ends[k][0]}({via}{listed(q[k + 1])}, {ends[k][1]})")
-                lines += _behind(moves, k + 1)
-            continue
-        block = list(places)
-        lines.append(f"  start({listed(q[block[0]])}, {listed(w[block[0]])})")
-        lines += _behind(moves, 0) if block[0] == 0 else []
-        for k in block:
-            rates_text = f"{listed(w[k + 1])}, " if kind == "cubic" else ""
-            lines.append(f"  {kind}({listed(q[k + 1])}, {rates_text}{times[k]})")
-            lines += _behind(moves, k + 1)
-        lines.append("  finish()")
+        written = []
+        for k, (word, how) in enumerate(_words_of(moves, times)):
+            circle = moves.circles[k] if moves.circles else None
+            via = f"{listed(circle.angles)}, " if circle and circle.angles else ""
+            written.append(f"{word}({via}{listed(q[k + 1])}, {how})")
+    lines += _behind(moves, 0)
+    for k, statement in enumerate(written, start=1):
+        lines += [f"  {statement}", *_behind(moves, k)]
+    lines += ["  finish()"] if moves.straight is None else []
     return {f"{name}{URSCRIPT.suffix}": "\n".join([*lines, "end", ""])}
 
 
-def _straight_ends(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, str]]:
-    """Of each straight move its word, and its arguments behind the joint positions."""
-    if moves.halves is None or moves.shares is None or moves.durations is None:
-        return []
+def _words_of(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, str]]:
+    """Of each move its word, and its arguments behind the joint positions."""
+    assert moves.halves is not None and moves.shares is not None and moves.straight is not None
     radii = _MICRO * np.floor(np.minimum(_BLEND, moves.shares) * moves.halves / _MICRO)
     found = []
     for k, speed in enumerate(moves.speeds):
         a = moves.accelerations[k + 1]
         how = f"a={a:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
         blend = f", r={radii[k + 1]:.6f}" if radii[k + 1] else ""
-        word = "movep" if moves.constant and moves.constant[k] else "movel"
+        word = "movep" if moves.constant[k] else "movel" if moves.straight[k] else "movej"
         if moves.circles and moves.circles[k]:
             word, blend = "movec", f"{blend}, mode=0"
         found.append((word, how + blend))
@@ -279,7 +271,7 @@ class Script(Program):
         super().__init__(Values(str, str, _VALUES, list_literal), moves)
         self.values.names |= {"True": True, "False": False, "pi": math.pi}
         moves.frame = "the robot's base", mink.SE3.identity()
-        self._blended = False
+        self._blended = self._streams = False
         self._tool = ProgramFrame("the active TCP")
 
     def grammar(self) -> Sequence[Rule]:
@@ -330,7 +322,7 @@ class Script(Program):
             self.refuse(line, match)
         given = self._given(line, match)
         angles = pose = None
-        seconds, a = 0.0, math.nan
+        seconds, a, v = 0.0, math.nan, math.nan
         try:
             found = self.values.value(given.get("q", ""))
             if isinstance(found, Pose):
@@ -339,17 +331,26 @@ class Script(Program):
                 angles = [float(x) for x in found]
             seconds = float(self.values.value(given.get("t", "0")))
             a = float(self.values.value(given.get("a", "1.4")))
+            v = float(self.values.value(given.get("v", "1.05")))
         except (Unknown, TypeError, ValueError) as error:
             if self.moves.strict:
                 raise refuse(
                     line, match[0], "expected [q1, …, q6], numbers or constants."
                 ) from error
         self._check_turns(line, match, angles)
-        timed = seconds > 0.0 or match["word"] == "servoj"  # then a does not count
+        streamed = match["word"] == "servoj"
+        self._ends_stream(streams=streamed)
+        timed = seconds > 0.0 or streamed  # then a and v do not count
         self.moves.joint(JointMove(
             line, angles, pose, seconds if seconds > 0.0 else None,
-            acceleration=None if timed else a, passes=match["word"] == "servoj",
+            speed=None if timed else Speed(v), acceleration=None if timed else a, passes=streamed,
         ))  # fmt: skip
+
+    def _ends_stream(self, *, streams: bool = False) -> None:
+        """Other moves than streamed ones begin at rest."""
+        if self._streams and not streams:
+            self.moves.rests()
+        self._streams = streams
 
     def _straight(self, line: int, match: re.Match[str]) -> None:
         """A straight move or a circle, for ``check``, in a time or at a speed of the tool."""
@@ -371,6 +372,7 @@ class Script(Program):
         for each in filter(None, (angles, circle and circle.angles)):
             self._check_turns(line, match, each)
         timed = seconds > 0.0
+        self._ends_stream()
         self.moves.joint(JointMove(
             line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,
             speed=None if timed else Speed(v), circle=circle, acceleration=None if timed else a,
@@ -419,6 +421,7 @@ class Script(Program):
     def _stop(self, line: int, match: re.Match[str]) -> None:
         self.listing.refuse_calls(line, match[2])
         self.moves.noted(line, match[1], "passed")
+        self._ends_stream()
         if self.moves.strict and self._blended:
             raise refuse(line, match[0], "stops the robot before it is where it was sent (r>0).")
 
@@ -449,12 +452,9 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
     name = define.removeprefix("def ").removesuffix("():")
     if name in ("start", "cubic", "line", "finish", "at_q", "at_w", "late", "movej", "servoj"):
         raise refuse(number, define, "a name of the functions below; export it under another.")
-    straight, script = ["movel", "movep", "movec"], Script(moves)
-    following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": [*straight, "end"],
-                 "movej": straight, **{key: [*straight, "start", "end"] for key in straight},
+    following = {"start": [kind, "finish"], kind: [kind, "finish"], "finish": ["end"],
                  "end": [name], name: []}  # fmt: skip
-    counts = {"start": 2, "cubic": 3, "line": 2}
-    expected, at = ["start", "movej"], list[float]()
+    counts, expected = {"start": 2, "cubic": 3, "line": 2}, ["start"]
     for line, text in others:
         match = re.fullmatch(r"(\w+)\s*(?:\((.*)\))?", text, re.ASCII | re.DOTALL)
         word, arguments = (match[1], split(match[2] or "")) if match else ("", [])
@@ -466,27 +466,20 @@ def _read_own(moves: Moves, kind: str, statements: Statements) -> None:
         if own and moves.called(line, word):
             continue
         setting = re.fullmatch(_NOTED["setting"][0], text, re.ASCII | re.DOTALL)
-        begins = setting and "movej" in expected and not re.search(r"\w\s*\(", setting[2])
-        if begins or (word in expected and word[:4] == "move"):
-            act, found, _ = script.listing.act(text)
-            assert not isinstance(act, str)
-            act(line, found)
-            if begins:
-                continue
-            at = _numbers(line, arguments[word == "movec"])
-        elif word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
+        if setting and expected == ["start"] and not re.search(r"\w\s*\(", setting[2]):
+            moves.noted(line, word, "setting")
+            continue
+        if word not in expected or len(list(filter(None, arguments))) != counts.get(word, 0):
             what = f"{' or '.join(expected) or 'nothing'} with its arguments"
             raise refuse(line, text, f"is not read; in a script of export, here stands {what}.")
         expected = following[word]
         if word in counts:
             q, w = (_numbers(line, each) for each in (arguments[0], arguments[1]))
             seconds = None if word == "start" else _numbers(line, f"[{arguments[-1]}]")[0]
-            if seconds is None and at not in ([], q):
-                raise refuse(line, text, "starts where the robot is not.")
-            if seconds or not at:
-                rates = w if kind == "cubic" else None
-                moves.joint(JointMove(line, q, None, seconds, rates, passes=True))
-            at = q
+            rates = w if kind == "cubic" else None
+            moves.joint(JointMove(line, q, None, seconds, rates, passes=True))
+        if word in ("start", "finish"):
+            moves.rests()
     if expected not in ([name], []):
         raise InvalidInput(f"the script has no {expected[-1]} at its end; a line was lost.")
 

@@ -14,7 +14,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector, geodesic, resolved_twist_error, rotation_vector
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
-from qp_twist.programs import Dialect, Turning
+from qp_twist.programs import PACE, Dialect, Turning
 from qp_twist.robots import ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import task_rows
@@ -29,9 +29,6 @@ _OF_CIRCLE = 0.5, 0.35
 """Likewise of a circle at rows, most of which are waypoints, and between them. A file states a
 circle by chords, whose middles and ends are on both sides of the nearest circle: at ±0.046 mm for
 chords of 10 mm at a radius of 150 mm."""
-_PACE = 0.02
-"""Largest difference between the shares of time and of way on a move: the tool has constant speed
-on it, which would otherwise be another one than planned."""
 _ASIDE = np.radians([1.0, 3.0])
 """Largest difference of the joints from those planned, rad (17 mm of slides), on a line and on a
 circle, where the roll is in proportion for longer: the branch is the same, and limits are nearly
@@ -116,10 +113,16 @@ class Fits:
         return None if found is None else FittedMove(move, to, Way.to(to.q))
 
     def joints(self, begin: Point, end: int) -> FittedMove | None:
-        """The joint move from a point to a row, likewise; that to the next row always."""
+        """The joint move from a point to a row, likewise; that to the next row always.
+
+        It has the pace of the rows but where it is from rest to rest.
+        """
         to, places = self.point(end), np.arange(2 * begin.row, 2 * end + 1, 2)
-        share = self._paced(places)
-        q = begin.q + share[:, None] * (to.q - begin.q)
+        way, share = to.q - begin.q, self._paced(places)
+        if self._dialect.constant:
+            along = (self._q[places] - begin.q) @ way
+            share = np.clip(along / max(float(way @ way), 1e-12), 0.0, 1.0)
+        q = begin.q + share[:, None] * way
         if end > begin.row + 1 and (
             self._held[begin.row + 1 : end].any()
             or np.abs(q - self._q[places]).max() > _ASIDE[0]
@@ -170,16 +173,31 @@ class Fits:
         way = Way(shares[1:], q[1:])
         seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
         slower = self._limits.slower(begin.q, [way], np.array([seconds]))
-        return found._replace(way=way) if slower[0] <= 1.0 + _PACE else None
+        found = found._replace(way=way)
+        # Where a script states accelerations, joints need some of theirs for ramps.
+        if self._dialect.constant and not self.most(found, begin)[1]:
+            return None
+        return found if slower[0] <= 1.0 + PACE else None
 
-    def accelerations(self, found: FittedMove, begin: Point) -> float:
-        """The largest acceleration of the tool on a move that the joints' limits allow, m/s²."""
-        if found.of_joints or found.move.length < self._tolerances.position:
-            return np.inf
+    def most(self, found: FittedMove, begin: Point) -> tuple[float, float]:
+        """The largest speed and acceleration on a move that the joints' limits allow.
+
+        Of a joint move those of the joint that goes farthest, rad/s and rad/s²; else the tool's
+        acceleration alone, m/s², 0 if a joint has next to nothing left at constant speed.
+        """
+        if found.of_joints:
+            shares = np.abs(found.end.q - begin.q)
+            shares = np.maximum(shares / max(float(shares.max()), 1e-12), 1e-12)
+            speed, acceleration = (float((most / shares).min()) for most in self._limits)
+            return speed, acceleration
+        if found.move.length < self._tolerances.position:
+            return np.inf, np.inf
         seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
         ramp = Ramp.of(begin.q, found.way, seconds, found.move.length)
-        left = np.maximum(self._limits.acceleration - ramp.steady, 0.0)
-        return float((left / np.maximum(ramp.per_unit, 1e-12)).min())
+        left = self._limits.acceleration - ramp.steady
+        if (left < PACE * self._limits.acceleration).any():
+            return np.inf, 0.0
+        return np.inf, float((left / np.maximum(ramp.per_unit, 1e-12)).min())
 
     def _paced(self, places: Indices) -> Array:
         """The share of the time at each of some places, (K,)."""
@@ -212,7 +230,7 @@ class Fits:
         p = self._poses.positions[places]
         share = move.share(p) if move.length > self._tolerances.position else paced
         longer = self._times[places[-1] - 2] - times[0] > self._dialect.period
-        if longer and np.abs(share - paced).max() > _PACE:
+        if longer and np.abs(share - paced).max() > PACE:
             return None
         line = move.at(share)
         for turned in (line.rotations, *self._swung(move, share)):

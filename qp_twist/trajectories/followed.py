@@ -11,16 +11,15 @@ import numpy as np
 from qp_twist.checks import Array, Indices
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.tool_moves import ToolMove
-from qp_twist.programs import Circle, JointMoves, Target
+from qp_twist.programs import PACE, RESTS, Circle, JointMoves, Speed, Target
 from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
+from qp_twist.trajectories.rest_to_rest import RestToRest
 from qp_twist.trajectories.within_limits import Ramp, Way
 
-_RESTS = 1e-6
-"""Length, m, of a move on which the tool turns alone."""
-_PACE = 0.02
-"""Share by which speeds may differ and be one."""
+_SHORTEST = 1e-12
+"""Time, s, of a move to where the robot is."""
 _TURNED = float(np.radians(0.05))
 """Turn from that in proportion, rad, that counts as none: the tolerance of an axis."""
 
@@ -95,7 +94,7 @@ def followed(
                 begin, end = at[0, order], q[k, order]
                 move = _move(tool, joints.arm, begin, end, target, tcps[k], circle, via)
                 share, more = _along(tool, joints.arm, move, begin, end, target, circle)
-                if moves.speeds and (speed := moves.speeds[k - 1]) and durations is not None:
+                if (speed := _stated(moves, k)) and durations is not None:
                     durations[k - 1] = speed.seconds(move.length, move.turn)
             elif target is not None:
                 there, near = q[k, order], at[0, order][tool.own] if k else None
@@ -106,9 +105,11 @@ def followed(
             error.line = line or (target.line if target else None) or error.line
             raise
         if tool is not None and (line or target is not None):
-            q_there = np.repeat(at, len(more), axis=0)
-            q_there[:, order] = more
-            more = q_there
+            there, more = more, np.repeat(at, len(more), axis=0)
+            more[:, order] = there
+        if not line and durations is not None and (speed := _stated(moves, k)):
+            a = moves.accelerations[k]
+            durations[k - 1], share, more = _from_rest(at[0], more[-1], speed.linear, a)
         at = more[-1:]
         rows.append(more)
         shares.append(share)
@@ -119,11 +120,31 @@ def followed(
         corners = Corners.of(tool, found[points][:, order], tool_moves[1:])
     ways = [Way(*each) for each in zip(shares, rows, strict=True)]
     ramps, short = _ramps(moves, ways, tool_moves, durations)
+    return Followed(found, _times(durations, shares), points, corners, ramps, short)
+
+
+def _times(durations: Array | None, shares: Sequence[Array]) -> Array | None:
+    """The times of rows at shares of the moves to points."""
     if durations is None:
-        return Followed(found, None, points, corners, ramps, short)
-    ends = np.concatenate([[0.0], np.cumsum(durations)])
-    at_rows = [ends[:1], *(ends[k] + share * durations[k] for k, share in enumerate(shares[1:]))]
-    return Followed(found, np.concatenate(at_rows), points, corners, ramps, short)
+        return None
+    begins = np.cumsum(durations) - durations
+    of = zip(begins, durations, shares[1:], strict=True)
+    return np.concatenate([[0.0], *(begin + share * seconds for begin, seconds, share in of)])
+
+
+def _from_rest(
+    begin: Array, end: Array, speed: float, acceleration: float | None
+) -> tuple[float, Array, Array]:
+    """A joint move from rest to rest: its time, shares of it (K,), and joint positions (K, n)."""
+    assert acceleration is not None  # of each joint move with a speed
+    move = RestToRest(float(np.abs(end - begin).max()), speed, acceleration)
+    share, way = move.samples()
+    return move.seconds, share, begin + way[:, None] * (end - begin)
+
+
+def _stated(moves: JointMoves, k: int) -> Speed | None:
+    """The speed that the program states of the move to a point."""
+    return moves.speeds[k - 1] if k and moves.speeds else None
 
 
 def _refuse_other_parts(moves: JointMoves, tool: ToolChain | None) -> None:
@@ -148,13 +169,13 @@ def _ramps(
     """
     if not any(moves.accelerations[1:]):
         return None, []
-    zones, lines = moves.zones or (None,) * len(ways), moves.straight or (0,) * (len(ways) - 1)
-    stops = np.array([each is None for each in zones])
+    lines, stops = moves.straight or (0,) * (len(ways) - 1), np.isin(range(len(ways)), moves.rests)
     T = np.zeros(len(ways) + 1)  # beside the first and the last move nothing moves
     v = T.copy()
     if durations is not None:
         T[1:-1] = durations
-        v[1:-1] = [each.length if each else 0.0 for each in tool_moves[1:]] / durations
+        ways_of = [each.length if each else 0.0 for each in tool_moves[1:]]
+        v[1:-1] = ways_of / np.maximum(durations, _SHORTEST)
     found, short = np.zeros((len(ways), ways[0].q.shape[1])), list[int]()
     for k, (way, move, a) in enumerate(zip(ways, tool_moves, moves.accelerations, strict=True)):
         if k == 0 or a is None:
@@ -163,15 +184,15 @@ def _ramps(
         if move is None:
             change = np.abs(way.q[-1] - begin)
             found[k] = a * change / max(float(change.max()), 1e-12)
-        elif move.length > _RESTS and durations is not None:
+        elif move.length > RESTS and durations is not None:
             changes = [
                 (v[k], T[k]) if stop else (abs(v[k] - v[other]), T[k] + T[other])
                 for other, stop in ((k - 1, stops[k - 1]), (k + 1, stops[k]))
             ]
-            if any(change > _PACE * v[k] for change, _ in changes):
+            if any(change > PACE * v[k] for change, _ in changes):
                 ramp = Ramp.of(begin, way, T[k], move.length)
                 found[k] = a * ramp.per_unit + ramp.steady
-            if any(2.0 * change > (1.0 + _PACE) * a * over for change, over in changes):
+            if any(2.0 * change > (1.0 + PACE) * a * over for change, over in changes):
                 short.append(lines[k - 1])
     return found, short
 

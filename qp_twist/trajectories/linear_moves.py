@@ -14,12 +14,22 @@ from qp_twist.errors import InvalidInput
 from qp_twist.geometry import TwistProjector
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
-from qp_twist.programs import Circle, Dialect, JointMoves, ProgramFrame, Speed, Target
+from qp_twist.programs import (
+    PACE,
+    RESTS,
+    Circle,
+    Dialect,
+    JointMoves,
+    ProgramFrame,
+    Speed,
+    Target,
+)
 from qp_twist.referee import Tolerances
 from qp_twist.robots import ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
 from qp_twist.trajectories.fitted_moves import Fits, FittedMove, farthest
+from qp_twist.trajectories.rest_to_rest import RestToRest
 from qp_twist.trajectories.timed_path import TimedPath
 
 _ROUNDED = 0.25
@@ -29,8 +39,6 @@ than that of a chord, so that the points of a smooth curve are passed without a 
 _ROUNDED_UP = 1e-3
 """Share by which a printed speed may be above the planned one: the chord of an arc that turns by θ
 is shorter by θ²/24, which is 1e-3 at 9°."""
-_PACE = 0.02
-"""Share by which speeds of moves may differ and be one, or be below the planned one."""
 _PROCESS = 3
 """Fewest straight moves at one speed between two ramps: with fewer there is nothing to hold."""
 _SHORTEST = 1e-4
@@ -39,8 +47,6 @@ turn there alone."""
 _FREE = Speed(1.0, float(np.radians(200.0)))
 """Speeds that do not count, as the move is slower by the other one: below those of all controllers.
 """
-_RESTS = 1e-6
-"""A point that goes less far, m, rests: the tool turns about it, or rests if it turns less, rad."""
 _DECIMALS = 7
 """Of positions in m, as programs print them."""
 _DIGIT = 1e-5
@@ -60,7 +66,9 @@ class StraightMoves(NamedTuple):
         shares: Of ``halves`` what may be rounded, so that the tool is within a quarter of the
             tolerances; 0: the robot stops there, (N,).
         moves: The moves, N − 1.
-        accelerations: The largest of the tool on each that the joints' limits allow, m/s².
+        speeds: The largest of the joint that goes farthest on each joint move that the joints'
+            limits allow, rad/s; ∞ of straight ones.
+        accelerations: Likewise on all moves, rad/s² of that joint, or m/s² of the tool.
         instead: How many joint moves are where a straight one would lead the joints through a
             singularity or beyond their limits.
     """
@@ -70,6 +78,7 @@ class StraightMoves(NamedTuple):
     halves: Array
     shares: Array
     moves: tuple[FittedMove, ...]
+    speeds: Array
     accelerations: Array
     instead: int
 
@@ -169,7 +178,7 @@ class LinearMotion(NamedTuple):
                 move = ToolMove.between(here, Poses(R[k], p[k]))
             way, turn = move.length, move.turn
             target = speed = None
-            if straight and (way > _RESTS or turn > _RESTS):
+            if straight and (way > RESTS or turn > RESTS):
                 pose = mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R[k]), p[k])
                 target = Target(pose, tool, frame, arm.configuration(q[k, chain.own]))
                 kept[k - 1] = 1
@@ -238,13 +247,15 @@ def _with_speeds(
     for unit in dialect.speeds:
         found = unit * np.minimum(np.round(ways / durations / unit), np.floor(ways / least / unit))
         # A circle of URScript has no time, so that the finest unit has to do.
-        fits = (found >= (1.0 - _PACE) * ways / durations) | (
+        fits = (found >= (1.0 - PACE) * ways / durations) | (
             round_ & (unit == min(dialect.speeds)) & (found > 0.0)
         )
         speeds = np.where(np.isnan(speeds) & fits, found, speeds)
     speeds[~line.straight | (ways <= _SHORTEST)] = np.nan
     constant = np.zeros(len(ways), dtype=bool)
     if dialect.constant:
+        joint = ~line.straight  # from rest to rest
+        shares = np.where(np.append(False, joint) | np.append(joint, False), 0.0, shares)
         # On the arc from d before a corner of angle θ to d behind it: v² tan(θ/2) / d.
         units, reach = np.array([x.move.tangents() for x in line.moves]), shares * line.halves
         apart, both = (
@@ -270,26 +281,43 @@ def _with_speeds(
         changes = (round_[1:] != round_[:-1]) & ~constant[1:]
         shares = np.where(np.concatenate([[False], changes, [False]]), 0.0, shares)
     times = np.where(np.isnan(speeds), moves.durations, ways / speeds)
-    accelerations: tuple[float | None, ...] = ()
-    if dialect.constant:
-        # What arcs need, and at both ends the changes of speed over the times between the middles
-        # of moves, from stops and to stops over half of one: as far as the joints may.
-        v, ends = ways / times * line.straight, shares == 0.0
-        ramps = np.abs(np.diff(v)) / (0.5 * (times[:-1] + times[1:]))
-        beside = np.maximum(np.append(0.0, ramps), np.append(ramps, 0.0))
-        stops = 2.0 * v / times * (ends[:-1] | ends[1:])
-        needed = np.maximum(dialect.constant, np.maximum(beside, stops))
-        most = np.minimum(needed, (1.0 - _DIGIT) * line.accelerations)
-        stated = zip(most.tolist(), np.isnan(speeds), strict=True)
-        accelerations = (None, *(None if of else float(f"{each:.6g}") for each, of in stated))
-    return replace(
+    moves = replace(
         moves,
         durations=times,
-        accelerations=accelerations,
         speeds=tuple(None if np.isnan(speed) else Speed(speed) for speed in speeds.tolist()),
         constant=tuple(constant.tolist()),
         shares=shares,
     )
+    return _with_ramps(moves, ways / times, line, dialect) if dialect.constant else moves
+
+
+def _with_ramps(moves: JointMoves, v: Array, line: StraightMoves, dialect: Dialect) -> JointMoves:
+    """Moves at speeds v (N − 1,) with accelerations, and joint moves from rest to rest by theirs.
+
+    A straight move has what arcs need, and at both ends the changes of speed over the times between
+    the middles of moves, from stops and to stops over half of one: as far as the joints may. A
+    joint move takes the planned time, or as much longer as the joints need.
+    """
+    times, shares = moves.durations, moves.shares
+    assert times is not None and shares is not None
+    v, ends, allowed = v * line.straight, shares == 0.0, (1.0 - _DIGIT) * line.accelerations
+    ramps = np.abs(np.diff(v)) / (0.5 * (times[:-1] + times[1:]))
+    beside = np.maximum(np.append(0.0, ramps), np.append(ramps, 0.0))
+    stops = 2.0 * v / times * (ends[:-1] | ends[1:])
+    needed = np.maximum(dialect.constant, np.maximum(beside, stops))
+    stated = np.where(line.straight, np.minimum(needed, allowed), allowed)
+    accelerations = [float(f"{a:.6g}") for a in stated.tolist()]
+    durations, speeds, unit = times.copy(), [*moves.speeds], min(dialect.speeds)
+    for k in np.flatnonzero(~line.straight).tolist():
+        way, a = float(np.abs(np.diff(moves.angles[k : k + 2], axis=0)).max()), accelerations[k]
+        fastest = RestToRest.in_time(way, float(times[k]), float(line.speeds[k]), a).speed
+        if speed := unit * float(np.floor(fastest / unit)):
+            speeds[k], durations[k] = Speed(speed), RestToRest(way, speed, a).seconds
+    of = zip(accelerations, speeds, strict=True)
+    return replace(
+        moves, durations=durations, speeds=tuple(speeds),
+        accelerations=(None, *(a if speed else None for a, speed in of)),
+    )  # fmt: skip
 
 
 def _printed(
@@ -307,7 +335,7 @@ def _constant(speeds: Array, most: float, count: int) -> float:
     """
     if np.isnan(speeds).any():
         return 0.0
-    full = np.flatnonzero(speeds >= (1.0 - _PACE) * speeds.max())
+    full = np.flatnonzero(speeds >= (1.0 - PACE) * speeds.max())
     speed = float(speeds[full].min())
     is_one = len(full) == full[-1] - full[0] + 1 >= count and speed <= most
     return speed if is_one else 0.0
@@ -315,7 +343,7 @@ def _constant(speeds: Array, most: float, count: int) -> float:
 
 def _slower(seconds: float, way: float, turn: float) -> Speed:
     """The speeds of a move that takes some time, or a little more."""
-    if way < _RESTS:
+    if way < RESTS:
         return Speed(_FREE.linear, _rounded_down(turn / seconds))
     return Speed(_rounded_down(way / seconds), max(_FREE.angular, turn / seconds))
 
@@ -352,9 +380,12 @@ def straight_moves(
     corners = Corners.of(tool, own, [None if each.of_joints else each.move for each in moves])
     shares = rounded_shares(corners, fits.projector, path_task.tolerances, dialect.zone)
     instead = int((~straight & ~fits.on_joint_moves[kept[1:]]).sum())
+    speeds, accelerations = np.transpose(
+        [fits.most(*each) for each in zip(moves, points, strict=False)]
+    )
     return StraightMoves(
         found, straight, np.pad(corners.halves, 1) * passed, shares * passed, tuple(moves),
-        np.array([fits.accelerations(*each) for each in zip(moves, points, strict=False)]), instead,
+        speeds, accelerations, instead,
     )  # fmt: skip
 
 

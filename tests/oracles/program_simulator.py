@@ -44,7 +44,8 @@ class Move(NamedTuple):
     """To shown angles (rad in URScript, else degrees) or a pose, straight or not.
 
     In seconds, or at speeds in m/s and rad/s; with rates at its end each joint is on a cubic; on a
-    circle ``via`` shown angles or a pose. Its end is rounded from ``zone`` m on, at most from the
+    circle ``via`` shown angles or a pose. From rest to rest it has two ramps of a ``ramp`` of the
+    time each. Its end is rounded from ``zone`` m on, at most from the
     ``share`` of half of the shorter move.
     """
 
@@ -61,6 +62,7 @@ class Move(NamedTuple):
     rule: str = "space"
     zone: float = 0.0
     share: float = 1.0
+    ramp: float = 0.0
 
 
 class Text(NamedTuple):
@@ -233,11 +235,23 @@ def _urscript(text: str) -> Text:
             continue
         rates = np.array(groups[1]) if word in ("start", "cubic") else None
         via = np.array(groups[0]) if word == "movec" else None
-        theta = np.array(groups[word == "movec"])
+        theta, ramp = np.array(groups[word == "movec"]), 0.0
+        if word == "movej" and found and np.isnan(seconds):  # a trapezoid, or a triangle
+            way = np.abs(theta - found[-1].theta).max()  # type: ignore[operator]
+            reached = min(v, np.sqrt(given["a"] * way))
+            seconds = way / reached + reached / given["a"]
+            ramp = reached / given["a"] / seconds
         found.append(Move(word in ("movel", "movep", "movec"), theta, None, {}, (), seconds,
                           (v, np.inf), rates, False, via, "space",
-                          given.get("r", 0.0)))  # fmt: skip
+                          given.get("r", 0.0), 1.0, ramp))  # fmt: skip
     return Text(found)
+
+
+def along(s: float, ramp: float) -> float:
+    """The share of the way at a share of the time, at constant acceleration on both ramps."""
+    if s > 0.5:
+        return 1.0 - along(1.0 - s, ramp)
+    return (s - 0.5 * ramp if s >= ramp else 0.5 * s**2 / ramp) / (1.0 - ramp)
 
 
 class Controller:
@@ -357,7 +371,7 @@ class Controller:
                     pose = rigid(Rotation.from_matrix(turns[k]), spots[k])
                     then = self.reach(near, pose)
                 else:
-                    then = begin + s * (there - begin)
+                    then = begin + along(s, move.ramp) * (there - begin)
                     if move.rates is not None and rates is not None:
                         then = begin + s**2 * (3.0 - 2.0 * s) * (there - begin)
                         one, two = s * (1.0 - s) ** 2, -(s**2) * (1.0 - s)

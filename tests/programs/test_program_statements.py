@@ -293,7 +293,8 @@ def assert_same(rows: TimedPath, motion: Motion, program: str, what: str) -> Non
     """The motion that is read is the one that is executed."""
     if rows.velocities is None:
         scale = 1.0 if program == "urscript" else np.degrees(1.0)
-        read, sent = moved(scale * rows.q), moved(motion.points)
+        q = rows.q if rows.points is None else rows.q[rows.points]
+        read, sent = moved(scale * q), moved(motion.points)
         assert len(read) == len(sent), what
         assert read == pytest.approx(sent, abs=1e-9), what
         return
