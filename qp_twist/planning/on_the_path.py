@@ -31,7 +31,7 @@ class _Way(NamedTuple):
     """Index of each point in the rows, (K,)."""
     q: Array
     held: Mask
-    """Whether a point is reached, inside the joint limits, and not far from the straight one."""
+    """Whether a point is reached, within the joint limits, and not far from the straight one."""
     strays: Mask
     """Whether it is further from the straight one than the tolerance of a check, (K,)."""
 
@@ -128,8 +128,12 @@ class OnThePath:
         rows, motion = self._rows(places.tobytes()), end - begin
         straight = begin + share[:, None] * motion
         q, arrived = rows.correct(straight, at)
+        strays = np.abs(q - straight).max(axis=1, initial=0.0) > REACHED.position
+        # What does not stray is run straight, in the ranges. What strays is run as corrected there.
+        out = np.flatnonzero(strays & (self._ranges.room(q).min(axis=1, initial=np.inf) < -WITHIN))
+        lower, upper = self._ranges.lower, self._ranges.upper
+        box = (np.broadcast_to(end, q[out].shape) for end in (lower, upper))
+        q[out], arrived[out] = rows.correct_within(q[out], at[out], *box)
         bulge = np.abs(q - straight).max(axis=1, initial=0.0)
-        strays = bulge > REACHED.position
         near = bulge <= _BULGE * np.abs(motion).max(axis=1, initial=0.0)
-        inside = self._ranges.room(q).min(axis=1, initial=np.inf) >= -WITHIN
-        return _Way(rows, at, q, arrived & inside & (near | ~strays), strays)
+        return _Way(rows, at, q, arrived & (near | ~strays), strays)
