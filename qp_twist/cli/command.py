@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import importlib
 import io
+import os
 import shlex
 import sys
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,9 +66,26 @@ def _run(given: list[str]) -> None:
     tyro.cli(command(given[0]), prog=f"qp-twist {given[0]}", args=given[1:])
 
 
+@contextlib.contextmanager
+def _without_opengl() -> Iterator[None]:
+    """Within it, MuJoCo is imported without OpenGL, which takes a fifth of its time.
+
+    Pictures are drawn in processes of their own, which choose theirs (``drawing/picture.py``).
+    """
+    if "MUJOCO_GL" in os.environ:
+        yield
+        return
+    os.environ["MUJOCO_GL"] = "disable"
+    try:
+        yield
+    finally:
+        del os.environ["MUJOCO_GL"]
+
+
 def _run_with_files(given: list[str]) -> None:
     """Run a command; the files that it reads are noted, so that it does not write over them."""
-    import mink
+    with _without_opengl():
+        import mink
 
     from qp_twist.checks import did_you_mean
     from qp_twist.errors import InvalidInput
