@@ -31,6 +31,7 @@ from numba.core.caching import CompileResultCacheImpl
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import PassManager
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 try:
@@ -196,8 +197,9 @@ class _Kept:
         """Load machine code, after another process that compiles; ``None`` for none."""
         if self._numba is None:
             return None
-        if _Turn.depth == 1:  # what numba has registered since; kernels that are called follow
-            context.refresh()
+        # All that loading needs of numba's state, which takes a sixth of a second to set up;
+        # compiling sets it up itself.
+        rtsys.initialize(context)
         file = self._file(signature, context.codegen())
         found = self._read(file, context)
         if found is None and _Turn.take(self._folder):
