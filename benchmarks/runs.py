@@ -1,6 +1,6 @@
 """What runs take: method by method, many at once, and the first of each on a machine.
 
-    python benchmarks/runs.py [run_times] [batch] [cold_start] [--runs 10000] [--write]
+    python benchmarks/runs.py [run_times] [batch] [cold_start] [commands] [--runs 10000] [--write]
 
 *run_times*: `deburring` by each method, three times, the fastest counts. A minute.
 
@@ -11,6 +11,8 @@ degree of the tool, and the secondary asks for more than the speed limits give.
 
 *cold_start*: processor seconds of a whole process, imports included, with an empty folder for
 numba's cache, then the same once more with the folder as it was left.
+
+*commands*: processor seconds of whole commands after a first one; the least and the median of nine.
 """
 
 from __future__ import annotations
@@ -215,11 +217,12 @@ FIRST = {
 }
 
 
-def processor_seconds(program: str, folder: str) -> float:
-    """Of a process that keeps its machine code in ``folder``."""
+def processor_seconds(words: list[str], **variables: str) -> float:
+    """Of a Python process with these arguments and variables of its environment."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    surroundings = os.environ | {"NUMBA_CACHE_DIR": folder}
-    subprocess.run([sys.executable, "-c", program], check=True, env=surroundings)
+    given = os.environ | variables
+    given.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package has its bytecode
+    subprocess.run([sys.executable, *words], check=True, env=given, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -229,12 +232,28 @@ def cold_start() -> str:
     rows = []
     for words, program in FIRST.items():
         with tempfile.TemporaryDirectory() as folder:
-            cold, warm = (processor_seconds(program, folder) for _ in range(2))
+            cold, warm = (
+                processor_seconds(["-c", program], NUMBA_CACHE_DIR=folder) for _ in range(2)
+            )
         rows.append((words, f"{cold:.1f}", f"{warm:.2f}"))
         print(*rows[-1], file=sys.stderr, flush=True)
     return markdown_table(("the first", "nothing compiled, s", "compiled before, s"), rows)
 
 
+def commands() -> str:
+    """Commands, warm."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = f"{folder}/m.csv"
+        for words in ("--help", f"run deburring --out {file}", f"check {file} deburring"):
+            arguments = ["-m", "qp_twist", *words.split()]
+            processor_seconds(arguments)  # writes bytecode and machine code
+            took = sorted(processor_seconds(arguments) for _ in range(9))
+            shown = words.replace(f"{folder}/", "")
+            rows.append((f"`qp-twist {shown}`", f"{took[0]:.2f}", f"{took[4]:.2f}"))
+    return markdown_table(("processor time of", "least, s", "median, s"), rows)
+
+
 if __name__ == "__main__":
-    parts = {f.__name__: f for f in (run_times, batch, cold_start)}
+    parts = {f.__name__: f for f in (run_times, batch, cold_start, commands)}
     sys.exit(command(__doc__, parts, runs=10_000))
