@@ -176,5 +176,4 @@ def _unseen_by(columns: Array) -> Array | None:
     u, sigma, _ = np.linalg.svd(columns)
     if len(sigma) == len(columns) and sigma.min(initial=1.0) > INDEPENDENT:
         return None
-    direction: Array = u[:, -1]
-    return direction
+    return u[:, -1]

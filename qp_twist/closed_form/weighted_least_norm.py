@@ -106,5 +106,4 @@ def joint_limit_weights(
     if previous_gradient is None:
         return 1.0 + slope
     before = np.abs(finite_array("previous_gradient", previous_gradient, slope.shape))
-    weights: Array = np.where(slope >= before, 1.0 + slope, 1.0)
-    return weights
+    return np.where(slope >= before, 1.0 + slope, 1.0)

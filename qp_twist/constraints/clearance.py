@@ -132,8 +132,7 @@ class Clearance(Constraint):
 
     def bounded(self, q: Array, enough: float) -> Array:
         """Margins (N, P), m; above ``enough`` lower bounds of them, which take less time."""
-        margins: Array = self._shapes.distances(q, enough + self.distance) - self.distance
-        return margins
+        return self._shapes.distances(q, enough + self.distance) - self.distance
 
     def inside(self, q: Array, tolerance: float) -> Mask:
         """Which configurations q (N, nq) violate no margin by more than the tolerance, m, (N,)."""

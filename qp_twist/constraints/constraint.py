@@ -99,8 +99,7 @@ class Constraint(mink.Limit):
                 f"{type(self).__name__}: change(q, travel): expected by how much margins vary at "
                 "most, at least 0, got a negative number or none."
             )
-        least: Array = 0.5 * (margins_of(self, before) + margins_of(self, after) - change)
-        return least
+        return 0.5 * (margins_of(self, before) + margins_of(self, after) - change)
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Linear rows that keep the margins above 0, to first order: rows · Δq ≤ rooms.

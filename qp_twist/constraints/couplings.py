@@ -102,8 +102,7 @@ class JointCouplings(Constraint):
     def residuals(self, q: Array) -> Array:
         """θ₁ − p(θ₂) of configurations q (N, nq), rad or m, (N, C)."""
         positions = self._ranges.positions(q)
-        residuals: Array = positions[:, self.first] - self.start[:, 0] - self._p(0, positions)
-        return residuals
+        return positions[:, self.first] - self.start[:, 0] - self._p(0, positions)
 
     def slopes(self, q: Array) -> Array:
         """Derivatives of the residuals with respect to each degree of freedom, (N, C, nv)."""
@@ -114,14 +113,12 @@ class JointCouplings(Constraint):
 
     def margins(self, q: Array) -> Array:
         """ε − |θ₁ − p(θ₂)|, rad or m, (N, C)."""
-        margins: Array = self.tolerance - np.abs(self.residuals(q))
-        return margins
+        return self.tolerance - np.abs(self.residuals(q))
 
     def gradients(self, q: Array) -> Array:
         """Derivatives of the margins, (N, C, nv)."""
         signs = np.where(self.residuals(q) < 0.0, 1.0, -1.0)
-        gradients: Array = signs[:, :, None] * self.slopes(q)
-        return gradients
+        return signs[:, :, None] * self.slopes(q)
 
     def change(self, q: Array, travel: Array) -> Array:
         r"""Travel of the first joint plus that of the second times the largest |p'|, (N, C).
@@ -133,8 +130,7 @@ class JointCouplings(Constraint):
         positions = self._ranges.positions(q)
         first, second, third, fourth = (np.abs(self._p(k, positions)) for k in range(1, 5))
         steepest = first + t * (second + t * (third / 2.0 + t * fourth / 6.0))
-        change: Array = travel[:, self.first] + steepest * t
-        return change
+        return travel[:, self.first] + steepest * t
 
     def rows(self, q: Array) -> tuple[Array, Array, Indices]:
         """Both sides of each coupling: rows (N, 2 C, nv), rooms (N, 2 C), and its index."""

@@ -57,8 +57,7 @@ class JointRangeLimit(BoxLimit, Constraint):
     def gradients(self, q: Array) -> Array:
         """1 or −1 for each joint, (N, nv, nv)."""
         below, above = self._room(q)
-        gradients: Array = np.where(below < above, 1.0, -1.0)[:, :, None] * np.eye(len(self.names))
-        return gradients
+        return np.where(below < above, 1.0, -1.0)[:, :, None] * np.eye(len(self.names))
 
     def change(self, q: Array, travel: Array) -> Array:
         """The travel of each joint, (N, nv)."""

@@ -22,8 +22,7 @@ def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
     or m/s², ``inf`` without a limit, then v = d/dt; and the length of each step, s.
     """
     if not np.count_nonzero(acceleration < np.inf):
-        free: Array = room / dt
-        return free
+        return room / dt
     braking = acceleration * dt
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         steps = np.floor((np.sqrt(1.0 + 8.0 * room / (braking * dt)) - 1.0) / 2.0)

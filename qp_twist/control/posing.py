@@ -16,13 +16,7 @@ import qpsolvers
 from qp_twist.checks import Array, Mask, finite_array, largest, number
 from qp_twist.constraints import GatheredLimits, Named, gather_limits, stopping_share
 from qp_twist.control.composition import damps_by_error
-from qp_twist.control.mink_costs import (
-    check_cost,
-    mink_cost,
-    mink_costs,
-    name_of,
-    refuse_elastic,
-)
+from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of, refuse_elastic
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement

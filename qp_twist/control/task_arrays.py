@@ -143,5 +143,4 @@ def _step_sizes(task: TwistTask) -> tuple[float, float, float]:
 def address(array: npt.NDArray[np.float64] | npt.NDArray[np.int64]) -> int:
     """Where an array's numbers are in memory."""
     assert array.flags.c_contiguous and array.dtype in (np.float64, np.int64)
-    where: int = array.ctypes.data
-    return where
+    return array.ctypes.data

@@ -16,8 +16,7 @@ _TINY = 1e-12
 
 def rotate(rotations: Array, vectors: Array) -> Array:
     """R v of rotations (…, 3, 3) and vectors (…, 3)."""
-    rotated: Array = (rotations @ vectors[..., None])[..., 0]
-    return rotated
+    return (rotations @ vectors[..., None])[..., 0]
 
 
 def cross(a: Array, b: Array) -> Array:

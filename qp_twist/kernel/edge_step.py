@@ -24,12 +24,7 @@ from qp_twist.kernel.directions import (
 from qp_twist.kernel.levels import in_order, missed, size_of_rows
 from qp_twist.kernel.null_space import row_space, times_q, times_q_transposed
 from qp_twist.kernel.one_program import OPTIMAL, Result, cost_along, first_level
-from qp_twist.kernel.step_kernel import (
-    costs,
-    desired_velocities,
-    forward_rows,
-    stated_rows,
-)
+from qp_twist.kernel.step_kernel import costs, desired_velocities, forward_rows, stated_rows
 from qp_twist.kernel.step_record import (
     BRAKED,
     BRAKED_BELOW,

@@ -120,8 +120,7 @@ def relative_jacobian(
     arm = arm - frame_pose(configuration, root, root_type)[1]
     # ω × r, column by column
     carrier[:3] += np.cross(carrier[3:], arm, axisa=0).T
-    relative: Array = jacobian - carrier
-    return relative
+    return jacobian - carrier
 
 
 def together(

@@ -81,22 +81,19 @@ class Stretch(NamedTuple):
             turn = self.turn if body else self.target_turn
             curl = self.curl if body else self.target_turn**2
             second = second + curl * apart + 2.0 * turn * change
-        off: Array = second / 8.0
-        return off
+        return second / 8.0
 
     def slipped(self, before: FramePair, after: FramePair, frame: str) -> Array:
         """Bound of the change of p_d − p by another target, in the axes of a frame, m, (K,)."""
         if frame != "target":
             return self.slip
-        slipped: Array = self.slip + self.apart(before, after)[0] * self.slip_turn
-        return slipped
+        return self.slip + self.apart(before, after)[0] * self.slip_turn
 
     def off_chord_of_angle(self, *, target: bool) -> Array:
         """Bound for a unit vector of the frame minus one of the target or world, (K,)."""
         if not target:
             return self.curl / 8.0
-        off: Array = (self.curl + self.target_turn**2) / 8.0 + self.slip_turn
-        return off
+        return (self.curl + self.target_turn**2) / 8.0 + self.slip_turn
 
 
 def turn_about(
@@ -132,5 +129,4 @@ def turn_about(
 
 def angle_of_chord(chord: Array) -> Array:
     """The angle with a chord on the unit circle, rad."""
-    angle: Array = 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
-    return angle
+    return 2.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))

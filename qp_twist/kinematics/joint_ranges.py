@@ -94,8 +94,7 @@ class JointRanges:
         """
         weight = self.weight
         smallest = weight[weight > 0.0].min(initial=1.0)
-        metric: Array = np.where(weight > 0.0, weight, 1e-2 * smallest) ** 2
-        return metric
+        return np.where(weight > 0.0, weight, 1e-2 * smallest) ** 2
 
     def positions(self, q: Array) -> Array:
         """Joint positions by degree of freedom, from q of shape (…, nq); 0 for ball and free."""
@@ -124,16 +123,14 @@ class JointRanges:
 
     def room(self, positions: Array) -> Array:
         """Distance of the positions (…, nv) from the nearer end, rad or m; negative outside."""
-        room: Array = np.minimum(positions - self.lower, self.upper - positions)
-        return room
+        return np.minimum(positions - self.lower, self.upper - positions)
 
     def random(self, count: int, rng: np.random.Generator) -> Array:
         """Uniform between the limits, else over a turn (hinges) or ±1 m (slides); (count, nv)."""
         half = np.where(self.hinge, np.pi, 1.0)
         lower = np.where(np.isfinite(self.lower), self.lower, -half)
         upper = np.where(np.isfinite(self.upper), self.upper, half)
-        drawn: Array = rng.uniform(lower, upper, size=(count, len(lower)))
-        return drawn
+        return rng.uniform(lower, upper, size=(count, len(lower)))
 
     def centring(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
@@ -144,8 +141,7 @@ class JointRanges:
     def margins(self, q: Array) -> Array:
         """``1 − |θ − θ̄| / half-range`` for each joint, (…, nv); negative outside, +∞ unlimited."""
         offset = np.abs(self.positions(q) - self.middle) * 2.0 * self.weight
-        margins: Array = np.where(self.limited, 1.0 - offset, np.inf)
-        return margins
+        return np.where(self.limited, 1.0 - offset, np.inf)
 
 
 _names: WeakKeyDictionary[mujoco.MjModel, tuple[str, ...]] = WeakKeyDictionary()

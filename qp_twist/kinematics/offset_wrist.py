@@ -159,8 +159,7 @@ class _Polynomial:
         found = np.linalg.eigvals(companion)
         with np.errstate(divide="ignore"):
             real = np.abs(np.log(np.abs(found))) < _REAL
-        one: Array = np.sort(np.where(real, np.angle(found), np.nan), axis=1)
-        return one
+        return np.sort(np.where(real, np.angle(found), np.nan), axis=1)
 
     def regional(self, one: Array) -> tuple[Array, Array, Array, Array]:
         """q₁ … q₄ of the four candidates of each root q₁ (K, 16), (K, 64) each, the best first.
@@ -247,8 +246,7 @@ def _angle(c: Array, s: Array) -> Array:
     In the middle, where both are the same, the Jacobian is singular.
     """
     angle = -1j * np.log(c + 1j * s)
-    apart: Array = angle.real + angle.imag
-    return apart
+    return angle.real + angle.imag
 
 
 def _turned_by(z: Array, c: Array, s: Array, x: Array) -> Array:

@@ -113,8 +113,7 @@ class RollBand(ToleranceBand):
 
     def _turns(self, roll: Array) -> Array:
         """The whole turns that bring a roll to within half a turn of the middle, rad."""
-        turns: Array = _TURN * np.round((roll - self._middle) / _TURN)
-        return turns
+        return _TURN * np.round((roll - self._middle) / _TURN)
 
     def fixed(self, projector: TwistProjector) -> tuple[bool, ...]:
         """Whether T fixes the roll at 0: its axis is in the range of the angular block."""
@@ -125,8 +124,7 @@ class RollBand(ToleranceBand):
 
     def _axis(self, pair: FramePair) -> Array:
         # R a and R_d a have the same roll: Rᵀ E R = R_dᵀ E R_d. The target's does not depend on R.
-        axis: Array = pair.axes("target" if self.frame == "body" else self.frame) @ self.axis
-        return axis
+        return pair.axes("target" if self.frame == "body" else self.frame) @ self.axis
 
     def __repr__(self) -> str:
         return self._named(f"{self.axis.round(6).tolist()}")

@@ -114,8 +114,7 @@ class JointCentering(SecondaryObjective):
     def stiffness(self) -> Array:
         """Diagonal of WᵀW, W or 1 in :meth:`direction`; 0 for unlimited joints, shape (nv,)."""
         power = _POWERS[self.weight]
-        stiffness: Array = np.where(self.ranges.limited, self.ranges.weight**power, 0.0)
-        return stiffness
+        return np.where(self.ranges.limited, self.ranges.weight**power, 0.0)
 
 
 class PostureReference(SecondaryObjective):

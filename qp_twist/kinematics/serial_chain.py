@@ -158,8 +158,7 @@ class SerialChain:
 
 def _turned(rotations: Array, vector: Array) -> Array:
     """R v for each R (K, 3, 3) of one v (3,), (K, 3), as one product of two matrices."""
-    turned: Array = (rotations.reshape(-1, 3) @ vector).reshape(-1, 3)
-    return turned
+    return (rotations.reshape(-1, 3) @ vector).reshape(-1, 3)
 
 
 def largest_reach(chain: SerialChain, ranges: JointRanges) -> float:

@@ -50,8 +50,7 @@ def projected(z: Array, x: Array, d: Array, value: Array) -> tuple[Array, Array]
 
 def about(z: Array, x: Array, y: Array) -> Array:
     """Angle about z from x to y, as seen along z."""
-    angle: Array = np.arctan2(dot(z, cross(x, y)), dot(x, y) - dot(x, z) * dot(y, z))
-    return angle
+    return np.arctan2(dot(z, cross(x, y)), dot(x, y) - dot(x, z) * dot(y, z))
 
 
 def rotated(z: Array, angle: Array, x: Array) -> Array:
@@ -102,8 +101,7 @@ def meeting_point(axes: Axes, which: tuple[int, ...]) -> Array:
     normal = across.sum(axis=1)
     diagonal = np.einsum("kii->ki", normal)
     diagonal += 1e-14  # parallel axes, which the caller looks for
-    point: Array = np.linalg.solve(normal, (across @ anchors).sum(axis=1))[..., 0].T
-    return point
+    return np.linalg.solve(normal, (across @ anchors).sum(axis=1))[..., 0].T
 
 
 def miss(axes: Axes, k: int, point: Array) -> Array:

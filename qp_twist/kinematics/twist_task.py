@@ -364,8 +364,7 @@ class TwistTask(Revised, mink.Task):
     def compute_qp_residual(self, configuration: mink.Configuration) -> tuple[Array, Array, float]:
         """The weighted residual for mink, from one evaluation of the configuration."""
         stated = self._error_and_jacobian(configuration)
-        weighted: tuple[Array, Array, float] = self._weighted_residual(*stated)
-        return weighted
+        return self._weighted_residual(*stated)
 
     def velocity_rows(self, configuration: mink.Configuration, dt: float) -> tuple[Array, Array]:
         r"""The rows A q̇ = b of a step of dt s: A (r, nv), and b (r,), m/s and rad/s.

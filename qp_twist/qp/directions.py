@@ -156,14 +156,12 @@ class Directions:
     @cached_property
     def slack(self) -> Array:
         """λ = d − σ², (m,): 0 of a direction that is met exactly."""
-        slack: Array = np.maximum(self.damped - self.sigma**2, 0.0)
-        return slack
+        return np.maximum(self.damped - self.sigma**2, 0.0)
 
     @cached_property
     def weakness(self) -> Array:
         """φ = λ/d, (m,): 0 of a regular direction, 1 at a singularity."""
-        weakness: Array = self.slack / np.where(self.damped > 0.0, self.damped, 1.0)
-        return weakness
+        return self.slack / np.where(self.damped > 0.0, self.damped, 1.0)
 
     @property
     def weak(self) -> Mask:
@@ -195,8 +193,7 @@ class Directions:
         ``b``, (m,), takes the place of the right-hand side on what the levels above leave.
         """
         rate = self.rate if b is None else self.left.T @ b
-        motion: Array = (rate / np.where(self.damped > 0.0, self.damped, 1.0)) @ self.rows
-        return motion
+        return (rate / np.where(self.damped > 0.0, self.damped, 1.0)) @ self.rows
 
     def free(self, c: Array) -> Array:
         """N c, what the directions leave of a linear cost (n,): N = 1 − Σ σᵢ²vᵢvᵢᵀ/max(σᵢ², ε²)."""

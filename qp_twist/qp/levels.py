@@ -214,8 +214,7 @@ class Cascade:
             missed = level.missed(self.x)
             if left <= SETTLED * level.size * missed or missed <= level.rounding(self.x):
                 break
-        multipliers: Array = found[self.rows()[2]]
-        return multipliers
+        return found[self.rows()[2]]
 
     def _gap(self, left: Array, slack: float, length: float) -> float:
         """Bound of a residual's length less its optimal value.
