@@ -132,12 +132,7 @@ class MovingShapes:
         self.has_moved, self._copies = True, []
 
     def configurations(self, q: Array) -> Array:
-        """Configurations (N, nq) as the kernel takes them.
-
-        Raises:
-            InvalidInput: If they are no numbers, have another shape, or are not finite: NaN is
-                neither near nor clear.
-        """
+        """Configurations (N, nq) as the kernel takes them; NaN would be neither near nor clear."""
         rows = _rows("q", q, self._model.nq)
         if not math.isfinite(rows.sum()):
             raise InvalidInput("q: expected finite joint positions; it has NaN or infinite ones.")
@@ -274,10 +269,8 @@ class ClearanceStep:
     ) -> tuple[Array, Array, Indices]:
         """The rows G q̇ ≤ g at a configuration q (nq,), and corrections that have been added.
 
-        They keep a distance, m, and let a pair that is too near return at a speed, m/s.
-
-        Returns:
-            G (k, nv) and g (k,), views that the next step overwrites; and the pair of each row.
+        They keep a distance, m, and let a pair that is too near return at a speed, m/s. Returned
+        are G (k, nv) and g (k,), views that the next step overwrites, and the pair of each row.
         """
         s = self._state
         if self._count < 0:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qp_twist.checks import Array
-
-BRAKING = 0.8
-"""η: share of the acceleration limits that is planned with where a motion ends."""
+from qp_twist.kernel.constants import BRAKING
 
 
 def stopping_speed(room: Array, acceleration: Array, dt: float) -> Array:
@@ -41,8 +39,8 @@ def stopping_share(motion: Array, acceleration: Array, dt: float) -> float:
         \ddot p = \eta\,\min_i \frac{a_i}{|\Delta q_i|}
 
     with v(d, a) the :func:`stopping_speed`: the task's displacement is 1, and along it the joints
-    brake by at most p̈. What η leaves is for the curvature of the motion. ``motion`` (n,) is the Δq
-    that would remove the task's error, rad or m; ``acceleration`` (n,) is ∞ without a limit.
+    brake by at most p̈, with η = ``BRAKING``. ``motion`` (n,) is the Δq that would remove the task's
+    error, rad or m; ``acceleration`` (n,) is ∞ without a limit.
     """
     with np.errstate(divide="ignore"):
         braking = BRAKING * float(np.min(acceleration / np.abs(motion), initial=np.inf))

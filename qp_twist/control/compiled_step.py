@@ -91,11 +91,7 @@ class CompiledStep:
     def compute(
         self, composed: Controller, configuration: mink.Configuration, dt: float, h: Displacement
     ) -> Step | None:
-        """Compute the step; ``None`` if the reference has to.
-
-        Raises:
-            mink.TargetNotSet: If a task has no target.
-        """
+        """Compute the step; ``None`` if the reference has to. A task without target is refused."""
         self._aim()
         latest, use_secondary, rows = changes.latest, h.acts, _NO_ROWS
         if (
@@ -157,8 +153,8 @@ class CompiledStep:
     ) -> Sequence[Named] | None:
         """Write what has been assigned, and what Python evaluates at each configuration.
 
-        Returns:
-            The sources of the inequality rows; ``None`` if the kernel no longer supports the tasks.
+        Returned are the sources of the inequality rows; ``None`` if the kernel no longer supports
+        the tasks.
         """
         for known in self._arrays.tasks:
             if known.task.revision != known.revision and not known.update():
@@ -181,10 +177,9 @@ class CompiledStep:
     def _evaluated(
         self, composed: Controller, configuration: mink.Configuration, dt: float
     ) -> Sequence[Named] | None:
-        """Evaluate limits of other classes, bands, tasks and other tasks' costs into the arrays.
+        """Write limits of other classes, bands, and tasks and costs that Python states.
 
-        Returns:
-            The sources of the inequality rows; ``None`` if the number of a task's rows has changed.
+        Returned are the sources of the inequality rows; ``None`` if a task has other rows.
         """
         arrays = self._arrays
         limits = arrays.limits.rows(configuration, dt)

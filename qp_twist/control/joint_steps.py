@@ -35,12 +35,9 @@ class JointSteps:
         asks_nothing = TwistTask(frame.frame_name, frame.frame_type, nothing)
         asks_nothing.set_target_from_configuration(configuration)
         self._controller = Controller(
-            controller.model,
-            [asks_nothing],
-            limits=controller.limits,
-            secondary=[self._posture],
+            controller.model, [asks_nothing], limits=controller.limits, secondary=[self._posture],
             on_infeasible="relax",
-        )
+        )  # fmt: skip
         self._controller.load(configuration, settings.period)
         self.asked: Input | None = None
         self.braking_since: tuple[float, Array] | None = None

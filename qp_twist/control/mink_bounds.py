@@ -37,9 +37,8 @@ _known: weakref.WeakKeyDictionary[mink.Limit, _Known] = weakref.WeakKeyDictionar
 def add_bounds(limit: Any, configuration: mink.Configuration, dt: float, box: Array) -> bool:
     """Narrow the bounds of the velocity, ``box`` (2, nv), by a limit of mink's on single joints.
 
-    Returns:
-        Whether it is one; the rows of any other, and of one whose matrix or arrays are not as mink
-        made them, have to be asked for.
+    Returned is whether it is one, with matrix and arrays as mink made them; any other's rows have
+    to be asked for.
     """
     ranges = type(limit) is mink.ConfigurationLimit
     given: tuple[Any, ...]

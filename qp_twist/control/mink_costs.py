@@ -40,22 +40,14 @@ def name_of(task: Any) -> str:
 
 
 def check_target(task: Any) -> None:
-    """Refuse a mink task whose target is not finite.
-
-    Raises:
-        InvalidTarget: If it is not.
-    """
+    """Refuse a mink task whose target is not finite."""
     target = getattr(task, "transform_target_to_world", None)
     if isinstance(target, mink.SE3):
         finite_array(f"{name_of(task)}: its target", target.wxyz_xyz, (7,), error=InvalidTarget)
 
 
 def refuse_elastic(task: Any) -> None:
-    """Refuse an elastic task where rows are met, not priced: as a constraint, or in a level.
-
-    Raises:
-        InvalidInput: If the task has a true attribute ``elastic``.
-    """
+    """Refuse an elastic task where rows are met, not priced: as a constraint, or in a level."""
     if getattr(task, "elastic", False):
         raise InvalidInput(
             f"{name_of(task)} is elastic: its rows may be missed at a price, so that it is neither "
@@ -65,11 +57,7 @@ def refuse_elastic(task: Any) -> None:
 
 
 def elastic_constraint(item: Any, configuration: mink.Configuration) -> WeightedRows:
-    """What an item with mink's ``compute_penalized_rows``, ``mink.Elastic``, states for a cost.
-
-    Raises:
-        InvalidInput: If it is no rows, errors and penalties of one number, or not finite.
-    """
+    """What an item with mink's ``compute_penalized_rows``, ``mink.Elastic``, states for a cost."""
     J, e, penalty = item.compute_penalized_rows(configuration)
     rows, error = as_rows(item, J, -np.asarray(e), configuration.model.nv)
     return WeightedRows(rows, error, 0.0, _penalty(item, penalty, len(error)))
@@ -97,9 +85,6 @@ def elastic_rows(
         \text{cost } \tfrac{\rho_i}{dt}\,(\varepsilon_i + \tfrac{1}{2}\,\eta\,\varepsilon_i^2/r)
 
     η makes the program strictly convex in ε; r is a speed of the size of those that may be missed.
-
-    Raises:
-        InvalidInput: If a number is none, or too large to compute with.
     """
     found: list[BandRows] = []
     for task, cost in zip(tasks, stated, strict=True):
@@ -123,10 +108,8 @@ def mink_cost(
     """What a task states for a cost, once asked and of the right shape; any class may state it.
 
     As mink has it: lists of numbers and single rows are taken, and a pair for an objective. A task
-    with a true attribute ``elastic`` has the attribute ``penalty``, too (mink after 1.3).
-
-    Raises:
-        InvalidInput: If it is anything else.
+    with a true attribute ``elastic`` has the attribute ``penalty``, too (mink after 1.3). Anything
+    else is refused.
     """
     elastic = getattr(task, "elastic", False)
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
@@ -145,11 +128,7 @@ def mink_cost(
 
 
 def as_rows(task: Any, rows: Any, sides: Any, nv: int) -> tuple[Array, Array]:
-    """Rows (k, nv) and sides (k,) of a task; one row may be given without its brackets.
-
-    Raises:
-        InvalidInput: If they are none, or not finite.
-    """
+    """Rows (k, nv) and sides (k,) of a task; one row may be given without its brackets."""
     if are_rows(rows, sides, nv):
         return rows, sides
     name = f"{name_of(task)}: its rows", f"{name_of(task)}: its error"
@@ -168,11 +147,7 @@ def _objective(name: str, objective: Any, nv: int) -> mink.Objective:
 
 
 def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective) -> None:
-    """Refuse what is not finite, or too large to compute with, by the name of the task.
-
-    Raises:
-        InvalidInput: If it is.
-    """
+    """Refuse what is not finite, or too large to compute with, by the name of the task."""
     check_target(task)
     name = name_of(task)
     if isinstance(stated, mink.Objective):
@@ -188,11 +163,7 @@ def check_cost(task: mink.tasks.BaseTask, stated: WeightedRows | mink.Objective)
 def mink_costs(
     tasks: Sequence[mink.tasks.BaseTask], configuration: mink.Configuration, dt: float
 ) -> tuple[Array, Array, list[BandRows]]:
-    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt²; elastic rows.
-
-    Raises:
-        InvalidInput: If what a task states is not finite or of the wrong shape.
-    """
+    """H and c of mink tasks on q̇: theirs are on Δq = q̇ dt, here divided by dt²; elastic rows."""
     with np.errstate(over="ignore", invalid="ignore"):  # what is too large is refused by name
         stated = [mink_cost(task, configuration) for task in tasks]
         H, c = costs_of(tasks, stated, configuration.model.nv, dt)

@@ -65,8 +65,7 @@ class OwnTasks:
     def add_costs(self, tasks: Sequence[Any], H: Array, c: Array) -> tuple[float, list[bool]]:
         """Add the costs of known tasks to the lower half of H (nv, nv), and to c (nv,).
 
-        Returns:
-            The sum of their dampings μ; and which tasks they are. The others have to be asked.
+        Returned are the sum of their dampings μ, and which tasks they are; others are to be asked.
         """
         known, places = [False] * len(tasks), []
         numbers: list[Array] = []

@@ -302,16 +302,10 @@ class _Asked(NamedTuple):
         if self.elastic:
             H, c = np.tril(H) + np.tril(H, -1).T + W.T @ W, c - e @ W
             H.reshape(-1)[:: nv + 1] += damping
-            program = QuadraticProgram(H, c / self.dt, A, b, G, h / self.dt, *bounds)
-            program = with_inequalities(program, self.elastic, [])
-            H, c, A, G, h = (
-                program.H,
-                program.c * self.dt,
-                program.A,
-                program.G,
-                program.g * self.dt,
-            )
-            bounds, level, each = np.array([program.lower, program.upper]), 0.0, _NONE
+            p = QuadraticProgram(H, c / self.dt, A, b, G, h / self.dt, *bounds)
+            p = with_inequalities(p, self.elastic, [])
+            H, c, A, G, h = p.H, p.c * self.dt, p.A, p.G, p.g * self.dt
+            bounds, level, each = np.array([p.lower, p.upper]), 0.0, _NONE
             W, e = H[:0], c[:0]
         slowed = self.singularity if self.singularity > DEFAULT_SINGULARITY else 0.0
         solved, velocity, scale, box, multipliers = _machine_code()(
@@ -452,9 +446,9 @@ def _check_items(name: str, items: Sequence[Any], model: mujoco.MjModel) -> None
     """Refuse an item that lacks the methods mink calls, or belongs to another model."""
     for index, item in enumerate(items):
         label = f"solve_ik: {name}[{index}]"
-        calls, elastic = _METHODS_CALLED[name], hasattr(item, "compute_penalized_rows")
-        callable_ = (elastic and name == "constraints") or all(hasattr(item, m) for m in calls)
-        if isinstance(item, type) or not callable_:
+        priced = name == "constraints" and hasattr(item, "compute_penalized_rows")
+        calls = () if priced else _METHODS_CALLED[name]
+        if isinstance(item, type) or not all(hasattr(item, method) for method in calls):
             what = f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
             raise InvalidInput(f"{label} is {what}, which is none of mink's {name}.")
         check_model(label, item, model.nv)

@@ -75,11 +75,7 @@ class TaskArrays:
         return True
 
     def aim(self, pose: bytes | None) -> None:
-        """Write the task's target.
-
-        Raises:
-            mink.TargetNotSet: If it has none.
-        """
+        """Write the task's target; a task without one is refused."""
         task, self.pose = self.task, pose
         if pose is None:
             raise mink.TargetNotSet(task.name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from qp_twist.kernel.arm_kernel import pose_and_jacobian
 from qp_twist.kernel.bounds import MOTION
 from qp_twist.kernel.compiling import kernel
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.step_kernel import step
 from qp_twist.kernel.step_record import AT_THE_EDGE, INFEASIBLE, RAISE, REFUSED, read_step
@@ -28,8 +29,7 @@ def steps(
     for k in range(len(q)):
         for task in range(len(s.kinds)):
             pose_and_jacobian(arms[task], q[k], s.poses[task], s.jacobians[task])
-            for i in range(18):
-                s.targets[task, i] = targets[k, task, i]
+            put(targets[k, task], s.targets[task])
         for index in range(len(s.types) if len(before) > 0 else 0):
             if s.types[index] == MOTION:
                 for dof in range(before.shape[1]):

@@ -5,6 +5,9 @@
 REGULAR, MOST_REGULAR = 0.05, 50.0
 """σ₁: singular value, m/rad or 1, from which on a direction is met exactly; 50 ε if that is less,
 and 2 ε at least. An arm of 1 m is 1.3 mm inside its reach there."""
+BRAKING = 0.8
+"""Share of the acceleration limits that is planned with where a motion ends; what it leaves is for
+the curvature of the motion."""
 SMOOTHED = 0.005
 """T, s: in a step of this length or a longer one a weak direction is damped by σ₁. In a shorter one
 an error, and its noise, is divided by less time."""

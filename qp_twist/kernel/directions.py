@@ -13,7 +13,7 @@ import numpy as np
 
 from qp_twist.kernel.bounds import MOTION, stopping_speed
 from qp_twist.kernel.compiling import inner, part, plain
-from qp_twist.kernel.constants import BEND, DEPENDENT, MOST_REGULAR, REGULAR, SMOOTHED
+from qp_twist.kernel.constants import BEND, BRAKING, DEPENDENT, MOST_REGULAR, REGULAR, SMOOTHED
 from qp_twist.kernel.copying import put_rows
 from qp_twist.kernel.dual_active_set import cholesky
 
@@ -21,8 +21,6 @@ _SWEEPS = 60
 """Limit of the sweeps; ten are enough in practice."""
 _ROUNDING = 1e-15
 """Cosine of the angle below which rows count as orthogonal; share below which a row is zero."""
-BRAKING = 0.8
-"""η of ``constraints.stopping_share``."""
 
 
 Directions = namedtuple("Directions", "rows rate ahead square floor damped slack stated")

@@ -156,10 +156,9 @@ def edge_step(s, qpos, dt, use_secondary, twist_space, is_infeasible):
         ordered = _in_order(s, d, found, outcome, scale, closest)
         if ordered.status != OPTIMAL:
             return REFUSED
-        for i in range(len(s.x)):
-            s.x[i] = ordered.x[i]
-            s.box[i] = s.box[i] if outcome == SCALED else ordered.box[i]
+        put(ordered.x[: len(s.x)], s.x)
         if outcome != SCALED:  # then the limits in the way are those of the scale
+            put(ordered.box[: len(s.x)], s.box)
             put(ordered.lam, s.lam)
         if outcome == DONE and not _lower_met(s):
             outcome = PRIORITIZED

@@ -58,8 +58,7 @@ class Path(NamedTuple):
 def _begin(method, path, at, q, s):
     """Centre the windows on q, move q towards a plan; return false if the reference has to."""
     dt = path.durations[at]
-    for dof in range(len(q)):
-        s.middle[dof] = path.references[at, dof]
+    put(path.references[at], s.middle)
     for index in range(len(s.types)):
         if s.types[index] == WINDOW:
             for dof in range(len(q)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from qp_twist.kernel.compiling import kernel, part, plain
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.edge_step import edge_step
 from qp_twist.kernel.record import at_address
 from qp_twist.kernel.rotations import rotation_of
@@ -49,14 +50,11 @@ def take_poses(s):
     joints = sources[4 + 2 * tasks]
     axes, anchors = at_address(sources[1], 3 * joints), at_address(sources[2], 3 * joints)
     for task in range(tasks):
-        rotation = at_address(sources[3 + 2 * task], 9)
         position = at_address(sources[4 + 2 * task], 3)
-        for i in range(9):
-            s.poses[task, i] = rotation[i]
-        for i in range(3):
-            s.poses[task, 9 + i] = position[i]
+        put(at_address(sources[3 + 2 * task], 9), s.poses[task])
         rotation_of(s.target_poses[task], s.targets[task])
         for i in range(3):
+            s.poses[task, 9 + i] = position[i]
             s.targets[task, 9 + i] = s.target_poses[task, 4 + i]
         if links[task, 0] != PYTHON_JACOBIAN:
             _jacobian(links[task], axes, anchors, position, s.jacobians[task])
@@ -64,12 +62,9 @@ def take_poses(s):
 
 @kernel
 def live_step(floats, integers, dt, use_secondary, twist_space):
-    """Compute a step from the arrays of ``control.step_arrays``, given by their addresses.
+    """``step_kernel.step`` from the addresses of the arrays of ``control.step_arrays``.
 
     As arrays they would take 0.3 µs.
-
-    Returns:
-        As ``step_kernel.step``.
     """
     s = read_step(floats, integers)
     take_poses(s)

@@ -14,10 +14,8 @@ INDEPENDENT = 1e-8
 def reflection(v, first, length):
     """Replace v by that of the reflection 1 − vvᵀ which maps v[first:] onto its first entry.
 
-    ``length`` is the length of v[first:]; if it is 0 there is nothing to reflect.
-
-    Returns:
-        The first entry after the reflection.
+    ``length`` is the length of v[first:]; if it is 0 there is nothing to reflect. Returned is the
+    first entry after the reflection.
     """
     if length == 0.0:
         return 0.0

@@ -259,16 +259,15 @@ def scaled_program(H, c, d, G, g, lower, upper, smooth):
     unit, price = most / whole, worth * (1.0 + CURVED) / whole
     wide, cost = np.zeros((n + 1, n + 1)), np.zeros(n + 1)
     low, high = np.zeros(n + 1), np.zeros(n + 1)
-    for i in range(n):
-        cost[i], low[i], high[i] = c[i], lower[i], upper[i]
-        for j in range(n):
-            wide[i, j] = H[i, j]
+    put(c, cost)
+    put(lower, low)
+    put(upper, high)
+    put_rows(H, wide)
     wide[n, n], cost[n], high[n] = size, -price, whole
     rows, rates, row, at = np.zeros((hard, n + 1)), np.zeros(hard), np.zeros(n + 1), 0
     for i in range(m):
         phi = weakness(d, i)
-        for k in range(n):
-            row[k] = d.rows[i, k]
+        put(d.rows[i], row)
         row[n] = -(1.0 - phi) * d.rate[i] * unit
         if d.slack[i] > 0.0:
             weight = cost_along(H, d, i) / d.slack[i]
@@ -330,8 +329,7 @@ def _at_scale(H, c, d, scaled, scale, per, G, g, lower, upper):
     slower = scale * (1.0 - SCALE_BACKOFF)
     found = posed_program(H, c, d, slower, G, g, lower, upper)
     if found.status == OPTIMAL:
-        for i in range(len(c)):
-            scaled.x[i] = found.x[i]
+        put(found.x, scaled.x)
         scale = slower
     return scaled, scale, 0.0
 

@@ -184,13 +184,9 @@ def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]
         strides.insert(0, builder.mul(strides[0], length))
     found = make_array(kind)(context, builder)
     populate_array(
-        found,
-        data=data,
-        shape=cgutils.pack_array(builder, lengths),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=size,
-        meminfo=None,
-    )
+        found, data=data, shape=cgutils.pack_array(builder, lengths),
+        strides=cgutils.pack_array(builder, strides), itemsize=size, meminfo=None,
+    )  # fmt: skip
     return found._getvalue()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from qp_twist.kernel.compiling import entry, kernel, plain
 from qp_twist.kernel.constants import EQUALITY_TOLERANCE, FASTEST, STEEPEST, UNLIMITED
+from qp_twist.kernel.copying import put
 from qp_twist.kernel.directions import directions, free_of, well_conditioned
 from qp_twist.kernel.one_program import EMPTY, FAILED, OPTIMAL, Result, first_level, solve
 
@@ -55,8 +56,7 @@ def add_bounds(q, low, high, qpos, dofs, P, gain, dt, box):
 def _sort_rows(G, h, dt, rows, ends, box):
     """Sort rows G Δq ≤ h into bounds, of one entry, and others, without those that always hold.
 
-    Returns:
-        The number of other rows; −1 if a number is none, or too large to compute with.
+    Returned is the number of others; −1 if a number is none, or too large to compute with.
     """
     lower, upper, count = box[0], box[1], 0
     for i in range(len(h)):
@@ -75,8 +75,7 @@ def _sort_rows(G, h, dt, rows, ends, box):
         elif entries == 1:
             lower[last] = max(lower[last], end / G[i, last])
         elif (entries > 1 and end < math.inf) or (entries == 0 and end < 0.0):
-            for j in range(G.shape[1]):
-                rows[count, j] = G[i, j]
+            put(G[i], rows[count])
             ends[count] = end
             count += 1
     for j in range(len(lower)):
@@ -91,8 +90,7 @@ def _sort_rows(G, h, dt, rows, ends, box):
 def _sum_costs(W, e, level, damping, H, c, dt):
     """Add the cost ½‖W Δq − e‖² and the dampings to H and c, and make of c that of a velocity.
 
-    Returns:
-        Whether all numbers can be computed with.
+    Returned is whether all numbers can be computed with.
     """
     n, hardest, largest, finite = len(c), 0.0, 0.0, True
     for row in range(len(e)):

@@ -30,11 +30,7 @@ _STEPS = 400
 
 @part
 def _interval(curve, h, most, i, y, highest):
-    """Interval of ½ y′ in cell i if its begin has y and its end at most ``highest``.
-
-    Returns:
-        Its ends, and how both change with y.
-    """
+    """Ends of the interval of ½ y′ in cell i, from y to at most ``highest``, and their change."""
     low, high, by_low, by_high = -y / (2.0 * h), (highest - y) / (2.0 * h), 0.0, 0.0
     by_low = by_high = -0.5 / h
     for end in range(2):

@@ -282,14 +282,9 @@ def _solve_rows(L, b, forward, share, first, end, y):
 
 @plain
 def step_on_rows(s, qpos, dt, use_secondary, twist_space):
-    """Compute the joint velocity ``s.x`` from the task rows in ``s``.
+    """Compute the joint velocity ``s.x`` from the task rows in ``s``; return the outcome.
 
-    ``twist_space``: see :func:`costs`.
-
-    Returns:
-        ``DONE``, ``BRAKED`` or ``BRAKED_BELOW``; ``INFEASIBLE`` if the rows are infeasible within
-        the limits: call ``edge_step``, as for ``AT_THE_EDGE``; or ``REFUSED`` if the reference
-        has to compute the step.
+    After ``INFEASIBLE`` and ``AT_THE_EDGE`` call ``edge_step``; ``twist_space``: see :func:`costs`.
     """
     fastest = desired_velocities(s, qpos, dt, use_secondary)
     for row in range(len(s.b)):

@@ -192,11 +192,10 @@ def _free_of(kind, x, y, z, cost, first, J, free):
 
 @part
 def desired_velocity(block, kinds, shape, pose, target, dt):
-    """Desired velocity of the linear (0) or angular (1) block; arguments: :func:`twist_rows`.
+    """Axis and desired velocity, in the world, of the linear (0) or angular (1) block.
 
-    Returns:
-        The projector's axis and the velocity, m/s or rad/s, in the world; and the length of the
-        error before clamping, m or rad.
+    Arguments are those of :func:`twist_rows`; the last result is the length of the error before
+    clamping, m or rad.
     """
     body = kinds[2] == BODY
     turn = pose if body else target

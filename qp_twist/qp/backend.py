@@ -53,11 +53,7 @@ def installed_solvers() -> list[str]:
 
 
 def check_solver(solver: str | None) -> str:
-    """``solver`` if it can be asked; the compiled one if it is ``None``.
-
-    Raises:
-        UnknownSolver: If it is unknown or not installed.
-    """
+    """``solver`` if it can be asked; the compiled one if it is ``None``; else ``UnknownSolver``."""
     if solver is None:
         return COMPILED
     installed = installed_solvers()
@@ -80,10 +76,7 @@ def solve_raw(
     be dropped. A row of zeros cannot be scaled and is left to the verification. First-order
     backends need costs of a size that their tolerances were made for.
 
-    ``options`` take the place of our settings.
-
-    Raises:
-        InvalidInput: If the backend knows no such option.
+    ``options`` take the place of our settings; one that the backend does not know is refused.
     """
     size = problem.steepest or 1.0
     # Active-set methods take differences of terms of the size of c: 1e-14 of it is rounding. What
@@ -136,15 +129,10 @@ def _asked(posed: tuple[Array, ...], solver: str, settings: dict[str, Any]) -> A
 
         return solve_program(*map(np.ascontiguousarray, posed))
     problem = qpsolvers.Problem(
-        H,
-        c,
-        G if len(g) else None,
-        g if len(g) else None,
-        A if len(b) else None,
-        b if len(b) else None,
-        lower if np.count_nonzero(lower > -np.inf) else None,
+        H, c, G if len(g) else None, g if len(g) else None, A if len(b) else None,
+        b if len(b) else None, lower if np.count_nonzero(lower > -np.inf) else None,
         upper if np.count_nonzero(upper < np.inf) else None,
-    )
+    )  # fmt: skip
     if solver != "osqp":
         return qpsolvers.solve_problem(problem, solver=solver, **settings)
     with warnings.catch_warnings():
