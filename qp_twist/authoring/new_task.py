@@ -284,5 +284,4 @@ def _rounded(q: Array, ranges: JointRanges) -> Array:
     shown = np.where(shown < low, np.ceil(low * 1e4) * 1e-4, shown)
     shown = np.where(shown > high, np.floor(high * 1e4) * 1e-4, shown)
     # Convert as when reading a task file, so that a trial and a run of the file start equally.
-    rounded: Array = np.radians(shown) if ranges.hinge.all() else shown
-    return rounded
+    return np.radians(shown) if ranges.hinge.all() else shown

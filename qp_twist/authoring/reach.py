@@ -177,8 +177,7 @@ def _about_vertical(file: Array, robot: Array, rng: np.random.Generator) -> Arra
     angle = np.arctan2(sine, cosine)
     blind = np.hypot(sine, cosine) <= _UPRIGHT
     angle[blind] = rng.uniform(-np.pi, np.pi, int(blind.sum()))
-    turns: Array = Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    return turns
+    return np.asarray(Rotation.from_rotvec(angle[:, None] * [0.0, 0.0, 1.0]).as_matrix())
 
 
 def _onto(a: Array, b: Array) -> Array:
@@ -187,23 +186,20 @@ def _onto(a: Array, b: Array) -> Array:
     For one direction the shortest rotation; none for opposite directions, where it is ambiguous.
     """
     if a.shape[2] > 1:
-        whole: Array = b @ a.transpose(0, 2, 1)
-        return whole
+        return b @ a.transpose(0, 2, 1)
     if not a.shape[2]:
         return np.broadcast_to(np.eye(3), (len(b), 3, 3))
     normal = np.cross(a[:, :, 0], b[:, :, 0])
     sine = np.linalg.norm(normal, axis=1)
     angle = np.arctan2(sine, (a * b).sum(axis=(1, 2)))
     size = np.where(sine > _PARALLEL, angle / np.maximum(sine, _PARALLEL), 0.0)
-    least: Array = Rotation.from_rotvec(size[:, None] * normal).as_matrix()
-    return least
+    return np.asarray(Rotation.from_rotvec(size[:, None] * normal).as_matrix())
 
 
 def _apart(a: Array, b: Array) -> Array:
     """Largest angle between directions (K, 3, s) and (K, 3, s), rad, (K,)."""
     cosines = np.clip((a * b).sum(axis=1), -1.0, 1.0)
-    found: Array = np.arccos(cosines).max(axis=1, initial=0.0)
-    return found
+    return np.asarray(np.arccos(cosines).max(axis=1, initial=0.0))
 
 
 def _followed(

@@ -55,9 +55,7 @@ class MethodRun(NamedTuple):
 
 
 def by_topic(
-    runs: Sequence[MethodRun],
-    not_run: Mapping[str, str] | None = None,
-    bound: float | None = None,
+    runs: Sequence[MethodRun], not_run: Mapping[str, str] | None = None, bound: float | None = None
 ) -> dict[str, list[str]]:
     """What a comparison shows: sentences under short headings, of which none is empty.
 

@@ -111,8 +111,7 @@ def _whole_sigma(trajectory: Trajectory) -> Array:
         jacobian = frame_jacobian(configuration, task.frame_name, task.frame_type)
         # T_O is fixed to the base: its axes are those of the world.
         rows.append(task.operational.basis.T @ jacobian)
-    smallest: Array = np.linalg.svd(np.stack(rows), compute_uv=False)[:, -1]
-    return smallest
+    return np.linalg.svd(np.stack(rows), compute_uv=False)[:, -1]
 
 
 def _speeds(trajectories: Trajectories) -> list[Quantity]:

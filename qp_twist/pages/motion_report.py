@@ -14,10 +14,7 @@ from qp_twist.drawing.palette import BLUE, ORANGE, RED, rgb
 from qp_twist.files import write_atomically
 from qp_twist.following import Trajectory
 from qp_twist.pages.motion_facts import facts
-from qp_twist.pages.motion_intervals import (
-    failing_intervals,
-    slower_intervals,
-)
+from qp_twist.pages.motion_intervals import failing_intervals, slower_intervals
 from qp_twist.pages.page import fill_template, still_html
 from qp_twist.pages.recordings import DURATION_S, recorded_scene
 from qp_twist.paths import PathTask, in_joint_moves

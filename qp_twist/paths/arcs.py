@@ -169,8 +169,7 @@ def centre_of_radius(start: Array, end: Array, axis: Array, radius: float) -> Ar
             f"{1e3 * abs(radius):.6g} mm"
         )
     side = math.copysign(math.sqrt(max(0.0, height)), radius) / length
-    centre: Array = 0.5 * (start + flat) + side * cross(axis, chord)
-    return centre
+    return 0.5 * (start + flat) + side * cross(axis, chord)
 
 
 def cut_corner(
@@ -301,5 +300,4 @@ def _length(vector: Array) -> float:
 
 def _radial(vector: Array, axis: Array) -> Array:
     """The part of a vector perpendicular to an axis."""
-    found: Array = vector - axis * float(vector @ axis)
-    return found
+    return vector - axis * float(vector @ axis)

@@ -29,20 +29,9 @@ from qp_twist.paths.orientation import tangents
 from qp_twist.paths.pose_records import only_frame
 from qp_twist.paths.toolpath import SAME_POINT, Toolpath
 from qp_twist.paths.toolpath_builder import ToolpathFormat
-from qp_twist.paths.toolpath_columns import (
-    ColumnChoice,
-    ColumnRoles,
-    called,
-    column_roles,
-    unit_of,
-)
+from qp_twist.paths.toolpath_columns import ColumnChoice, ColumnRoles, called, column_roles, unit_of
 from qp_twist.paths.toolpath_options import ReadingOptions
-from qp_twist.paths.toolpath_points import (
-    Points,
-    PointsOfCurve,
-    curves_between_rapids,
-    toolpath_of,
-)
+from qp_twist.paths.toolpath_points import Points, PointsOfCurve, curves_between_rapids, toolpath_of
 
 _LISTED = 12
 """Number of unused columns that are named; the others are counted."""
@@ -284,8 +273,7 @@ def _leaned(
         t[alone] /= np.where(size > 0.0, size, 1.0)
     lead, tilt = lean[:, :1], lean[:, 1:]
     ahead = np.cos(lead) * n + np.sin(lead) * t
-    found: Array = np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
-    return found
+    return np.cos(tilt) * ahead + np.sin(tilt) * np.cross(n, t)
 
 
 def _rapid(table: Table, where: ColumnRoles, notes: list[str]) -> Mask | None:

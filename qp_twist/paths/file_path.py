@@ -18,15 +18,7 @@ from qp_twist.paths.process_words import placed_words, stood_at
 from qp_twist.paths.resample import MOST, resampled
 from qp_twist.paths.segment import Segment, check_segments
 from qp_twist.paths.shapes import polyline
-from qp_twist.paths.toolpath import (
-    SAME_DIRECTION,
-    SAME_POINT,
-    Curve,
-    Lines,
-    Part,
-    Toolpath,
-    lifts,
-)
+from qp_twist.paths.toolpath import SAME_DIRECTION, SAME_POINT, Curve, Lines, Part, Toolpath, lifts
 from qp_twist.paths.toolpath_points import UnitQuestion
 from qp_twist.paths.turning import angles_between, transported, turns_between
 

@@ -43,8 +43,7 @@ class WorkpieceTable(Section):
             wxyz = np.array(self.quaternion_wxyz)
             wxyz /= np.abs(wxyz).max()  # the norm of huge or tiny numbers over- or underflows
             rotation = Rotation.from_quat(wxyz, scalar_first=True)
-        matrix: Array = rotation.as_matrix()
-        return matrix
+        return np.asarray(rotation.as_matrix())
 
 
 class LeadTable(OwnProjector):

@@ -183,8 +183,7 @@ class Motions(MachineTool):
                 self.out.note(
                     "the centres I, J, K of arcs are absolute: from the start, none would fit"
                 )
-        centre: Array = stated if modes.absolute_centres else start + stated
-        return centre
+        return stated if modes.absolute_centres else start + stated
 
     # ------------------------------------------------------------ holes
 
@@ -229,9 +228,7 @@ class Motions(MachineTool):
         for _ in range(repeats):
             start = self.at
             aside = replace(
-                block,
-                words={k: words[k] for k in "XY@^" if k in words},
-                kinds=dict(block.kinds),
+                block, words={k: words[k] for k in "XY@^" if k in words}, kinds=dict(block.kinds)
             )
             self._resolve_polar(aside)
             self.target(aside)

@@ -71,8 +71,7 @@ class MethodSettings(Section):
         default=True, description="of sns: whether held joints are released, or the basic form runs"
     )
     posture_cost: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
-        default=1e-3,
-        description="of mink's posture, beside 1 for the task's rows",
+        default=1e-3, description="of mink's posture, beside 1 for the task's rows"
     )
     every_iteration: bool = Field(
         default=False,

@@ -59,8 +59,7 @@ def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: floa
         InvalidInput: If the path goes along the tool's axis everywhere.
     """
     t = tangents(what, positions, axes)
-    turns: Array = Rotation.from_rotvec(lead * np.cross(axes, t) + tilt * t).as_matrix()
-    return turns
+    return np.asarray(Rotation.from_rotvec(lead * np.cross(axes, t) + tilt * t).as_matrix())
 
 
 def tangents(what: str, positions: Array, axes: Array) -> Array:

@@ -14,14 +14,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from qp_twist.checks import (
-    Array,
-    all_arguments,
-    did_you_mean,
-    finite_array,
-    instance,
-    number,
-)
+from qp_twist.checks import Array, all_arguments, did_you_mean, finite_array, instance, number
 from qp_twist.constraints import (
     Clearance,
     Constraint,
@@ -42,12 +35,7 @@ from qp_twist.paths.orientation import poses
 from qp_twist.paths.preference import Preference
 from qp_twist.paths.process_words import check_calls
 from qp_twist.paths.rerooted import OLD_WORLD, check_body, rerooted
-from qp_twist.paths.segment import (
-    Segment,
-    check_joint_moves,
-    check_segments,
-    projectors_in_force,
-)
+from qp_twist.paths.segment import Segment, check_joint_moves, check_segments, projectors_in_force
 from qp_twist.paths.shown import Shown
 from qp_twist.paths.task_schema import IterationSection, StudySection
 from qp_twist.paths.tolerances import Tolerances

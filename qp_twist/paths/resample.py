@@ -12,12 +12,7 @@ import numpy.typing as npt
 from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
 from qp_twist.paths.toolpath import Curve
-from qp_twist.paths.turning import (
-    angles_between,
-    rotations_at,
-    turns_between,
-    vectors_at,
-)
+from qp_twist.paths.turning import angles_between, rotations_at, turns_between, vectors_at
 
 _At = Callable[[Array, Array, Array], Array]
 _Apart = Callable[[Array, Array], Array]

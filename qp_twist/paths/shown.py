@@ -52,8 +52,7 @@ class Shown:
 
     def configurations(self, q: Array) -> Array:
         """Configurations (…, nq) of the task as those of the scene's model, (…, nq)."""
-        found: Array = q[..., self.order]
-        return found
+        return q[..., self.order]
 
     def carrier_pose(self, q: Array) -> mink.SE3:
         """Pose of the path's frame in the scene's world at a configuration q (nq,) of the task."""

@@ -116,11 +116,7 @@ def _in_file(error: InvalidInput, source: Path, text: str) -> TaskFileError:
     """The error with its place in a task file."""
     keys = [int(k) if k.isdecimal() else k for k in re.findall(r"[^.\[\]]+", error.key)]
     return TaskFileError(
-        error.sentence,
-        file=source,
-        line=_line_of(text, keys),
-        key=error.key,
-        options=error.options,
+        error.sentence, file=source, line=_line_of(text, keys), key=error.key, options=error.options
     )
 
 
@@ -474,8 +470,7 @@ def _nearest_feeds(built: PlacedPath) -> Array:
             )
     known = np.flatnonzero(~np.isnan(built.feeds))
     following = np.searchsorted(known, np.arange(len(built.feeds)))
-    feeds: Array = built.feeds[known[np.minimum(following, len(known) - 1)]]
-    return feeds
+    return built.feeds[known[np.minimum(following, len(known) - 1)]]
 
 
 def _limits(

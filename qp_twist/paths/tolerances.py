@@ -61,5 +61,4 @@ class Tolerances:
 
     def met(self, position: npt.ArrayLike, axis: npt.ArrayLike) -> Mask:
         """Whether task errors, m and rad, (N,) each, are within them; NaN is not, (N,)."""
-        met: Mask = np.less_equal(position, self.position) & np.less_equal(axis, self.axis)
-        return met
+        return np.less_equal(position, self.position) & np.less_equal(axis, self.axis)

@@ -145,16 +145,14 @@ class ToolMove(NamedTuple):
         """Shares λ (K,) of the point's way beside positions of the point (K, 3)."""
         if self.arc is None:
             way = self.end - self.start
-            along: Array = (positions - self.start) @ way / float(way @ way)
-            return along
+            return (positions - self.start) @ way / float(way @ way)
         away, side = self.start - self.arc.centre, self.tangents()[0]
         out = positions - self.arc.centre
         # From half a turn before the middle of the arc to half a turn behind it.
         angles = np.arctan2(out @ side, out @ away / float(np.linalg.norm(away)))
         middle = 0.5 * self.arc.sweep
         near = np.mod(angles - middle + np.pi, 2.0 * np.pi) - np.pi + middle
-        shares: Array = near / self.arc.sweep
-        return shares
+        return np.asarray(near / self.arc.sweep)
 
     def off_turn(self, position: Array, rotation: Array) -> float:
         """How far the tool is turned, rad, from where the move has it beside a position."""
@@ -166,5 +164,4 @@ class ToolMove(NamedTuple):
         if self.arc is None:
             return np.zeros((2, 3))
         away = np.array([self.start, self.at(np.ones(1)).positions[0]]) - self.arc.centre
-        found: Array = -away / (away**2).sum(axis=1, keepdims=True)
-        return found
+        return np.asarray(-away / (away**2).sum(axis=1, keepdims=True))

@@ -494,5 +494,4 @@ def called(table: Table, columns: Sequence[int]) -> str:
 def _complete(table: Table, columns: Sequence[int]) -> Array:
     """The first rows of some columns, without those that lack numbers."""
     values: Array = table.numbers[:LOOKED_AT, list(columns)]
-    found: Array = values[np.isfinite(values).all(axis=1)]
-    return found
+    return values[np.isfinite(values).all(axis=1)]

@@ -23,8 +23,7 @@ def turns_between(a: Array, b: Array) -> Array:
     """Angles of the rotations from (N, 3, 3) to (N, 3, 3), rad, (N,)."""
     if not len(a):
         return np.zeros(0)
-    found: Array = Rotation.from_matrix(b @ a.transpose(0, 2, 1)).magnitude()
-    return found
+    return np.asarray(Rotation.from_matrix(b @ a.transpose(0, 2, 1)).magnitude())
 
 
 def vectors_at(a: Array, b: Array, shares: Array) -> Array:
@@ -39,21 +38,18 @@ def vectors_at(a: Array, b: Array, shares: Array) -> Array:
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
     ahead = np.cross(turn, a) / np.where(angle > 0.0, angle, 1.0)  # a is perpendicular to the turn
     angles = shares[:, None] * angle
-    found: Array = np.cos(angles) * a + np.sin(angles) * ahead
-    return found
+    return np.asarray(np.cos(angles) * a + np.sin(angles) * ahead)
 
 
 def rotations_at(a: Array, b: Array, shares: Array) -> Array:
     """Rotations (N, 3, 3) from a to b, (3, 3) or (N, 3, 3), about one axis, at shares (N,)."""
     turn = Rotation.from_matrix(b @ np.swapaxes(a, -1, -2)).as_rotvec()
-    found: Array = Rotation.from_rotvec(shares[:, None] * turn).as_matrix() @ a
-    return found
+    return np.asarray(Rotation.from_rotvec(shares[:, None] * turn).as_matrix() @ a)
 
 
 def least_turns(a: Array, b: Array) -> Array:
     """The rotations (N, 3, 3) by the smallest angle that take unit vectors a to b, (N, 3) each."""
-    found: Array = Rotation.from_rotvec(geodesic(a, b)).as_matrix()
-    return found
+    return np.asarray(Rotation.from_rotvec(geodesic(a, b)).as_matrix())
 
 
 def transported(first: Array, axes: Array) -> Array:

@@ -16,13 +16,7 @@ from qp_twist.referee.astray import Astray
 from qp_twist.referee.joint_motion import JointMotion
 from qp_twist.referee.joint_rates import CLOCK, largest_accelerations, largest_jerks, largest_speeds
 from qp_twist.referee.motion_limits import MotionLimits, motion_limits
-from qp_twist.referee.path_errors import (
-    Deviation,
-    Left,
-    PathErrors,
-    constraint_left,
-    path_errors,
-)
+from qp_twist.referee.path_errors import Deviation, Left, PathErrors, constraint_left, path_errors
 from qp_twist.referee.subdivision import PROVEN
 
 EXCEEDED = 1e-6
@@ -196,8 +190,7 @@ def _at_feed(path_task: PathTask, count: int) -> Array:
     """Times between waypoints at the feed, s, (count − 1,); 0 of joint moves."""
     assert path_task.durations is not None
     moves = in_joint_moves(path_task, count)
-    durations: Array = np.where(moves, 0.0, path_task.durations[1:count])
-    return durations
+    return np.where(moves, 0.0, path_task.durations[1:count])
 
 
 def _allowed(passing: Passing) -> float:

@@ -132,8 +132,7 @@ class Intervals:
         angle = np.where(arc, turn, 1.0)
         sine = np.clip(2.0 * np.sin(0.5 * angle) * (cut - 0.5), -1.0, 1.0)
         bent = np.clip(0.5 + np.arcsin(sine) / angle, 0.0, 1.0)
-        share: Array = np.where(arc, bent, cut)
-        return share
+        return np.where(arc, bent, cut)
 
     def curve(self, interval: Indices, curl: Array, bend: Array) -> Array:
         """Bound of the distance of raw progress from its chord, (K,).
@@ -146,8 +145,7 @@ class Intervals:
         straight, arc = self.straight[interval], self._arc[interval]
         of_line = np.where(straight, np.linalg.norm(self._linear[interval], axis=1), 1.0)
         of_arc = np.where(arc, np.linalg.norm(self._chord[interval], axis=1), 1.0)
-        away: Array = np.where(straight, bend / of_line, np.where(arc, curl / of_arc, 0.0)) / 8.0
-        return away
+        return np.where(straight, bend / of_line, np.where(arc, curl / of_arc, 0.0)) / 8.0
 
     def steepest(
         self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
@@ -170,8 +168,7 @@ class Intervals:
             out=np.zeros(len(interval)),
             where=length > 0.0,
         )
-        steepest: Array = np.where(arc | self.straight[interval], slope, rest)
-        return steepest
+        return np.where(arc | self.straight[interval], slope, rest)
 
     def uneven(
         self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
@@ -193,8 +190,7 @@ class Intervals:
         # A value that changes by at most d differs from its chord by at most d/2.
         rest = 0.5 * self.steepest(interval, ends, curve, moved)
         arc, straight = self._arc[interval], self.straight[interval]
-        uneven: Array = np.minimum(np.where(arc, of_arc, np.where(straight, off, rest)), 1.0)
-        return uneven
+        return np.minimum(np.where(arc, of_arc, np.where(straight, off, rest)), 1.0)
 
     def _of_arc(
         self, interval: Indices, ends: tuple[Array, Array], curve: Array
@@ -210,23 +206,20 @@ class Intervals:
         """The share of each interval that task errors within the tolerances can add, (N − 1,)."""
         error = np.where(self._moves, *tolerances)
         length = np.maximum(self._length(np.arange(len(error))), _SHORT)
-        within: Array = 2.0 * error / length
-        return within
+        return 2.0 * error / length
 
     def _length(self, interval: Indices) -> Array:
         """Length of intervals in the rows that measure progress, m or rad, (K,)."""
         linear, angular = (
             np.linalg.norm(part[interval], axis=1) for part in (self._linear, self._angular)
         )
-        length: Array = np.where(self._moves[interval], linear, angular)
-        return length
+        return np.asarray(np.where(self._moves[interval], linear, angular))
 
     @staticmethod
     def _turning(projector: TwistProjector, R: Array) -> Array:
         """Vectors that turn with the frame, as the angular rows see them, (K, 9)."""
         if projector.angular.kind is ProjectorKind.FULL:
-            whole: Array = R.reshape(-1, 9) / np.sqrt(2.0)
-            return whole
+            return np.asarray(R.reshape(-1, 9) / np.sqrt(2.0))
         found = np.zeros((len(R), 9))
         axis = projector.angular.axis
         assert axis is not None
@@ -253,8 +246,7 @@ class Intervals:
 
 def _along(x: Array, w: Array) -> Array:
     """x·w/‖w‖² row by row."""
-    along: Array = np.einsum("ki,ki->k", x, w) / np.einsum("ki,ki->k", w, w)
-    return along
+    return np.asarray(np.einsum("ki,ki->k", x, w) / np.einsum("ki,ki->k", w, w))
 
 
 def fewer_rows(projectors: Sequence[TwistProjector]) -> list[TwistProjector]:

@@ -109,8 +109,7 @@ class JointMotion:
     @property
     def middles(self) -> Array:
         """Times in the middle between rows, s, (N − 1,)."""
-        middles: Array = 0.5 * (self.times[:-1] + self.times[1:])
-        return middles
+        return 0.5 * (self.times[:-1] + self.times[1:])
 
     def at(self, t: npt.ArrayLike) -> State:
         """The joints at a time or at many, s; before the first row and after the last they rest.
@@ -216,8 +215,7 @@ class JointMotion:
         changes = self._changes
         if len(changes) == 1:
             return np.zeros_like(changes)
-        found: Array = (len(changes) - 1) * np.diff(changes, axis=0) / self._spans[:, None]
-        return found
+        return (len(changes) - 1) * np.diff(changes, axis=0) / self._spans[:, None]
 
     @cached_property
     def _turning(self) -> tuple[Array, Array]:
@@ -242,16 +240,14 @@ class JointMotion:
 
 def _largest(curve: Array, places: Sequence[Array]) -> Array:
     """Largest absolute value of Bernstein polynomials (m + 1, K, nv) at some places, (K, nv)."""
-    largest: Array = np.abs([_value(curve, u) for u in places]).max(axis=0)
-    return largest
+    return np.asarray(np.abs([_value(curve, u) for u in places]).max(axis=0))
 
 
 def _value(curve: Array, u: Array) -> Array:
     """Bernstein polynomials (m + 1, K, nv) at u, (K, 1) or (K, nv), by de Casteljau's algorithm."""
     while len(curve) > 1:
         curve = (1.0 - u) * curve[:-1] + u * curve[1:]
-    value: Array = curve[0]
-    return value
+    return np.asarray(curve[0])
 
 
 def _zeros(curve: Array) -> Array:

@@ -60,8 +60,7 @@ def position_error(projector: TwistProjector) -> Measure:
     def at(poses: Poses) -> Array:
         pair = poses.pair
         apart = (pair.target_position - pair.position)[:, None]
-        norm: Array = np.linalg.norm(apart @ pair.axes(frame) @ basis, axis=2)
-        return norm
+        return np.asarray(np.linalg.norm(apart @ pair.axes(frame) @ basis, axis=2))
 
     def most(before: Poses, after: Poses, passage: Passage) -> Array:
         if kind is ProjectorKind.NONE:
@@ -87,8 +86,7 @@ def axis_error(projector: TwistProjector) -> Measure:
         if not angular.rank:
             return np.zeros((len(poses.q), 1))
         error = resolved_twist_error(*poses.pair[:4], projector)[1]
-        norm: Array = np.linalg.norm(error[:, 3:], axis=1, keepdims=True)
-        return norm
+        return np.asarray(np.linalg.norm(error[:, 3:], axis=1, keepdims=True))
 
     def most(before: Poses, after: Poses, passage: Passage) -> Array:
         if not angular.rank:

@@ -99,5 +99,4 @@ def with_default_jerks(limits: MotionLimits) -> MotionLimits:
 def speeds_or_default(limits: MotionLimits, ranges: JointRanges) -> Array:
     """The largest speeds of the joints, π rad/s and 1 m/s where none is known, (nv,)."""
     unknown = np.array([_SPEED.get(unit, 1.0) for unit in ranges.units])
-    speeds: Array = np.where(np.isfinite(limits.velocity), limits.velocity, unknown)
-    return speeds
+    return np.where(np.isfinite(limits.velocity), limits.velocity, unknown)

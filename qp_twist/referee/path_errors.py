@@ -275,11 +275,7 @@ def poses_of(path_task: PathTask, q: Array) -> tuple[Array, Array]:
 
 
 def task_errors(
-    R: Array,
-    p: Array,
-    R_d: Array,
-    p_d: Array,
-    rows: Sequence[TwistProjector],
+    R: Array, p: Array, R_d: Array, p_d: Array, rows: Sequence[TwistProjector]
 ) -> Array:
     """Δt (K, 6) from K poses to K targets, each in the rows of its own projector."""
     errors = np.zeros((len(p), 6))

@@ -262,8 +262,7 @@ def feed_shares(path_task: PathTask, q: Array, velocities: Array, waypoints: Ind
 def _shares(linear: Array, angular: Array, of_path: Array, turning: Array) -> Array:
     """Speeds over the programmed ones, or rates of turning where those are 0; 0 where both are."""
     asked = np.where(of_path > 0.0, of_path, turning)
-    share: Array = np.where(of_path > 0.0, linear, angular) / np.where(asked > 0.0, asked, np.inf)
-    return share
+    return np.where(of_path > 0.0, linear, angular) / np.where(asked > 0.0, asked, np.inf)
 
 
 def _instants(motion: JointMotion, begin: float, end: float) -> tuple[Array, Array]:

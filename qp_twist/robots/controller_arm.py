@@ -88,8 +88,7 @@ class ControllerArm:
 
     def theta(self, q: Array) -> Array:
         """θ at joint positions q (…, 6) of the chain, rad."""
-        theta: Array = self.signs * q + self.offsets
-        return theta
+        return self.signs * q + self.offsets
 
     def configuration(self, q: Array) -> tuple[int, ...]:
         """The configuration data at joint positions q (6,).
@@ -133,8 +132,7 @@ class ControllerArm:
             found = np.array([q[0] for q in corrected if q is not None]).reshape(-1, 6)
         theta = None if near is None else self.theta(near)
         angles = angles_of(self.robot, self.theta(found), data, theta)
-        joints: Array = (angles - self.offsets) * self.signs
-        return joints
+        return (angles - self.offsets) * self.signs
 
     @cached_property
     def _closed_form(self) -> ParametrisedArm | None:

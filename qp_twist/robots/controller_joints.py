@@ -143,13 +143,11 @@ class ControllerJoints:
 
     def positions(self, shown: Array) -> Array:
         """q for what the controller shows, (N, n), rad."""
-        positions: Array = (self._coupled(shown, -1.0) - self.offsets) * self.signs
-        return positions
+        return (self._coupled(shown, -1.0) - self.offsets) * self.signs
 
     def rates(self, shown: Array) -> Array:
         """The time derivative of q for that of φ, (N, n), rad/s."""
-        rates: Array = self._coupled(shown, -1.0) * self.signs
-        return rates
+        return self._coupled(shown, -1.0) * self.signs
 
     def _coupled(self, angles: Array, sense: float) -> Array:
         if self.coupling is None:

@@ -178,10 +178,7 @@ def named_robot(name: str) -> KnownRobot:
 
 
 def known_robot(
-    model: mujoco.MjModel,
-    frame_name: str | int,
-    frame_type: str,
-    names: Iterable[str] = (),
+    model: mujoco.MjModel, frame_name: str | int, frame_type: str, names: Iterable[str] = ()
 ) -> KnownRobot | None:
     """The robot of the table whose arm carries a frame; ``None`` if it is none of them.
 
@@ -209,10 +206,7 @@ def known_robot(
 
 
 def known_limits(
-    model: mujoco.MjModel,
-    frame_name: str | int,
-    frame_type: str,
-    names: Iterable[str] = (),
+    model: mujoco.MjModel, frame_name: str | int, frame_type: str, names: Iterable[str] = ()
 ) -> tuple[KnownRobot, list[int]] | None:
     """The recognised robot, and the degree of freedom of each of its joints from the base on.
 

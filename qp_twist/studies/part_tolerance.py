@@ -261,11 +261,7 @@ class _Sampled(NamedTuple):
 
 
 def _sampled(
-    judge: Judge,
-    widths: Array,
-    first: float,
-    samples: int,
-    report: Callable[[str, float], None],
+    judge: Judge, widths: Array, first: float, samples: int, report: Callable[[str, float], None]
 ) -> _Sampled:
     """The largest multiple at which corners and random placements are kept.
 

@@ -262,8 +262,7 @@ class Box(NamedTuple):
     def unit(self, x: Sequence[float]) -> Array:
         """The coordinates of an offset."""
         free = self.free
-        found: Array = (np.array(x) - self.lower)[free] / (self.upper - self.lower)[free]
-        return found
+        return (np.array(x) - self.lower)[free] / (self.upper - self.lower)[free]
 
 
 class _Screen(NamedTuple):

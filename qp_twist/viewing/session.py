@@ -63,8 +63,7 @@ class Session:
         placement = None if self.base.study is None else self.base.study.placement
         if placement is not None:
             return np.array(placement.point, dtype=np.float64)
-        middle: Array = 0.5 * (self.base.positions.min(axis=0) + self.base.positions.max(axis=0))
-        return middle
+        return np.asarray(0.5 * (self.base.positions.min(axis=0) + self.base.positions.max(axis=0)))
 
     def place(self, pose: mink.SE3) -> None:
         """Move the workpiece's handle to a pose; its run is computed :data:`DEBOUNCE_S` later.

@@ -176,20 +176,13 @@ def test_a_part_on_the_table_stands_on_its_plate(robot: Path, tmp_path: Path) ->
     ("options", "words"),
     [
         (["--relative-to", "plat"], "--relative-to: the scene has no body 'plat'; did you mean"),
-        (
-            ["--relative-to", "arm_link_6", "--frame", "arm_tool"],
-            "no frame 'arm_tool' that moves",
-        ),
+        (["--relative-to", "arm_link_6", "--frame", "arm_tool"], "no frame 'arm_tool' that moves"),
         (["--relative-to", "plate", "--tool-at", "1,0,1"], "--relative-to: with a tool"),
         (["--tool-at", "1,0"], "--tool-at '1,0': expected three numbers"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused(
-    robot: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    words: str,
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
 ) -> None:
     rim(tmp_path / "rim.csv", 100.0, 0.0)
     with pytest.raises(SystemExit):

@@ -13,13 +13,7 @@ from scipy.spatial.transform import Rotation
 from qp_twist.checks import Array
 from qp_twist.cli import main
 from qp_twist.errors import InvalidInput
-from qp_twist.paths import (
-    ColumnChoice,
-    Orientation,
-    UnclearColumns,
-    load_task,
-    read_toolpath,
-)
+from qp_twist.paths import ColumnChoice, Orientation, UnclearColumns, load_task, read_toolpath
 
 ANGLES = np.array([[180.0, 10.0, 0.0], [171.0, -35.0, 5.0], [-20.0, 50.0, 110.0]])
 """Three angles of each row, degrees."""

@@ -838,9 +838,7 @@ def test_a_free_roll_is_drawn_to_that_of_the_file(tmp_path: Path) -> None:
     assert off["roll"] < 0.1 and off["centering"] > 1.0
 
 
-def test_the_tool_points_out_where_asked_and_the_roll_rule_gives_both_signs(
-    tmp_path: Path,
-) -> None:
+def test_the_tool_points_out_where_asked_and_the_roll_rule_gives_both_signs(tmp_path: Path) -> None:
     path = task(tmp_path, "[roll]\nplane_normal = [0, 1, 0]\n", old='"seam.csv"\n',
                 new='"seam.csv"\ntool = "out"\n')  # fmt: skip
     loaded = qt.load_task(path)
@@ -1151,9 +1149,7 @@ def test_a_column_of_feeds_without_a_unit_is_not_dropped_in_silence(tmp_path: Pa
         read_toolpath(path, columns=ColumnChoice(feed=4))
 
 
-def test_what_is_left_out_of_a_path_keeps_the_points_where_the_feed_changes(
-    tmp_path: Path,
-) -> None:
+def test_what_is_left_out_of_a_path_keeps_the_points_where_the_feed_changes(tmp_path: Path) -> None:
     rows = "".join(f"{x};0;0;{300 if x < 12 else 60}\n" for x in range(21))
     csv = "x [mm];y [mm];z [mm];feed [mm/min]\n" + rows
     keys = '"seam.csv"\nchord_error = 0.001'

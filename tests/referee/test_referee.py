@@ -20,13 +20,7 @@ from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.planning import Certificate, Plan, motion_limits
 from qp_twist.planning.levels import Grid
-from qp_twist.referee import (
-    JointMotion,
-    LeverArms,
-    PathErrors,
-    Tolerances,
-    path_errors,
-)
+from qp_twist.referee import JointMotion, LeverArms, PathErrors, Tolerances, path_errors
 from qp_twist.referee.joint_rates import largest_accelerations
 from qp_twist.trajectories import TimedPath, check_trajectory
 

@@ -142,10 +142,7 @@ def test_arguments_belong_to_xacro_files(arm: Path, tmp_path: Path) -> None:
 
 
 def test_new_takes_arguments_and_packages_and_writes_them_down(
-    arm: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     elsewhere = tmp_path / "elsewhere" / "xyz"
     elsewhere.parent.mkdir()
