@@ -34,7 +34,7 @@ def box(file: Path, size: tuple[float, ...], at: tuple[float, ...] = (0.0, 0.0, 
     return file
 
 
-def bracket(file: Path) -> Path:
+def bracket(file: Path, at: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Path:
     """An L of two boxes, 100 x 20 x 100 mm and 80 x 20 x 20 mm, as one closed prism."""
     outline = np.array([[0, 0], [100, 0], [100, 20], [20, 20], [20, 100], [0, 100]], dtype=float)
     top, bottom = (np.column_stack([outline, np.full(6, z)]) for z in (20.0, 0.0))
@@ -43,7 +43,7 @@ def bracket(file: Path) -> Path:
     for k in range(6):
         n = (k + 1) % 6
         faces += [[k, k + 6, n + 6], [k, n + 6, n]]
-    trimesh.Trimesh(np.vstack([top, bottom]), faces).export(file)
+    trimesh.Trimesh(np.vstack([top, bottom]) + at, faces).export(file)
     return file
 
 
@@ -224,8 +224,9 @@ def test_the_hull_of_a_concave_mesh_is_said_to_be_larger(
 def test_the_pieces_of_a_concave_mesh_collide_and_the_mesh_is_drawn(
     request_: Request, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    legs = [trimesh.creation.box(bounds=[(0, 0, 0), (0.1, 0.02, 0.02)]),
-            trimesh.creation.box(bounds=[(0, 0.02, 0), (0.02, 0.1, 0.02)])]  # fmt: skip
+    low, high = -0.4, -0.38  # away from the path
+    legs = [trimesh.creation.box(bounds=[(0, 0, low), (0.1, 0.02, high)]),
+            trimesh.creation.box(bounds=[(0, 0.02, low), (0.02, 0.1, high)])]  # fmt: skip
     fake = SimpleNamespace(
         set_log_level=lambda level: None,
         Mesh=lambda vertices, faces: None,
@@ -233,11 +234,9 @@ def test_the_pieces_of_a_concave_mesh_collide_and_the_mesh_is_drawn(
         __spec__=importlib.util.spec_from_loader("coacd", None),
     )
     monkeypatch.setitem(sys.modules, "coacd", fake)
-    fixture = bracket(tmp_path / "bracket.stl")
-    made = new_task(
-        request_.changed(part_mesh=None, fixture_meshes=(fixture,), place=(0.45, 0.3, 0.1)),
-        tmp_path / "cell.toml",
-    )
+    fixtures = (bracket(tmp_path / "bracket.stl", (0, 0, 1e3 * low)),)
+    request_ = request_.changed(part_mesh=None, fixture_meshes=fixtures)
+    made = new_task(request_, tmp_path / "cell.toml")
     model = made.path_task.model
     assert not model.geom("fixture").contype[0] and not model.geom("fixture").conaffinity[0]
     assert model.geom("fixture").group[0] <= 2 < model.geom("fixture_piece_1").group[0]

@@ -135,7 +135,7 @@ def test_the_largest_clearance_is_the_least_distance_on_the_way_of_the_plan(
 
 def test_the_least_time_of_a_path_without_a_feed(steady_clock: None) -> None:
     task = replace(qt.load_task("deburring").part(np.arange(0, 40, 2)), durations=None)
-    found = search(task, LOWER, UPPER, "time", seconds=8.0)
+    found = search(task, LOWER, UPPER, "time", seconds=3.0)
     assert found.plan is not None and found.here is not None
     assert found.value == found.plan.value <= found.value_here
     steps = np.abs(np.diff(found.plan.motion(), axis=0))
@@ -208,7 +208,7 @@ def test_what_is_printed_places_the_part_there(
     (tmp_path / "dome_seams.csv").write_bytes(shipped.source.with_suffix(".csv").read_bytes())
     out = tmp_path / "found"
     box = ["--lower=-0.1,-0.1,0,0,0,-60", "--upper", "0.1,0.1,0.1,0,0,60"]
-    main(["place", "dome_seams", *box, "--objective", "margin", "--seconds", "15",
+    main(["place", "dome_seams", *box, "--objective", "margin", "--seconds", "6",
           "--out", str(out)])  # fmt: skip
     printed = capsys.readouterr().out
     keys = dict(re.findall(r"^(position|rpy_deg) = (\[.*\])$", printed, re.MULTILINE))

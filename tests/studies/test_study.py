@@ -490,10 +490,16 @@ def test_a_sample_that_raises_is_a_row(tmp_path: Path, monkeypatch: pytest.Monke
         assert found["message"].startswith("ZeroDivisionError: division by zero (test_study.py")
 
 
+FAR = {
+    "steps_per_segment = 8": "steps_per_segment = 2",
+    "lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
+    "upper = [1.0, 2.5, 0.0]": "upper = [9.5, 9.0, 0.0]",
+}
+"""A line of three waypoints that nothing reaches."""
+
+
 def test_what_is_infeasible_is_certified(tmp_path: Path) -> None:
-    far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
-           "upper = [1.0, 2.5, 0.0]": "upper = [9.0, 9.0, 0.0]"}  # fmt: skip
-    task = qt.load_task(line_task(tmp_path, **far))
+    task = qt.load_task(line_task(tmp_path, **FAR))
     methods = ("qp_gradient", "qp_planned")
     job = Job(task, ("placement",), 0, methods, "daqp", "auto", certify=True)
     for job_, fault in ((job, "start"), (dataclasses.replace(job, start="best"), "no plan")):
@@ -504,18 +510,16 @@ def test_what_is_infeasible_is_certified(tmp_path: Path) -> None:
 
 
 def test_a_study_says_why_samples_fail(tmp_path: Path) -> None:
-    far = {"lower = [-1.0, 1.0, 0.0]": "lower = [9.0, 9.0, 0.0]",
-           "upper = [1.0, 2.5, 0.0]": "upper = [9.5, 9.0, 0.0]"}  # fmt: skip
-    task = line_task(tmp_path, **far)
-    found = qt.study(task, ["placement"], 3, METHODS, out=tmp_path / "out", jobs=1)
+    task = line_task(tmp_path, **FAR)
+    found = qt.study(task, ["placement"], 2, METHODS, out=tmp_path / "out", jobs=1)
     for summary in found.summary():
-        assert summary.infeasible == 3 - summary.all.count == 3
-        assert summary.reasons == "infeasible 3"
+        assert summary.infeasible == 2 - summary.all.count == 2
+        assert summary.reasons == "infeasible 2"
     [line] = found.failures
     assert line == (
-        "3 samples: the arm does not reach waypoints … in any configuration (the first is sample 0)"
+        "2 samples: the arm does not reach waypoints … in any configuration (the first is sample 0)"
     )
-    assert line in found.text() and "infeasible 3" in found.text()
+    assert line in found.text() and "infeasible 2" in found.text()
     assert found.to_dict()["failures"] == [line]
 
 
