@@ -61,3 +61,17 @@ def timed_rows(task: qt.PathTask, name: str) -> tuple[TimedPath, ControllerJoint
     trajectory = qt.refine_trajectory(qt.follow(task, "qp_gradient", slow_down=True))
     rows = TimedPath.of(qt.time_trajectory(trajectory))
     return rows, joints_of(task, rows.joint_names, robot=name)
+
+
+def beside(task: qt.PathTask, points: Array) -> tuple[Array, Array, Array]:
+    """Of points (K, 3): distances from the path, how many waypoints on, and its axis there."""
+    places = np.array([w.translation() for w in task.waypoints])
+    axes = np.array([w.rotation().as_matrix()[:, 2] for w in task.waypoints])
+    begin, ways = places[:-1], np.diff(places, axis=0)
+    along = ((points[:, None] - begin) * ways).sum(axis=2) / (ways**2).sum(axis=1)
+    along = np.clip(along, 0.0, 1.0)
+    apart = np.linalg.norm(points[:, None] - begin - along[..., None] * ways, axis=2)
+    k, rows = apart.argmin(axis=1), np.arange(len(points))
+    u = along[rows, k]
+    axis = (1.0 - u)[:, None] * axes[k] + u[:, None] * axes[k + 1]
+    return apart[rows, k], k + u, axis

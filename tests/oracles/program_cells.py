@@ -9,6 +9,7 @@ import mink
 import numpy as np
 
 import qp_twist as qt
+from oracles.mounted_robots import AXIS, FULL, beside
 from oracles.program_simulator import Cell, Motion
 from oracles.remodelled import remodelled
 from qp_twist.referee import MotionLimits
@@ -29,10 +30,6 @@ AXES = {
     ".src": {"rail": ("E1",), "positioner": ("E1", "E2")},
     ".ls": {"rail": ("E1",), "positioner": ("GP2_J1", "GP2_J2")},
 }
-FULL = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
-AXIS = qt.TwistProjector(
-    linear=qt.Projector.full(), angular=qt.Projector.plane([0, 0, 1]), frame="target"
-)
 LENGTH, POINTS, SPEED = 0.2, 101, 0.1
 """Of the path, m, the number of its waypoints, and the tool's, m/s."""
 
@@ -132,24 +129,17 @@ def measured(job: Job, motion: Motion) -> Found:
 
     Also how far the ends of the path are from those of the motion, and whether it goes on along it.
     """
-    places = np.array([w.translation() for w in job.task.waypoints])
-    own = np.array([w.rotation().as_matrix()[:, 2] for w in job.task.waypoints])
     points, axes = motion.poses[:, :3, 3], motion.poses[:, :3, 2]
-    begin, ways = places[:-1], np.diff(places, axis=0)
-    along = ((points[:, None] - begin) * ways).sum(axis=2) / (ways**2).sum(axis=1)
-    along = np.clip(along, 0.0, 1.0)
-    apart = np.linalg.norm(points[:, None] - begin - along[..., None] * ways, axis=2)
-    k, rows = apart.argmin(axis=1), np.arange(len(points))
-    u = along[rows, k]
-    assert (np.diff(k + u) > -1e-2).all(), "the tool goes back on its path"
-    axis = (1.0 - u)[:, None] * own[k] + u[:, None] * own[k + 1]
+    apart, on, axis = beside(job.task, points)
+    assert (np.diff(on) > -1e-2).all(), "the tool goes back on its path"
     sines = np.linalg.norm(np.cross(axis / np.linalg.norm(axis, axis=1)[:, None], axes), axis=1)
-    ends = np.linalg.norm(points[[0, -1]] - places[[0, -1]], axis=1)
+    ends = points[[0, -1]] - job.task.positions[[0, -1]]
     spans = np.diff(motion.times)[:, None]
     rates = np.diff(motion.q, axis=0) / spans
     accelerations = np.diff(rates, axis=0) / (0.5 * (spans[:-1] + spans[1:]))
     return Found(
-        float(apart[rows, k].max()), float(np.arcsin(sines.max())), float(ends.max()),
+        float(apart.max()), float(np.arcsin(sines.max())),
+        float(np.linalg.norm(ends, axis=1).max()),
         float((np.abs(rates) / job.limits.velocity).max()),
         float((np.abs(accelerations) / job.limits.acceleration).max()),
     )  # fmt: skip

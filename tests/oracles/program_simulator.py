@@ -170,6 +170,7 @@ def _krl(text: str) -> Text:
         elif time := re.fullmatch(rf"TIME_BLOCK PART = ({N})", line):
             found[-1] = found[-1]._replace(seconds=float(time[1]))
         elif line.startswith("LIN "):
+            assert speeds["ORI1"] == speeds.get("ORI2", speeds["ORI1"])
             data = int(fields["S"]), int(fields["T"])
             pose = angles_pose(*(fields[key] for key in "XYZABC"))
             both = speeds["CP"], np.radians(speeds["ORI1"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,7 +20,8 @@ from oracles.circle_programs import (
     random_circle,
 )
 from oracles.data_sheets import data_of
-from oracles.pose_programs import N, corrected, krl_frame, rapid_frame, site_of
+from oracles.pose_programs import corrected, site_of
+from oracles.program_simulator import Cell, Controller, Move, N, read
 from oracles.tool_circles import length_of, moved
 from scipy.spatial.transform import Rotation
 
@@ -38,87 +38,9 @@ from qp_twist.trajectories.linear_moves import LinearMotion
 Array = np.ndarray
 
 
-class Move(NamedTuple):
-    """To θ, degrees, or a pose in the world, straight or through one, by a rule; in seconds."""
-
-    to: Array
-    via: Array | None
-    rule: str
-    speed: float
-    seconds: float
-    stops: bool
-    data: tuple[int, ...] = ()
-
-
-def moves_of(text: str) -> tuple[Array, list[Move]]:
-    """The first θ and the moves, read by expressions of the test's own."""
-    found = list[Move]()
-    if "MODULE" in text:
-        first = re.search(r"MoveAbsJ \[\[(.*?)\]", text)
-        for word, rest in re.findall(r"^    (Move[LC]) (.*);$", text, re.M):
-            joint = re.findall(r"CalcRobT\(\[\[(.*?)\]", rest)
-            poses = re.findall(r"\[(\[[^\]]*\],\[[^\]]*\]),\[([^\]]*)\],\[9E9", rest)
-            places = [np.array(each.split(","), float) for each in joint]
-            places += [rapid_frame(each) for each, _ in poses]
-            time, speed = re.search(rf"T:=({N})", rest), re.search(rf"\]\],\[({N}),", rest)
-            seconds = float(time[1]) if time else np.nan
-            v = 1e-3 * float(speed[1]) if speed else np.nan
-            data = tuple(map(int, poses[-1][1].split(","))) if poses else ()
-            assert len(places) == 1 + (word == "MoveC")
-            via = places[0] if word == "MoveC" else None
-            found.append(Move(places[-1], via, "path", v, seconds, ",fine," in rest, data))
-    elif "DEF " in text:
-        first, now, rule = re.search(r"^PTP \{(.*)\}", text, re.M), np.nan, ""
-        for line in text.splitlines():
-            if speed := re.fullmatch(rf"\$VEL.CP=({N})", line):
-                now = float(speed[1])
-            elif turn := re.fullmatch(r"\$CIRC_TYPE=#(\w+)", line):
-                rule = {"PATH": "path", "BASE": "space"}[turn[1]]
-            elif line[:4] in ("LIN ", "CIRC"):
-                places = [krl_frame(each) for each in re.findall(r"\{.*?\}", line)]
-                via = places[0] if line[:4] == "CIRC" else None
-                data = tuple(map(int, re.search(r"S (\d+),T (\d+)", line).groups()))  # type: ignore[union-attr]
-                stops = not line.endswith("C_DIS")
-                found.append(Move(places[-1], via, rule, now, np.nan, stops, data))
-    elif "/PROG" in text:
-        points = dict(re.findall(r"^P\[(\d+)\]\{(.*?)\};", text, re.S | re.M))
-        places_of = {k: _fanuc_point(each) for k, each in points.items()}
-        first_theta = places_of["1"]
-        pattern = r":([JLC]) P\[(\d+)\]\s+(?::\s+P\[(\d+)\] )?(\S+) (\w+) ;"
-        for word, one, two, how, end in re.findall(pattern, text)[1:]:
-            value, unit = float(re.match(N, how)[0]), how.lstrip("0123456789.")  # type: ignore[index]
-            speed = value * {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0}.get(unit, np.nan)
-            seconds = value * {"msec": 1e-3, "sec": 1.0}.get(unit, np.nan)
-            assert bool(two) == (word == "C")
-            via = places_of[one] if two else None
-            found.append(Move(places_of[two or one], via, "space", speed, seconds, end == "FINE"))
-        return first_theta, found
-    else:
-        first = re.search(r"movej\(\[(.*?)\]", text)
-        for word, rest in re.findall(r"^  (move[lpc])\((.*)\)$", text, re.M):
-            places = [
-                np.degrees(np.array(x.split(","), float)) for x in re.findall(r"\[(.*?)\]", rest)
-            ]
-            given = {key: float(value) for key, value in re.findall(rf"(\w+)=({N})", rest)}
-            assert given.get("mode", 0.0) == 0.0 and len(places) == 1 + (word == "movec")
-            via = places[0] if word == "movec" else None
-            found.append(Move(places[-1], via, "space", given.get("v", np.nan),
-                              given.get("t", np.nan), "r" not in given))  # fmt: skip
-    assert first
-    theta = np.array([float(x) for x in re.findall(rf"(?:A\d )?({N})(?:,|$)", first[1])])
-    return np.degrees(theta) if "movej" in text else theta, found
-
-
-def _fanuc_point(inside: str) -> Array:
-    values = {k: float(v) for k, v in re.findall(rf"(\w+)= ({N}) ", inside)}
-    if "J1" in values:
-        theta = np.array([values[f"J{k}"] for k in range(1, 7)])
-        theta[2] += theta[1]
-        return theta
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("ZYX", [values[k] for k in "RPW"], degrees=True).as_matrix()
-    pose[:3, 3] = [1e-3 * values[k] for k in "XYZ"]
-    return pose
+def shown(joints: ControllerJoints, q: Array) -> Array:
+    """θ of data sheets, degrees."""
+    return np.degrees(joints.signs * q + joints.offsets)
 
 
 WAYS = [
@@ -143,8 +65,8 @@ def program_of(case: Case, points: str, folder: Path, *, circles: bool = True) -
 def test_straight_moves_alone_have_more_points(
     name: str, kind: str, points: str, tmp_path: Path
 ) -> None:
-    text = program_of(case_of(name, kind), points, tmp_path, circles=False).read_text()
-    assert len(moves_of(text)[1]) > 20
+    path = program_of(case_of(name, kind), points, tmp_path, circles=False)
+    assert len(read(path.read_text(), path.suffix).moves) > 21
 
 
 @pytest.mark.parametrize(("name", "kind", "points"), WAYS)
@@ -153,32 +75,36 @@ def test_a_controller_keeps_the_path_on_few_circles(
 ) -> None:
     case = case_of(name, kind)
     task, joints = case.task, case.joints
-    text = program_of(case, points, tmp_path).read_text()
-    first, moves = moves_of(text)
+    path = program_of(case, points, tmp_path)
+    program = read(text := path.read_text(), path.suffix)
+    first, *moves = program.moves
     circles = [move for move in moves if move.via is not None]
     assert 1 <= len(circles) <= 4 and len(moves) <= len(circles) + 4
-    assert sum(move.stops for move in moves) == 1  # at the end
+    assert sum(min(move.zone, move.share) == 0.0 for move in moves) == 1  # at the end
     assert f"points: {1 + len(moves) + len(circles)}" in text
-    data = mujoco.MjData(task.model)
+    assert not re.search("mode=[^0]", text)
+    names, data = qt.JointRanges.of(task.model).names, mujoco.MjData(task.model)
+    at_ends = Controller(Cell(name, task.model, names, joints.signs, joints.offsets, {}), program)
+    assert program.tool is None and program.frame is None  # a pose is one of the task's tool
 
-    def pose_at(place: Array) -> Array:
-        """Of the tool, at θ by MuJoCo; a pose is one in the world."""
-        if place.ndim == 2:
-            return place
-        other = mujoco.MjData(task.model)
-        other.qpos[:] = (np.radians(place) - joints.offsets) * joints.signs
-        mujoco.mj_forward(task.model, other)
-        return site_of(other)
+    def pose_at(move: Move) -> Array:
+        return at_ends.end(move, at_ends.joints(move, data.qpos), np.eye(4))
 
-    data.qpos[:] = (np.radians(first) - joints.offsets) * joints.signs
+    data.qpos[:] = at_ends.joints(first, data.qpos)
     mujoco.mj_forward(task.model, data)
-    at, theta, whole, covered = site_of(data), first, 0.0, 0.0
+    at, theta, whole, covered = site_of(data), shown(joints, data.qpos), 0.0, 0.0
     axis = np.array(task.waypoints[0].rotation().as_matrix()[:, 2])
     for move in moves:
-        end = pose_at(move.to)
-        via = None if move.via is None else pose_at(move.via)[:3, 3]
-        way = length_of(at, end, via)
-        seconds = move.seconds if np.isnan(move.speed) else way / move.speed
+        end, via = pose_at(move), None
+        if move.via is not None:
+            of_pose = move.via.ndim == 2
+            between = {
+                "theta": None if of_pose else move.via,
+                "pose": move.via if of_pose else None,
+            }
+            via = pose_at(move._replace(**between))[:3, 3]
+        way, speed = length_of(at, end, via), move.speeds[0]
+        seconds = move.seconds if np.isnan(speed) else way / speed
         whole, covered = whole + seconds, covered + way
         shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(seconds / 10e-3)))
         spots, R = moved(at, end, shares, via, move.rule)
@@ -186,7 +112,7 @@ def test_a_controller_keeps_the_path_on_few_circles(
         assert np.abs(np.linalg.norm(spots - case.centre, axis=1) - RADIUS).max() <= 1e-4
         for spot, turn in zip(spots[1:], R[1:], strict=True):
             corrected(task.model, data, spot, turn)
-            step = np.degrees(joints.signs * data.qpos + joints.offsets)
+            step = shown(joints, data.qpos)
             assert np.abs(step - theta).max() < 3.0  # in ten milliseconds: the branch stays
             theta = step
             place = int(np.argmin([np.linalg.norm(w.translation() - spot) for w in task.waypoints]))
@@ -196,8 +122,10 @@ def test_a_controller_keeps_the_path_on_few_circles(
             else:  # that of the nearest waypoint, half of their distance beside
                 off = Rotation.from_matrix(turn.T @ wanted).magnitude()
                 assert off <= np.radians(0.5 * SEAM / 180.0 + 0.05)
-        if move.to.ndim == 1:
-            assert theta == pytest.approx(move.to, abs=2e-3)
+        if move.theta is not None:
+            assert np.degrees(data.qpos - at_ends.joints(move, data.qpos)) == pytest.approx(
+                0, abs=2e-3
+            )
         elif move.data:
             assert data_of(name, theta) == move.data
         at = end

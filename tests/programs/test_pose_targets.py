@@ -24,8 +24,8 @@ from oracles.pose_programs import (
     rigid,
     site_of,
     two_angles,
-    written,
 )
+from oracles.program_simulator import read
 from scipy.spatial.transform import Rotation, Slerp
 
 import qp_twist as qt
@@ -56,8 +56,9 @@ def test_a_controller_keeps_the_path_and_the_branch(
     check, done = write_checked(rows, path, task, joints, linear=linear)
     assert done and check.passes, check.verdict
     text = path.read_text()
-    found = written(text)
-    assert len(found.poses) < 0.75 * len(rows.q)
+    found = read(text, path.suffix)
+    first, *moves = found.moves
+    assert first.theta is not None and len(moves) < 0.75 * len(rows.q)
     assert ("wobj7" in text or "BASE_DATA[7]" in text) == (number is not None)
     # The controller's base and flange by the data sheet, the tool's place by MuJoCo.
     model, data = task.model, mujoco.MjData(task.model)
@@ -68,15 +69,16 @@ def test_a_controller_keeps_the_path_and_the_branch(
         data.qpos[:] = (np.radians(theta) - offsets) * signs
         mujoco.mj_forward(model, data)
 
-    put(found.start)
+    put(first.theta)
     base = rigid(Rotation.from_matrix(data.body("base").xmat.reshape(3, 3)), data.body("base").xpos)
-    own_tool = np.linalg.inv(base @ links(name, found.start)[-1]) @ site_of(data)
+    own_tool = np.linalg.inv(base @ links(name, first.theta)[-1]) @ site_of(data)
     tool = own_tool if found.tool is None else found.tool
     frame = np.linalg.inv(base) if found.frame is None else found.frame
     assert np.abs(tool - own_tool).max() < 1e-6
-    at, theta, whole = site_of(data), found.start, 0.0
-    for pose, numbers, (v, w) in zip(found.poses, found.data, found.seconds, strict=True):
-        end = base @ frame @ pose @ np.linalg.inv(tool) @ own_tool
+    at, theta, whole = site_of(data), first.theta, 0.0
+    for move in moves:
+        v, w = move.speeds
+        end = base @ frame @ move.pose @ np.linalg.inv(tool) @ own_tool
         turn = Rotation.from_matrix(at[:3, :3].T @ end[:3, :3]).magnitude()
         seconds = max(np.linalg.norm(end[:3, 3] - at[:3, 3]) / v, turn / w)
         whole += seconds
@@ -93,7 +95,7 @@ def test_a_controller_keeps_the_path_and_the_branch(
             step = np.degrees(signs * data.qpos + offsets)
             assert np.abs(step - theta).max() < 0.5  # in a millisecond
             theta = step
-        assert data_of(name, theta) == numbers
+        assert data_of(name, theta) == move.data
         at = end
     stated = re.search(rf"seconds: ({N})", text)
     assert stated and whole == pytest.approx(float(stated[1]), rel=1e-4)
@@ -101,7 +103,7 @@ def test_a_controller_keeps_the_path_and_the_branch(
     longer = re.search(r"(\d+) moves longer: none is below the controller's (\d+) ms", text)
     more = int(longer[1]) * 1e-3 * int(longer[2]) if longer else 0.0
     assert -1e-3 <= whole / rows.times[-1] - 1.0 <= 1e-3 + more / rows.times[-1]  # type: ignore[index]
-    assert found.stops[-1] and not all(found.stops)
+    assert moves[-1].zone == 0.0 < max(move.zone for move in moves)
 
 
 def test_programs_of_others_with_poses(cases: dict[str, Case], tmp_path: Path) -> None:
