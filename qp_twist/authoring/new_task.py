@@ -150,22 +150,12 @@ def _parts(
     if srdf is not None:
         watch = partial(watch, disabled=disabled_pairs(srdf), srdf=srdf.name)
     parts = Parts(
-        request=request,
-        title=f"{name} along {request.toolpath.name}",
-        scene=scene,
-        packages=packages,
-        toolpath_file=_relative(request.toolpath, out),
-        frame=frame,
-        toolpath=toolpath,
-        ranges=JointRanges.of(model),
-        robot=robot,
-        position=position,
-        rpy_deg=rpy_deg,
-        watched=watch(model),
-        carrier=carrier,
-        part=part if carrier is None else "",
-        controller=controller,
-    )
+        request=request, title=f"{name} along {request.toolpath.name}", scene=scene,
+        packages=packages, toolpath_file=_relative(request.toolpath, out), frame=frame,
+        toolpath=toolpath, ranges=JointRanges.of(model), robot=robot, position=position,
+        rpy_deg=rpy_deg, watched=watch(model), carrier=carrier,
+        part=part if carrier is None else "", controller=controller,
+    )  # fmt: skip
     return parts, of_cell
 
 
@@ -192,15 +182,12 @@ def _placed_and_started(parts: Parts, searched: TaskSearchResult) -> Parts:
     note = placement_note(parts.request, searched, parts.carrier)
     reach = largest_reach(chain, JointRanges.of(best.path_task.model))
     return replace(
-        parts,
-        position=position,
-        rpy_deg=rpy_deg,
-        placement_notes=[note] if note else [],
+        parts, position=position, rpy_deg=rpy_deg, placement_notes=[note] if note else [],
         start=None if best.start is None else best.path_task.shown.configurations(best.start.q),
         start_notes=start_notes(searched),
         middle=np.round(0.5 * (path.min(axis=0) + path.max(axis=0)), 4),
         margin=max(1e-3, round(_VARIED * reach, 3)) if np.isfinite(reach) else 0.1,
-    )
+    )  # fmt: skip
 
 
 def _check_out(out: Path, force: bool) -> None:

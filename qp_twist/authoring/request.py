@@ -30,17 +30,11 @@ class Request(ToolpathOptions):
     """
 
     renamed: ClassVar[dict[str, str]] = {
-        **ToolpathOptions.renamed,
-        "toolpath": "--path",
-        "angular_speed_deg": "--angular-speed",
-        "search_seconds": "--search-time",
-        "tool_mesh": "--tool",
-        "part_mesh": "--part",
-        "fixture_meshes": "--fixture",
-        "mesh_unit": "--mesh-units",
-        "packages": "--package",
+        **ToolpathOptions.renamed, "toolpath": "--path", "angular_speed_deg": "--angular-speed",
+        "search_seconds": "--search-time", "tool_mesh": "--tool", "part_mesh": "--part",
+        "fixture_meshes": "--fixture", "mesh_unit": "--mesh-units", "packages": "--package",
         "arguments": "--arg",
-    }
+    }  # fmt: skip
 
     robot: Path
     toolpath: Path

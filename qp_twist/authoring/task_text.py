@@ -90,16 +90,11 @@ def task_text(parts: Parts) -> str:
         ),
         f"title = {_quoted(parts.title)}",
         "" if parts.start is not None else _notes(parts.start_notes) + 'start = "central"',
-        _robot(parts),
-        _projector(parts),
-        *_path(parts),
-        "" if parts.start is None else _start(parts, parts.start),
-        _feed(parts),
-        _limits(parts),
-        "" if parts.watched is None else _clearance(parts.watched),
-        _methods(parts),
+        _robot(parts), _projector(parts), *_path(parts),
+        "" if parts.start is None else _start(parts, parts.start), _feed(parts), _limits(parts),
+        "" if parts.watched is None else _clearance(parts.watched), _methods(parts),
         "" if parts.middle is None else _study(parts, parts.middle),
-    ]
+    ]  # fmt: skip
     lines = "\n\n".join(block.strip() for block in blocks if block).split("\n")
     return "\n".join(map(_aligned, lines)) + "\n"
 

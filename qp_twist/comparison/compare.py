@@ -153,16 +153,11 @@ class Comparison:
         findings = by_topic(runs, self.not_run, self.z_bound)
         del findings[KEPT]  # what the page begins with
         page = comparison_page(
-            self.path_task,
-            self.trajectories,
-            content,
-            faults={run.name: "; ".join(run.faults) for run in runs},
-            findings=findings,
-            table=metrics_table(content),
-            roadmap=figures.get("roadmap"),
-            picture=picture,
+            self.path_task, self.trajectories, content,
+            faults={run.name: "; ".join(run.faults) for run in runs}, findings=findings,
+            table=metrics_table(content), roadmap=figures.get("roadmap"), picture=picture,
             command=command,
-        )
+        )  # fmt: skip
         return [str(write_atomically(folder / "report.html", page)), *lines]
 
     def __repr__(self) -> str:

@@ -74,32 +74,24 @@ def comparison_page(
         for name, t in trajectories.items()
     }
     return fill_template(
-        "comparison",
-        script="comparison.js",
-        task=path_task,
+        "comparison", script="comparison.js", task=path_task,
         methods={name: _method(name, shown=name in first) for name in names},
-        players=_first_pair(names),
-        scene=recorded_scene(path_task, frames),
+        players=_first_pair(names), scene=recorded_scene(path_task, frames),
         picture="" if picture is None else still_html(picture, 800),
-        picture_text="" if picture is None else picture.text,
-        faults=faults,
-        charts=charts,
-        floor=FLOOR,
-        pairs=sum(len(clearance.pairs) for clearance in path_task.clearances),
+        picture_text="" if picture is None else picture.text, faults=faults, charts=charts,
+        floor=FLOOR, pairs=sum(len(clearance.pairs) for clearance in path_task.clearances),
         asked=sorted({1e3 * clearance.distance for clearance in path_task.clearances}),
         trajectories=trajectories,
         no_speeds="no feed" if path_task.durations is None else "no joint speed limits",
-        fastest={n: peak for n, t in trajectories.items() if (peak := peak_speed(t))},
-        over=OVER,
-        times=_times(content, table),
-        table=table,
+        fastest={n: peak for n, t in trajectories.items() if (peak := peak_speed(t))}, over=OVER,
+        times=_times(content, table), table=table,
         bodies=[list(pair) for _, pair in groupby(names, key=lambda name: METHODS[name].qp)],
         remarks={n: m["status"] for n, m in content["methods"].items() if m["status"] != "ok"},
         findings=findings,
         command=command or f"qt.compare(path_task, {[*names, *content.get('not_run', {})]})",
         settings={name: path_task.settings(name) for name in names},
         facts=_facts(path_task, content),
-    )
+    )  # fmt: skip
 
 
 def _method(name: str, *, shown: bool) -> dict[str, Any]:
@@ -136,12 +128,9 @@ def _times(content: Mapping[str, Any], table: Table) -> list[tuple[str, str, flo
 def _facts(path_task: PathTask, content: Mapping[str, Any]) -> dict[str, str]:
     projectors = ", then ".join(str(t.rank) for t in path_task.projectors)
     return {
-        "task": path_task.name,
-        "waypoints": str(len(path_task.waypoints)),
+        "task": path_task.name, "waypoints": str(len(path_task.waypoints)),
         "rank of T": f"{projectors} of {path_task.operational.rank} operational directions",
-        "joints": str(path_task.model.nv),
-        "QPs solved by": content["solver"],
-        "Python": platform.python_version(),
-        "qp_twist": __version__,
+        "joints": str(path_task.model.nv), "QPs solved by": content["solver"],
+        "Python": platform.python_version(), "qp_twist": __version__,
         **{package: version(package) for package in _PACKAGES},
-    }
+    }  # fmt: skip

@@ -39,12 +39,9 @@ def line_style(name: str) -> dict[str, Any]:
         beside = [m.name for m in METHODS.values() if m.counterpart == method.counterpart]
         dashes = _DASHES[beside.index(name)]
     return {
-        "color": colour,
-        "linestyle": dashes,
-        "linewidth": 1.8 if method.constrained else 1.3,
-        "zorder": 3 if method.constrained else 4,
-        "label": f"{name} ({method.title})",
-    }
+        "color": colour, "linestyle": dashes, "linewidth": 1.8 if method.constrained else 1.3,
+        "zorder": 3 if method.constrained else 4, "label": f"{name} ({method.title})",
+    }  # fmt: skip
 
 
 def method_curves(values: Mapping[str, Array]) -> list[Curve]:

@@ -98,32 +98,22 @@ def write_report(
     dips = [] if speed is None else speed.longest_dips
     picture, remark = _picture(path_task, check, colours)
     page = fill_template(
-        "motion",
-        task=path_task.name,
-        title=path_task.title,
-        check=check,
+        "motion", task=path_task.name, title=path_task.title, check=check,
         problems=_problems(check),
         span=float(np.ptp(check.motion.times)) if check.passing.timed else None,
-        time=_cycle_time(path_task, check),
-        picture=picture,
+        time=_cycle_time(path_task, check), picture=picture,
         scene=recorded_scene(
             path_task,
             {"motion": frames},
             seconds=seconds,
             path_rgb=np.array([rgb(colour) for colour in colours], dtype=np.uint8),
         ),
-        faster=int(np.ceil(np.ptp(check.motion.times) / _LONGEST_S)),
-        slow=ORANGE in colours,
-        wrong=RED in colours,
-        lit=bool(path_task.clearances),
-        charts=motion_charts(path_task, check),
-        grey=bool(off_the_path(check)),
-        speed=speed,
-        slower=dips[:_STRETCHES],
-        more=len(dips[_STRETCHES:]),
-        feed=path_task.durations is not None,
+        faster=int(np.ceil(np.ptp(check.motion.times) / _LONGEST_S)), slow=ORANGE in colours,
+        wrong=RED in colours, lit=bool(path_task.clearances),
+        charts=motion_charts(path_task, check), grey=bool(off_the_path(check)), speed=speed,
+        slower=dips[:_STRETCHES], more=len(dips[_STRETCHES:]), feed=path_task.durations is not None,
         facts=facts(path_task, check, file),
-    )
+    )  # fmt: skip
     return MotionReport(write_atomically(Path(out) / NAME, page), check, remark)
 
 

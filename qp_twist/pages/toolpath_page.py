@@ -46,22 +46,16 @@ def show_toolpath(toolpath: Toolpath, file: str | Path) -> Path:
     motion, summary = tool_motion(toolpath), summarize(toolpath)
     facts = toolpath_facts(toolpath, summary)
     page = fill_template(
-        "toolpath",
-        file=toolpath.source.name,
-        lead=lead(toolpath, summary),
+        "toolpath", file=toolpath.source.name, lead=lead(toolpath, summary),
         feeds="" if _feed_range(toolpath) is None else facts["feed"],
         ramp=", ".join(map(mpl.colors.to_hex, mpl.colormaps[_COLOURS](np.linspace(0.0, 1.0, 9)))),
         has_axes=summary.tilt is not None,
         axes="surface normals" if toolpath.meaning == "normal" else "tool axes",
-        has_rapids=summary.rapids > 0.0,
-        picture=_still(toolpath, motion),
+        has_rapids=summary.rapids > 0.0, picture=_still(toolpath, motion),
         scene=recorded_lines(_drawn_lines(toolpath, motion), _tip(motion)),
-        thinned=len(motion.positions) > _DRAWN,
-        charts=_charts(toolpath, motion),
-        facts=facts,
-        assumptions=toolpath.assumptions,
-        passed_over=toolpath.passed_over,
-    )
+        thinned=len(motion.positions) > _DRAWN, charts=_charts(toolpath, motion), facts=facts,
+        assumptions=toolpath.assumptions, passed_over=toolpath.passed_over,
+    )  # fmt: skip
     return write_atomically(Path(file), page)
 
 

@@ -38,15 +38,10 @@ def with_waypoints(path_task: PathTask, source: Indices) -> PathTask:
             times[j] = path_task.durations[source[j - 1] + 1 : source[j] + 1].sum()
     moves = np.flatnonzero(np.isin(source[1:], path_task.joint_moves)) + 1
     return replace(
-        path_task,
-        waypoints=tuple(path_task.waypoints[k] for k in source),
+        path_task, waypoints=tuple(path_task.waypoints[k] for k in source),
         flipped_waypoints=None if flipped is None else tuple(flipped[k] for k in source),
-        best_start=False,
-        starts={},
-        durations=times,
-        projector=path_task.projectors[number[0] + 1],
-        segments=tuple(segments),
-        joint_moves=tuple(moves.tolist()),
+        best_start=False, starts={}, durations=times, projector=path_task.projectors[number[0] + 1],
+        segments=tuple(segments), joint_moves=tuple(moves.tolist()),
         lines=None if path_task.lines is None else path_task.lines[source],
         parts=tuple(path_task.parts[k] for k in source) if path_task.parts else (),
         process=tuple(
@@ -55,4 +50,4 @@ def with_waypoints(path_task: PathTask, source: Indices) -> PathTask:
         ),
         from_start="nothing" if source[0] else path_task.from_start,
         preference=path_task.preference and path_task.preference.part(source),
-    )
+    )  # fmt: skip

@@ -51,15 +51,12 @@ def _read(path: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath
     stated = (options.columns or ColumnChoice()).stated
     by_name = [c for columns in stated.values() for c in columns if isinstance(c, str)]
     table = TextTable(
-        lines,
-        least=3,
-        texts=True,
-        expected="a toolpath needs x, y and z in every row",
+        lines, least=3, texts=True, expected="a toolpath needs x, y and z in every row",
         is_header=lambda names: (
             has_position(names)
             or (bool(by_name) and all(columns_named(names, name) for name in by_name))
         ),
-    )
+    )  # fmt: skip
     notes, passed_over = list[str](), list[str]()
     if not table.names and (of_file_name := names_in(path.stem, table.width)):
         table.names = of_file_name
@@ -129,16 +126,10 @@ def table_toolpath(
     else:
         curves = curves_between_rapids(points, names, rapid, begins)
     return toolpath_of(
-        path,
-        orientation,
-        curves,
-        called(table, where.direction),
-        problems,
-        assumptions=notes,
-        passed_over=[*passed_over, *_unused(table, where, rapid=rapid is not None)],
-        unit=unit,
+        path, orientation, curves, called(table, where.direction), problems, assumptions=notes,
+        passed_over=[*passed_over, *_unused(table, where, rapid=rapid is not None)], unit=unit,
         unit_in_file=in_file,
-    )
+    )  # fmt: skip
 
 
 def _feeds(

@@ -121,18 +121,13 @@ def file_waypoints(
     elif toolpath.meaning == "none" and not (section.lead_deg or section.tilt_deg):
         from_start = "orientation"
     return PlacedPath(
-        curve.positions,
-        rotations,
-        from_start=from_start,
-        toolpath=toolpath,
-        lines=curve.lines,
+        curve.positions, rotations, from_start=from_start, toolpath=toolpath, lines=curve.lines,
         parts=tuple(piece.role for piece in pieces for _ in range(len(piece))),
-        feeds=curve.feeds if section.feeds == "file" else None,
-        process=placed_words(words, pieces),
+        feeds=curve.feeds if section.feeds == "file" else None, process=placed_words(words, pieces),
         joint_moves=tuple(
             begin for begin, p in zip(begins, pieces, strict=False) if p.by_joint_move
         ),
-    )
+    )  # fmt: skip
 
 
 def refuse_too_large(toolpath: Toolpath, reach: float) -> None:
@@ -333,10 +328,7 @@ def _joined(pieces: list[Curve]) -> Curve:
 
     feeds = [np.full(len(p), np.nan) if p.feeds is None else p.feeds for p in pieces]
     return Curve(
-        "",
-        np.concatenate([piece.positions for piece in pieces]),
-        stacked("vectors"),
-        stacked("rotations"),
-        np.concatenate([piece.lines for piece in pieces]),
+        "", np.concatenate([piece.positions for piece in pieces]), stacked("vectors"),
+        stacked("rotations"), np.concatenate([piece.lines for piece in pieces]),
         np.concatenate(feeds) if any(piece.feeds is not None for piece in pieces) else None,
-    )
+    )  # fmt: skip

@@ -85,17 +85,13 @@ class LiftOffs:
         moves = [int(np.searchsorted(self.beside, k)) for k in (*task.joint_moves, *self.after)]
         flipped = task.flipped_waypoints
         return replace(
-            with_waypoints(task, source),
-            waypoints=self._placed(task.waypoints),
+            with_waypoints(task, source), waypoints=self._placed(task.waypoints),
             flipped_waypoints=None if flipped is None else self._placed(flipped),
-            best_start=task.best_start,
-            starts=task.starts,
-            durations=durations,
+            best_start=task.best_start, starts=task.starts, durations=durations,
             joint_moves=tuple(sorted(moves)),
             lines=None if task.lines is None else task.lines[self.beside],
-            process=tuple((int(own[at]), text) for at, text in task.process),
-            cuts=self.after,
-        )
+            process=tuple((int(own[at]), text) for at, text in task.process), cuts=self.after,
+        )  # fmt: skip
 
     def _placed(self, poses: Sequence[mink.SE3]) -> tuple[mink.SE3, ...]:
         """The poses of the new path."""

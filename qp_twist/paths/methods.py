@@ -16,21 +16,9 @@ from qp_twist.kinematics import SecondaryObjective
 from qp_twist.paths.section import Section
 
 MethodName = Literal[
-    "rmr",
-    "rmr_flipped",
-    "qp_rmr",
-    "minimum_norm",
-    "weighted_least_norm",
-    "sns",
-    "qp_minimum_norm",
-    "gradient_projection",
-    "qp_gradient",
-    "mink",
-    "mink_default",
-    "twa",
-    "qp",
-    "qp_planned",
-]
+    "rmr", "rmr_flipped", "qp_rmr", "minimum_norm", "weighted_least_norm", "sns", "qp_minimum_norm",
+    "gradient_projection", "qp_gradient", "mink", "mink_default", "twa", "qp", "qp_planned",
+]  # fmt: skip
 
 
 DEFAULT_METHOD: MethodName = "qp_gradient"

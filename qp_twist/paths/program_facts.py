@@ -75,15 +75,11 @@ class Facts:
         points = "" if extrudes else _points(found, code, extent)
         pointless = _POINTLESS.search(code)
         return cls(
-            frozenset(found),
-            "".join(k for k in "ABC" if k in numbers and numbers[k].any()),
-            extrudes,
-            _TIP.search(plain) is not None,
-            _TRUNNION.search(text) is not None,
-            pointless and (pointless[0], code.count("\n", 0, pointless.start()) + 1),
-            points,
+            frozenset(found), "".join(k for k in "ABC" if k in numbers and numbers[k].any()),
+            extrudes, _TIP.search(plain) is not None, _TRUNNION.search(text) is not None,
+            pointless and (pointless[0], code.count("\n", 0, pointless.start()) + 1), points,
             _unit(text, plain, extent * (1e-3 if points == "none" else 1.0), extrudes=extrudes),
-        )
+        )  # fmt: skip
 
     @property
     def lathe(self) -> bool:

@@ -25,16 +25,10 @@ from qp_twist.paths.toolpath_builder import ToolpathFormat
 from qp_twist.paths.toolpath_options import Format, ReadingOptions
 
 FORMATS: dict[Format, ToolpathFormat] = {
-    "apt": APT,
-    "heidenhain": HEIDENHAIN,
-    "gcode": GCODE,
-    "rapid": ROBOTS["rapid"],
-    "urscript": ROBOTS["urscript"],
-    "krl": ROBOTS["krl"],
-    "ls": ROBOTS["ls"],
-    "jbi": ROBOTS["jbi"],
+    "apt": APT, "heidenhain": HEIDENHAIN, "gcode": GCODE, "rapid": ROBOTS["rapid"],
+    "urscript": ROBOTS["urscript"], "krl": ROBOTS["krl"], "ls": ROBOTS["ls"], "jbi": ROBOTS["jbi"],
     "csv": CSV,
-}
+}  # fmt: skip
 """The formats; a file is of the first one that it matches."""
 _OTHER_PROGRAMS = {
     "an AS program (Kawasaki)": r"\s*\.PROGRAM\b",

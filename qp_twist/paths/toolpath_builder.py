@@ -318,19 +318,15 @@ class ProgramBuilder:
             uncut = f"no two points without {self.words.rapid} between them; nothing is cut."
             raise InvalidInput(uncut if self.rows else nothing)
         found = toolpath_of(
-            path,
-            self.options.orientation or self.words.direction,
-            curves,
-            self.words.axis,
+            path, self.options.orientation or self.words.direction, curves, self.words.axis,
             self.problems,
             assumptions=[*self._assumptions(has_axis=has_axis, sense=sense), *assumptions],
             passed_over=[
                 *self._words("passed over, since they move nothing", applied=False),
                 *self._noted(left_out=True),
             ],
-            unit=self.length_unit if self.rows else "m",
-            unit_in_file=self.unit is not None,
-        )
+            unit=self.length_unit if self.rows else "m", unit_in_file=self.unit is not None,
+        )  # fmt: skip
         return replace(found, words=tuple(self._process))
 
     def _curves(self) -> list[PointsOfCurve]:

@@ -109,18 +109,13 @@ def summarize(toolpath: Toolpath) -> ToolpathSummary:
     tilts = np.arccos(np.clip(cosines, -1.0, 1.0))
     timed = bool(cut.any()) and bool(np.isfinite(motion.feeds[cut]).all())
     return ToolpathSummary(
-        len(toolpath.curves),
-        len(positions),
-        positions.min(axis=0),
-        positions.max(axis=0),
-        float(steps[cut].sum()),
-        float(steps[~cut].sum()),
-        toolpath.feeds,
+        len(toolpath.curves), len(positions), positions.min(axis=0), positions.max(axis=0),
+        float(steps[cut].sum()), float(steps[~cut].sum()), toolpath.feeds,
         float((steps[cut] / motion.feeds[cut]).sum()) if timed else None,
         _largest(steps, motion, cut),
         _largest(turns, motion, cut & np.isfinite(turns)) if has_axes else None,
         (float(tilts.min()), float(tilts.max())) if has_axes else None,
-    )
+    )  # fmt: skip
 
 
 def _feeds(curve: Curve) -> Array:

@@ -158,14 +158,11 @@ def examine(
         errors = errors_of(path_task, motion, tolerances, passing)
     job = path_task, motion, tolerances, passing
     findings = [
-        *_of_parts(astray, tolerances, passing),
-        *_of_errors(errors, tolerances),
-        *_of_bands(path_task, errors, tolerances),
-        *_of_constraints(*job, errors),
-        *_of_joint_moves(*job),
-        *_off_the_path(*job),
+        *_of_parts(astray, tolerances, passing), *_of_errors(errors, tolerances),
+        *_of_bands(path_task, errors, tolerances), *_of_constraints(*job, errors),
+        *_of_joint_moves(*job), *_off_the_path(*job),
         *_of_positions(ranges, motion, tolerances, passing),
-    ]
+    ]  # fmt: skip
     if passing.timed:
         limits = limits or motion_limits(path_task)
         findings += _of_speeds(limits, ranges, motion, passing)
@@ -226,14 +223,10 @@ def _between(
     kept, exceeded = of.kept(limit), of.between > limit
     k = int(np.argmax(of.between if kept.all() or exceeded.any() else of.bound))
     return Finding(
-        f"{name} between",
-        scale * float(of.between[k]),
-        scale * limit,
-        unit,
+        f"{name} between", scale * float(of.between[k]), scale * limit, unit,
         f"{what if isinstance(what, str) else what(k)}waypoints {k + 1} to {k + 2}",
-        bool(kept.all() and not exceeded.any()),
-        scale * float(of.bound.max()),
-    )
+        bool(kept.all() and not exceeded.any()), scale * float(of.bound.max()),
+    )  # fmt: skip
 
 
 def _of_errors(errors: PathErrors, tolerances: Tolerances) -> list[Finding]:

@@ -152,13 +152,9 @@ class Track:
         of_progress = left.interval, (left.raw, right.raw), curve, moved_most
         slip = self.intervals.uneven(*of_progress)
         stretch = Stretch(
-            turn,
-            turn_change,
-            bend,
-            target_turn,
-            slip * self.intervals.lengths[left.interval],
+            turn, turn_change, bend, target_turn, slip * self.intervals.lengths[left.interval],
             slip * self.intervals.turns[left.interval],
-        )
+        )  # fmt: skip
         return Passage(stretch, *moved), curve, self.intervals.steepest(*of_progress)
 
     def most(self, left: Points, right: Points) -> Array:

@@ -25,14 +25,9 @@ def add_rods(spec: mujoco.MjSpec) -> None:
     for (body, child), length in zip(links, lengths, strict=True):
         if length > radius:
             body.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                fromto=[0.0, 0.0, 0.0, *child.pos],
-                size=[radius, 0.0, 0.0],
-                mass=0.0,
-                contype=0,
-                conaffinity=0,
-                rgba=_COLOUR,
-            )
+                type=mujoco.mjtGeom.mjGEOM_CAPSULE, fromto=[0.0, 0.0, 0.0, *child.pos],
+                size=[radius, 0.0, 0.0], mass=0.0, contype=0, conaffinity=0, rgba=_COLOUR,
+            )  # fmt: skip
 
 
 def add_pen(body: Any, tip: Array, rgba: tuple[float, float, float, float]) -> None:

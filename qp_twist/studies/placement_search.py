@@ -107,18 +107,14 @@ class BestPlacement:
         """The result as data."""
         best = self.plan
         return {
-            "objective": self.objective,
-            "moves": self.moves,
-            "about_m": self.about.tolist(),
+            "objective": self.objective, "moves": self.moves, "about_m": self.about.tolist(),
             "offset": None if self.offset is None else self.offset.tolist(),
             "value": None if np.isnan(self.value) else self.value,
             "bound": None if best is None or np.isnan(best.bound) else best.bound,
             "value_here": None if np.isnan(self.value_here) else self.value_here,
-            "tried": len(self.values),
-            "spread": self.spread,
-            "reachable": self.reachable,
+            "tried": len(self.values), "spread": self.spread, "reachable": self.reachable,
             "interrupted": self.interrupted,
-        }
+        }  # fmt: skip
 
 
 def best_placement(
@@ -196,19 +192,11 @@ def best_placement(
     best, here = search.best(), search.plans.get(tuple(np.zeros(6)))
     tried = list(search.values)
     return BestPlacement(
-        None if best is None else np.array(best),
-        None if best is None else search.plans[best],
-        here,
-        np.array(tried).reshape(-1, 6),
-        np.array([search.values[x] for x in tried]),
-        search.spread,
-        objective,
-        moves,
-        place.about,
-        place.body,
-        "" if best is not None else str(next(iter(search.plans.values())).certificate),
-        interrupted,
-    )
+        None if best is None else np.array(best), None if best is None else search.plans[best],
+        here, np.array(tried).reshape(-1, 6), np.array([search.values[x] for x in tried]),
+        search.spread, objective, moves, place.about, place.body,
+        "" if best is not None else str(next(iter(search.plans.values())).certificate), interrupted,
+    )  # fmt: skip
 
 
 def _refuse_without_clearance(task: PathTask, objective: str | Mapping[str, float]) -> None:
@@ -450,11 +438,8 @@ class _Search:
                 inwards = np.where(unit > 0.5, -1.0, 1.0)
                 corners[1:] += apart * np.diag(inwards)
                 minimize(
-                    value,
-                    unit,
-                    method="Nelder-Mead",
-                    bounds=[(0.0, 1.0)] * count,
+                    value, unit, method="Nelder-Mead", bounds=[(0.0, 1.0)] * count,
                     options={"initial_simplex": corners, "xatol": 1e-3, "fatol": 1e-6},
-                )
+                )  # fmt: skip
         except _OutOfTime:
             pass

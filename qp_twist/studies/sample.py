@@ -240,12 +240,8 @@ def _solver(path_task: PathTask, table: SolverTable, rng: np.random.Generator) -
 
 
 _DRAWS: dict[str, Callable[[PathTask, Any, np.random.Generator], Drawn]] = {
-    "robot": _robot,
-    "placement": _placement,
-    "tool": _tool,
-    "gain": _gain,
-    "solver": _solver,
-}
+    "robot": _robot, "placement": _placement, "tool": _tool, "gain": _gain, "solver": _solver,
+}  # fmt: skip
 
 
 def _with_robot(path_task: PathTask, scene: str) -> PathTask:

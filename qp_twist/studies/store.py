@@ -20,28 +20,12 @@ from qp_twist.files import check_regular
 Row = dict[str, Any]
 
 BASE: dict[str, type] = {
-    "sample": int,
-    "method": str,
-    "solver": str,
-    "success": bool,
-    "fault": str,
-    "joint": str,
-    "waypoint": int,
-    "message": str,
-    "waypoints": int,
-    "position_error_max_m": float,
-    "axis_error_max_rad": float,
-    "min_margin": float,
-    "mean_z": float,
-    "max_step_deg": float,
-    "travel_deg": float,
-    "sigma_min": float,
-    "z_over_least": float,
-    "seconds": float,
-    "least_z": float,
-    "feasible": bool,
-    "certificate": str,
-}
+    "sample": int, "method": str, "solver": str, "success": bool, "fault": str, "joint": str,
+    "waypoint": int, "message": str, "waypoints": int, "position_error_max_m": float,
+    "axis_error_max_rad": float, "min_margin": float, "mean_z": float, "max_step_deg": float,
+    "travel_deg": float, "sigma_min": float, "z_over_least": float, "seconds": float,
+    "least_z": float, "feasible": bool, "certificate": str,
+}  # fmt: skip
 """Columns common to all studies."""
 EMPTY_STORE = {"results.sqlite", "results.sqlite-journal", ".lock", ".lock-journal"}
 """Files of a study that was stopped before its first sample: it may begin again."""

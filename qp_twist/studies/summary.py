@@ -75,14 +75,11 @@ class MethodSummary:
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "all": self.all.to_dict(),
-            "feasible": self.feasible.to_dict(),
-            "possible": self.possible.to_dict(),
-            "faults": self.faults,
-            "infeasible": self.infeasible,
-            "failed_at_quartiles": self.waypoints,
+            "all": self.all.to_dict(), "feasible": self.feasible.to_dict(),
+            "possible": self.possible.to_dict(), "faults": self.faults,
+            "infeasible": self.infeasible, "failed_at_quartiles": self.waypoints,
             "z_over_least": self.over_least if np.isfinite(self.over_least) else None,
-        }
+        }  # fmt: skip
 
     @property
     def reasons(self) -> str:
@@ -173,11 +170,8 @@ def rich_table(title: str, summaries: list[MethodSummary]) -> Table:
         where = summary.waypoints
         ratio = summary.over_least
         table.add_row(
-            summary.method,
-            str(summary.all),
-            str(summary.feasible),
+            summary.method, str(summary.all), str(summary.feasible),
             f"{ratio:.3f}" if np.isfinite(ratio) else "–",
-            "–" if where is None else " ".join(f"{w:.0f}" for w in where),
-            summary.reasons or "–",
-        )
+            "–" if where is None else " ".join(f"{w:.0f}" for w in where), summary.reasons or "–",
+        )  # fmt: skip
     return table

@@ -66,14 +66,11 @@ class LiveArm:
         self.path_task = with_projector(path_task, settings.projector)
         kind, model = METHODS[self.method], path_task.model
         self.task = TwistTask(
-            path_task.frame_name,
-            path_task.frame_type,
+            path_task.frame_name, path_task.frame_type,
             path_task.operational if kind.whole_twist else self.path_task.projector,
-            gain=TARGET_GAIN,
-            max_linear_step=STEP_SHARE * float(model.stat.extent),
-            max_angular_step=STEP_ANGLE,
-            bands=() if kind.whole_twist else self.path_task.bands,
-        )
+            gain=TARGET_GAIN, max_linear_step=STEP_SHARE * float(model.stat.extent),
+            max_angular_step=STEP_ANGLE, bands=() if kind.whole_twist else self.path_task.bands,
+        )  # fmt: skip
         method = self._method_settings(settings)
         # A clearance remembers its last step, and a run may use the task's in another thread.
         limits: list[mink.Limit] = [copy.copy(one) for one in path_task.constraints]
@@ -81,15 +78,11 @@ class LiveArm:
             speeds, accelerations = path_task.velocity_limits, path_task.acceleration_limits
             limits.insert(0, MotionLimit(model, velocity=speeds, acceleration=accelerations))
         self.controller = Controller(
-            model,
-            tasks=[self.task],
-            secondary=secondary_objectives(path_task, self.task, method),
-            secondary_space=kind.space,
-            limits=limits,
-            solver=settings.solver,
+            model, tasks=[self.task], secondary=secondary_objectives(path_task, self.task, method),
+            secondary_space=kind.space, limits=limits, solver=settings.solver,
             on_infeasible=on_infeasible,
             metric=None if method.metric == "1" else JointRanges.of(model).metric,
-        )
+        )  # fmt: skip
         self.configuration = mink.Configuration(model, finite_array("LiveArm(q)", q, (model.nq,)))
         self.target = self.pose
 
@@ -112,16 +105,13 @@ class LiveArm:
             sentence = str(why)
         error = self.task.state(self.configuration).error
         return Moment.at(
-            self.path_task,
-            self.configuration.q.copy(),
-            self.target,
+            self.path_task, self.configuration.q.copy(), self.target,
             scale=0.0 if step is None else step.scale,
             position_error=float(np.linalg.norm(error[:3])),
             axis_error=float(np.linalg.norm(error[3:])),
             sigma_min=0.0 if step is None else step.sigma_min,
-            binding=() if step is None else tuple(map(str, step.binding)),
-            sentence=sentence,
-        )
+            binding=() if step is None else tuple(map(str, step.binding)), sentence=sentence,
+        )  # fmt: skip
 
     def _method_settings(self, settings: PageSettings) -> MethodSettings:
         """Settings of the QP, with the page's gain per step instead of per waypoint."""

@@ -63,18 +63,13 @@ def path(tmp_path: Path) -> Path:
 def whole_cell(folder: Path) -> Request:
     """Tool, part and fixture around a line."""
     return Request(
-        SEVEN,
-        line(folder),
-        frame="tool",
-        place=PLACE,
-        place_rpy_deg=(0.0, 0.0, 90.0),
+        SEVEN, line(folder), frame="tool", place=PLACE, place_rpy_deg=(0.0, 0.0, 90.0),
         tool_mesh=box(folder / "cutter.stl", (20, 20, 60), (0, 0, 30)),
         tcp=(0.0, 0.0, 0.06, 0.0, 0.0, 45.0),
         part_mesh=box(folder / "block.obj", (60, 40, 50), (0, 0, -25)),
-        fixture_meshes=(box(folder / "plate.stl", (300, 200, 20), (0, 0, -400)),),
-        mesh_unit="mm",
+        fixture_meshes=(box(folder / "plate.stl", (300, 200, 20), (0, 0, -400)),), mesh_unit="mm",
         search_seconds=20.0,
-    )
+    )  # fmt: skip
 
 
 @pytest.fixture

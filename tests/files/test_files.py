@@ -28,15 +28,12 @@ def scene_of(file: Path) -> Any:
 
 
 READERS: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "task": (qt.load_task, "toml"),
-    "scene": (scene_of, "xml"),
-    "robot": (qt.load_robot, "urdf"),
+    "task": (qt.load_task, "toml"), "scene": (scene_of, "xml"), "robot": (qt.load_robot, "urdf"),
     "toolpath": (read_toolpath, "csv"),
     "toolpath of a task": (lambda file: qt.load_task("deburring", path=file), "csv"),
-    "trajectory": (read_trajectory, "csv"),
-    "trajectory in JSON": (read_trajectory, "json"),
+    "trajectory": (read_trajectory, "csv"), "trajectory in JSON": (read_trajectory, "json"),
     "trajectory of NumPy": (read_trajectory, "npz"),
-}
+}  # fmt: skip
 
 
 def pipe(file: Path) -> None:

@@ -44,22 +44,12 @@ def joint_path(
         waypoints.append(configuration.get_transform_frame_to_world("tool", "site"))
     full = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
     task = qt.PathTask(
-        name="rows",
-        title="rows",
-        source=None,
-        scene=Path("rows.xml"),
-        model=model,
-        frame_name="tool",
-        frame_type="site",
-        projector=projector,
-        operational=full,
-        waypoints=tuple(waypoints),
-        flipped_waypoints=None,
-        start=q[0],
-        durations=durations,
+        name="rows", title="rows", source=None, scene=Path("rows.xml"), model=model,
+        frame_name="tool", frame_type="site", projector=projector, operational=full,
+        waypoints=tuple(waypoints), flipped_waypoints=None, start=q[0], durations=durations,
         velocity_limits=np.broadcast_to(velocity, model.nv).astype(float),
         acceleration_limits=np.broadcast_to(acceleration, model.nv).astype(float),
-    )
+    )  # fmt: skip
     return qt.Trajectory(task, "qp", q, durations)
 
 

@@ -41,15 +41,12 @@ def program(
     n = len(c)
     none = np.zeros((0, n))
     return QuadraticProgram(
-        np.array(H, dtype=np.float64),
-        c.copy(),
-        none if A is None else np.array(A, dtype=np.float64),
-        np.array(b, dtype=np.float64),
-        none if G is None else np.array(G, dtype=np.float64),
-        np.array(g, dtype=np.float64),
+        np.array(H, dtype=np.float64), c.copy(),
+        none if A is None else np.array(A, dtype=np.float64), np.array(b, dtype=np.float64),
+        none if G is None else np.array(G, dtype=np.float64), np.array(g, dtype=np.float64),
         np.broadcast_to(np.asarray(lower, dtype=np.float64), (n,)).copy(),
         np.broadcast_to(np.asarray(upper, dtype=np.float64), (n,)).copy(),
-    )
+    )  # fmt: skip
 
 
 def positive_definite(rng: np.random.Generator, n: int, condition: float) -> Array:

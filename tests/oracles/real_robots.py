@@ -76,14 +76,9 @@ def _kuka(folder: str, model: str, joints: int) -> RealRobot:
 
 
 MJCF = (
-    _robosuite("ur5e", 6),
-    _robosuite("panda", 7),
-    _robosuite("iiwa", 7),
-    _robosuite("sawyer", 7),
-    _robosuite("xarm7", 7),
-    _robosuite("kinova3", 7),
-    _robosuite("jaco", 7),
-)
+    _robosuite("ur5e", 6), _robosuite("panda", 7), _robosuite("iiwa", 7), _robosuite("sawyer", 7),
+    _robosuite("xarm7", 7), _robosuite("kinova3", 7), _robosuite("jaco", 7),
+)  # fmt: skip
 URDF = (
     RealRobot(
         "irb140", "rtbdata", "xacro/abb_irb140_description/urdf/irb140.urdf", "tool0", 6,

@@ -49,15 +49,10 @@ def answer(
     except (qt.QpTwistError, ValueError) as error:
         return Answer(type(error).__name__, none, none, np.nan, np.nan, (), 0, 0)
     return Answer(
-        step.status.name,
-        step.velocity,
-        np.concatenate([none, *step.residuals]),
-        step.scale,
-        step.sigma_min,
-        tuple(sorted(str(limit) for limit in step.binding)),
-        len(step.lost),
+        step.status.name, step.velocity, np.concatenate([none, *step.residuals]), step.scale,
+        step.sigma_min, tuple(sorted(str(limit) for limit in step.binding)), len(step.lost),
         len(step.recovering),
-    )
+    )  # fmt: skip
 
 
 class Asked(NamedTuple):

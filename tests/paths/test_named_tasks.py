@@ -19,14 +19,11 @@ seeds = st.integers(0, 10_000)
 
 Make = Callable[..., qt.TwistTask]
 NAMED: dict[str, tuple[Make, int]] = {
-    "axis_free": (qt.TwistTask.axis_free, 5),
-    "point": (qt.TwistTask.point, 3),
-    "on_line": (qt.TwistTask.on_line, 2),
-    "on_plane": (qt.TwistTask.on_plane, 1),
+    "axis_free": (qt.TwistTask.axis_free, 5), "point": (qt.TwistTask.point, 3),
+    "on_line": (qt.TwistTask.on_line, 2), "on_plane": (qt.TwistTask.on_plane, 1),
     "flat on_plane": (lambda *a, **k: qt.TwistTask.on_plane(*a, flat=True, **k), 3),
-    "line_on_line": (qt.TwistTask.line_on_line, 4),
-    "gaze": (qt.GazeTask, 2),
-}
+    "line_on_line": (qt.TwistTask.line_on_line, 4), "gaze": (qt.GazeTask, 2),
+}  # fmt: skip
 
 
 def pose(c: mink.Configuration, frame: tuple[str, str]) -> mink.SE3:

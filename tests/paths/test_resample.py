@@ -144,12 +144,9 @@ def test_a_circle_gets_as_many_chords_as_its_sagitta_asks_for() -> None:
     """Of a fine circle of radius r about π/acos(1 − e/r) chords stay within e."""
     angle = np.linspace(0, 2 * np.pi, 4001)
     curve = Curve(
-        "c",
-        0.1 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]),
-        None,
-        None,
+        "c", 0.1 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle]), None, None,
         np.arange(4001),
-    )
+    )  # fmt: skip
     found = resampled(curve, Sampling(1e-5, max_spacing=1.0))
     fewest = math.pi / math.acos(1 - 1e-5 / 0.1)
     assert fewest <= len(found) - 1 <= 2 * fewest

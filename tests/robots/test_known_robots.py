@@ -14,12 +14,9 @@ from qp_twist.robots import KNOWN_ROBOTS, known_limits, known_robot
 
 pytestmark = pytest.mark.numerical
 EXPECTED = {
-    "ur5e": "Universal Robots UR5e",
-    "panda": "Franka Emika Panda",
-    "iiwa": "KUKA LBR iiwa 7 R800",
-    "kr16_2": "KUKA KR 16-2",
-    "lbr_iiwa_14_r820": "KUKA LBR iiwa 14 R820",
-}
+    "ur5e": "Universal Robots UR5e", "panda": "Franka Emika Panda", "iiwa": "KUKA LBR iiwa 7 R800",
+    "kr16_2": "KUKA KR 16-2", "lbr_iiwa_14_r820": "KUKA LBR iiwa 14 R820",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("robot", each((*MJCF, *URDF)))

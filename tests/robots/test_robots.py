@@ -207,16 +207,11 @@ def mesh_sizes(robot: Robot) -> list[float]:
 
 def test_links_of_all_kinds_of_joints_are_where_the_tags_say(tmp_path: Path) -> None:
     file = write(
-        tmp_path,
-        *(link(name) for name in "abc"),
-        link("tool0", ""),
-        link("camera", ""),
-        joint("turn", "revolute", "base", "a"),
-        joint("spin", "continuous", "a", "b"),
-        joint("slide", "prismatic", "b", "c"),
-        joint("flange", "fixed", "c", "tool0", ""),
+        tmp_path, *(link(name) for name in "abc"), link("tool0", ""), link("camera", ""),
+        joint("turn", "revolute", "base", "a"), joint("spin", "continuous", "a", "b"),
+        joint("slide", "prismatic", "b", "c"), joint("flange", "fixed", "c", "tool0", ""),
         joint("eye", "fixed", "base", "camera", ""),
-    )
+    )  # fmt: skip
     robot = load_robot(str(file))
     assert_poses_are_those_of_the_tags(robot, np.random.default_rng(1))
     assert robot.left_out == ()
