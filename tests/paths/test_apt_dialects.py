@@ -106,34 +106,41 @@ def test_a_stated_unit_is_no_assumption(tmp_path: Path) -> None:
 # ------------------------------------------------------------------ circles
 
 
-@pytest.mark.parametrize(("axis", "sweep"), [(1, -90.0), (-1, 270.0)])
-def test_the_axis_of_nx_is_that_of_a_clockwise_motion(
-    tmp_path: Path, axis: int, sweep: float
+ISO_4343 = """PARTNO/ 'PART 7'
+MACHIN/ POST, 1
+UNITS/ MM
+MULTAX/ ON
+LOADTL/ 3, IN, 1, LENGTH, 50.
+SPINDL/ RPM, 8000, CLW
+RAPID
+GOTO/ 20., 0., 10., 0., 0., 1.
+FEDRAT/ PERMIN, 600.
+"""
+NX_ARC = "CIRCLE/0.,0.,{:g},0.,0.,{:g},20.,0.0600,0.5000,20.0000,1.0000"
+ISO_ARC = "MOVARC/ CENTER, 0., 0., 10., AXIS, 0., 0., {:g}, RADIUS, 20.\nGOTO/ 0., 20., 10.\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "sweep", "height"),
+    [
+        (NX + NX_ARC.format(10, 1) + "\nGOTO/0,-20.,10.\n" + NX_END, -90.0, 10.0),
+        (NX + NX_ARC.format(10, -1) + "\nGOTO/0,-20.,10.\n" + NX_END, 270.0, 10.0),
+        *((f"{NX}{NX_ARC.format(4, -1)},TIMES,{turns}\nGOTO/0.,20.,4.\n{NX_END}",
+           360.0 * turns - 270.0, 4.0) for turns in (1, 2, 3)),
+        *((f"{CAMWORKS}CIRCLE/0,0,10.,0,0,{axis}.\nGOTO/0,20.,10.\n{CAMWORKS_END}", sweep, 10.0)
+          for axis, sweep in ((1, 90.0), (-1, -270.0))),
+        *((f"{ISO_4343}{ISO_ARC.format(axis)}FINI\n", sweep, 10.0)
+          for axis, sweep in ((1, 90.0), (-1, -270.0))),
+    ],
+)  # fmt: skip
+def test_circles_turn_as_their_dialect_has_it(
+    tmp_path: Path, text: str, sweep: float, height: float
 ) -> None:
-    circle = f"CIRCLE/0.,0.,10.,0.,0.,{axis}.,20.,0.0600,0.5000,20.0000,1.0000\nGOTO/0,-20.,10.\n"
-    [curve] = read(tmp_path, NX + circle + NX_END).curves
-    expected = helix(0.0, sweep, 0.02, 0.01, 0.01)
-    assert lies_on(curve.positions, expected) < CHORD
-    assert length(curve.positions) == pytest.approx(0.02 * abs(math.radians(sweep)), rel=1e-3)
-
-
-@pytest.mark.parametrize("turns", [1, 2, 3])
-def test_times_counts_the_turns_that_a_helix_begins(tmp_path: Path, turns: int) -> None:
-    circle = f"CIRCLE/0.,0.,4.,0.,0.,-1.,20.,0.06,0.5,20.,1.,TIMES,{turns}\nGOTO/0.,20.,4.\n"
-    [curve] = read(tmp_path, NX + circle + NX_END).curves
-    expected = helix(0.0, 90.0 + 360.0 * (turns - 1), 0.02, 0.010, 0.004)
-    assert lies_on(curve.positions, expected) < CHORD
-    assert length(curve.positions) == pytest.approx(
-        math.hypot(0.02 * math.radians(90.0 + 360.0 * (turns - 1)), 0.006), rel=2e-3
-    )
-
-
-@pytest.mark.parametrize(("axis", "sweep"), [("1.", 90.0), ("-1.", -270.0)])
-def test_a_circle_of_camworks_has_no_radius(tmp_path: Path, axis: str, sweep: float) -> None:
-    arc = f"CIRCLE/0,0,10.,0,0,{axis}\nGOTO/0,20.,10.\n"
-    [curve] = read(tmp_path, CAMWORKS + arc + CAMWORKS_END).curves
-    assert lies_on(curve.positions, helix(0.0, sweep, 0.02, 0.01, 0.01)) < CHORD
-    assert len(curve) > abs(sweep) / 10.0
+    """Of NX clockwise about the axis, TIMES counts the turns begun; of others right-handed."""
+    [curve] = read(tmp_path, text).curves
+    assert lies_on(curve.positions, helix(0.0, sweep, 0.02, 0.010, 1e-3 * height)) < CHORD
+    way = math.hypot(0.02 * math.radians(sweep), 0.010 - 1e-3 * height)
+    assert length(curve.positions) == pytest.approx(way, rel=2e-3)
 
 
 def test_a_cusp_beside_a_circle_does_not_turn_the_sense_of_a_dialect(tmp_path: Path) -> None:
@@ -141,18 +148,6 @@ def test_a_cusp_beside_a_circle_does_not_turn_the_sense_of_a_dialect(tmp_path: P
     cusp = "GOTO/20.,10.,10.\nGOTO/20.,0,10.\nCIRCLE/0,0,10.,0,0,1.\nGOTO/0,20.,10.\n"
     [curve] = read(tmp_path, CAMWORKS + cusp + CAMWORKS_END).curves
     assert curve.positions[:, 0].min() > -1e-9
-
-
-@pytest.mark.parametrize(("axis", "sweep"), [("1.", 90.0), ("-1.", -270.0)])
-def test_circles_of_iso_4343_are_right_handed(tmp_path: Path, axis: str, sweep: float) -> None:
-    text = (
-        "PARTNO/ 'PART 7'\nMACHIN/ POST, 1\nUNITS/ MM\nMULTAX/ ON\nLOADTL/ 3, IN, 1, LENGTH, 50.\n"
-        "SPINDL/ RPM, 8000, CLW\nRAPID\nGOTO/ 20., 0., 20., 0., 0., 1.\nFEDRAT/ PERMIN, 600.\n"
-        f"GOTO/ 20., 0., 0., 0., 0., 1.\n"
-        f"MOVARC/ CENTER, 0., 0., 0., AXIS, 0., 0., {axis}, RADIUS, 20.\nGOTO/ 0., 20., 0.\nFINI\n"
-    )
-    [curve] = read(tmp_path, text).curves
-    assert lies_on(curve.positions[1:], helix(0.0, sweep, 0.02, 0.0, 0.0)) < CHORD
 
 
 # ------------------------------------------------------------------ splines
