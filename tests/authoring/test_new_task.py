@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import time
 import tomllib
 import warnings
 from dataclasses import dataclass
@@ -373,9 +372,7 @@ def test_what_was_searched_is_said_where_nothing_was_found(tmp_path: Path) -> No
     text = "\n".join(["x [m];y [m];z [m];nx;ny;nz", *rows])
     (tmp_path / "ring.csv").write_text(text, encoding="utf-8")
     request = Request(Path(SEVEN), tmp_path / "ring.csv", frame="tool", search_seconds=3.0)
-    began = time.monotonic()
     made = new_task(request, tmp_path / "ring.toml")
-    assert time.monotonic() - began < 90.0  # with machine code that is loaded, on a busy machine
     assert not made.runs
     [note] = [note for note in made.notes if "NOT REACHED" in note]
     assert re.search(
@@ -537,14 +534,13 @@ def test_millimetres_under_a_header_in_metres_are_asked_about_at_once(
     text = "\n".join(["x [m],y [m],z [m],nx,ny,nz", *rows])
     (tmp_path / "far.csv").write_text(text, encoding="utf-8")
     request = Request(Path(SEVEN), tmp_path / "far.csv", frame="tool")
-    began = time.perf_counter()
-    with pytest.raises(
-        qt.InvalidInput, match=r"its coordinates reach 8[01] m.* is the file in mm\?"
-    ):
-        new_task(request, tmp_path / "t.toml")
-    assert time.perf_counter() - began < 1.0
-    with pytest.raises(qt.InvalidInput, match=r"the file says m, so write mm there"):
-        new_task(request, tmp_path / "t.toml")
+    seen: list[str] = []
+    words = (
+        r"its coordinates reach 8[01] m.* is the file in mm\?.*the file says m, so write mm there"
+    )
+    with pytest.raises(qt.InvalidInput, match=words):
+        new_task(request, tmp_path / "t.toml", progress=lambda what, share: seen.append(what))
+    assert not any(what.startswith("looking") for what in seen)
     (tmp_path / "far.csv").write_text(text.replace(" [m]", ""), encoding="utf-8")
     request = request.changed(length_unit="m")
     if not offset:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import mujoco
 import numpy as np
@@ -49,16 +49,16 @@ def random_arm(
         low, high = rng.uniform(-longest, -0.1), rng.uniform(0.1, longest)
         limits = f'range="{low!r} {high!r}"' if limited else 'limited="false"'
         opening += f"""
-        <body name="link_{i + 1}" pos="{_text(offset if i else np.zeros(3))}"
-            quat="{_text(rng.normal(size=4))}">
+        <body name="link_{i + 1}" pos="{text(offset if i else np.zeros(3))}"
+            quat="{text(rng.normal(size=4))}">
           <joint name="joint_{i + 1}" type="{"slide" if sliding[i] else "hinge"}"
-            axis="{_text(random_direction(rng))}" {limits}/>
+            axis="{text(random_direction(rng))}" {limits}/>
           <geom name="geom_{i + 1}" type="capsule" size="0.03" mass="{rng.uniform(0.5, 2.0)!r}"
-            fromto="0 0 0 {_text(0.2 * random_direction(rng))}" contype="0" conaffinity="0"/>"""
+            fromto="0 0 0 {text(0.2 * random_direction(rng))}" contype="0" conaffinity="0"/>"""
         closing += "</body>"
     tool = (
-        f'<site name="tool" pos="{_text(rng.uniform(0.1, 0.3) * random_direction(rng))}" '
-        f'quat="{_text(rng.normal(size=4))}"/>'
+        f'<site name="tool" pos="{text(rng.uniform(0.1, 0.3) * random_direction(rng))}" '
+        f'quat="{text(rng.normal(size=4))}"/>'
     )
     return _compile(opening + tool + closing)
 
@@ -122,7 +122,8 @@ def _compile(bodies: str) -> mujoco.MjModel:
     )
 
 
-def _text(values: Array) -> str:
+def text(values: Iterable[float]) -> str:
+    """Numbers of an attribute, all their digits."""
     return " ".join(repr(float(value)) for value in values)
 
 

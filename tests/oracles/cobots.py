@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import mujoco
 from scipy.spatial.transform import Rotation
 
+from oracles.arms import text
+
 PI, TURN = math.pi, 2.0 * math.pi
 Numbers = Sequence[float]
 Joint = tuple[Numbers, Numbers, Numbers, float, float]
@@ -90,7 +92,7 @@ def cobot(name: str) -> mujoco.MjModel:
     """The model of one of them, its controlled frame the site ``tool``."""
     joints, place, turn, _ = COBOTS[name]
     bodies = "".join(
-        f'<body {_frame(at, angles)}><joint name="joint_{k}" axis="{_text(axis)}" limited="true" '
+        f'<body {_frame(at, angles)}><joint name="joint_{k}" axis="{text(axis)}" limited="true" '
         f'range="{lower!r} {upper!r}"/><geom size="0.01" contype="0" conaffinity="0"/>'
         for k, (at, angles, axis, lower, upper) in enumerate(joints, start=1)
     )
@@ -102,8 +104,4 @@ def cobot(name: str) -> mujoco.MjModel:
 
 def _frame(at: Numbers, angles: Numbers) -> str:
     turn = Rotation.from_euler("xyz", angles).as_quat(scalar_first=True)
-    return f'pos="{_text(at)}" quat="{_text(turn)}"'
-
-
-def _text(numbers: Sequence[float]) -> str:
-    return " ".join(repr(float(number)) for number in numbers)
+    return f'pos="{text(at)}" quat="{text(turn)}"'

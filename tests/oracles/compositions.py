@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 import qp_twist as qt
-from oracles.arms import planar_arm, random_arm, random_configuration, random_direction
+from oracles.arms import planar_arm, random_arm, random_configuration, random_direction, text
 
 Array = npt.NDArray[np.float64]
 
@@ -148,8 +148,8 @@ def _tree(rng: np.random.Generator) -> mujoco.MjModel:
         opening = closing = ""
         ball = int(rng.integers(0, 6))
         for k in range(int(rng.integers(2, 6))):
-            at = " ".join(repr(float(x)) for x in rng.uniform(0.15, 0.4) * random_direction(rng))
-            axis = " ".join(repr(float(x)) for x in random_direction(rng))
+            at = text(rng.uniform(0.15, 0.4) * random_direction(rng))
+            axis = text(random_direction(rng))
             joint = f'<joint name="{side}_{k}" axis="{axis}" range="-2.5 2.5"/>'
             if k == ball:
                 joint = f'<joint name="{side}_{k}" type="ball"/>'

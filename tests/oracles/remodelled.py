@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from oracles.arms import text
 from qp_twist.robots import KnownRobot
 
 TIP = (0.1, 0.2, 0.3)
@@ -41,14 +42,14 @@ def remodelled(
         about = sign * turned.inv().apply(axis)
         last, origin = turned, point
         opened += (
-            f'<body pos="{_text(place)}" quat="{_text((w, x, y, z))}">'
-            f'<joint name="joint_{number}" axis="{_text(about)}"/><geom size="0.01"/>'
+            f'<body pos="{text(place)}" quat="{text((w, x, y, z))}">'
+            f'<joint name="joint_{number}" axis="{text(about)}"/><geom size="0.01"/>'
         )
         closed += "</body>"
     return mujoco.MjModel.from_xml_string(
         '<mujoco><compiler angle="radian"/><worldbody>'
-        f'<body name="base" pos="1 2 3" euler="{_text(base)}">{under}{opened}'
-        f'<site name="{tip}" pos="{_text(TIP)}"/>{closed}</body>{beside}'
+        f'<body name="base" pos="1 2 3" euler="{text(base)}">{under}{opened}'
+        f'<site name="{tip}" pos="{text(TIP)}"/>{closed}</body>{beside}'
         "</worldbody></mujoco>"
     )
 
@@ -63,7 +64,3 @@ def axes_at(robot: KnownRobot, theta: Array) -> list[tuple[Array, Array]]:
         turn = Rotation.from_rotvec(angle * axis)
         turned, moved = turn * turned, point + turn.apply(moved - point)
     return found
-
-
-def _text(values: object) -> str:
-    return " ".join(repr(float(value)) for value in values)  # type: ignore[attr-defined]
