@@ -355,8 +355,8 @@ class Dialect(NamedTuple):
 def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:
     """The moves with the digits that the dialect prints.
 
-    Rounded angles make a joint travel a little more or less. No joint may therefore become faster
-    than its fastest anywhere before: a move that would be takes longer. Times are rounded up.
+    Times are rounded up. Rounded angles make a joint travel a digit more or less, and no time makes
+    up for that: where times are whole milliseconds, one more would jerk all joints.
 
     Raises:
         InvalidInput: If there are no times, or one is not positive.
@@ -378,10 +378,6 @@ def printed(moves: JointMoves, dialect: Dialect) -> JointMoves:
         least = 10.0**-dialect.time_decimals
         durations = np.maximum(durations, least)
         return replace(moves, angles=angles, durations=durations, velocities=velocities)
-    fastest = (np.abs(np.diff(moves.angles, axis=0)) / moves.durations[:, None]).max(axis=0)
-    travel = np.abs(np.diff(angles, axis=0))
-    needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
-    durations = np.maximum(moves.durations, needed.max(axis=1, initial=0.0))
     second = 10.0**dialect.time_decimals
-    ticks = np.ceil((durations - _CLOCK) * second)
+    ticks = np.ceil((moves.durations - _CLOCK) * second)
     return replace(moves, angles=angles, durations=ticks / second, velocities=None)

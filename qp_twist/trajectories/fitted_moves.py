@@ -74,9 +74,9 @@ class Fits:
 
     def __init__(
         self, rows: TimedPath, path_task: PathTask, tool: ToolChain, held: Mask | None, *,
-        dialect: Dialect,
+        dialect: Dialect, joined: Mask | None = None,
     ) -> None:  # fmt: skip
-        """Rows that are ``held`` (N,) are points.
+        """Rows that are ``held`` (N,) are points; to those that are ``joined`` joint moves lead.
 
         Where the dialect has ``two_angles`` a move has to keep them, too, if a controller swings an
         axis of the tool, whichever it is, and turns about it at once. Within its period no speed
@@ -93,6 +93,8 @@ class Fits:
         self._tolerances, self._projector = path_task.tolerances, task_rows(path_task)
         self._limits = JointLimits.of(path_task, tool.names, ramps=dialect.constant > 0.0)
         self.on_joint_moves = _on_joint_moves(rows, path_task)
+        """Rows that a joint move of the task leads to, (N,)."""
+        self.joined = self.on_joint_moves if joined is None else self.on_joint_moves | joined
 
     @property
     def projector(self) -> TwistProjector:
@@ -277,18 +279,17 @@ def farthest(fits: Fits, rules: Sequence[Turning]) -> tuple[list[Point], list[Fi
 
     From each row the move is the farthest. A circle, which has two points, has to lead farther than
     two such straight moves. Where the joints do not follow within their limits, it leads half as
-    far; where they do not follow at all, and between the waypoints of the task's joint moves, a
-    joint move is next.
+    far; where they do not follow at all, and to rows that are joined, a joint move is next.
     """
     points, moves = [fits.point(0)], list[FittedMove]()
     while (begin := points[-1]).row < fits.last:
-        of_task = fits.on_joint_moves[begin.row + 1 :]
-        ends = np.flatnonzero(of_task != of_task[0])
+        joined = fits.joined[begin.row + 1 :]
+        ends = np.flatnonzero(joined != joined[0])
         most = begin.row + int(ends[0]) if len(ends) else fits.last  # as far as it is one or not
         straight = partial(fits.straight, begin)
-        best = None if of_task[0] else _reach(fits, straight, begin, 1, most)
+        best = None if joined[0] else _reach(fits, straight, begin, 1, most)
         least = 1 + 2 * (best.end.row - begin.row if best else 1)
-        for rule in () if of_task[0] else rules:
+        for rule in () if joined[0] else rules:
             found = _reach(fits, partial(fits.circle, begin, rule=rule), begin, least, most)
             if found is not None and (best is None or found.end.row > best.end.row):
                 best = found

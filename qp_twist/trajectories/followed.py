@@ -31,6 +31,18 @@ _ON = {
 _MOVED = {"": "stands still", "positioner": "is on a positioner", "hand": "is in its hand"}
 
 
+class NotFollowed(InvalidInput):
+    """The joints do not follow a move of the tool, or arrive with another configuration.
+
+    Attributes:
+        move: Which of the program's moves, from 0.
+    """
+
+    def __init__(self, sentence: str, move: int, line: int | None) -> None:
+        super().__init__(sentence, line=line)
+        self.move = move
+
+
 class Followed(NamedTuple):
     """The motion of a program.
 
@@ -102,8 +114,8 @@ def followed(
                 there[tool.own] = _arm(joints.arm).joints_at(pose, target.configuration, near)
                 more = there[None]
         except InvalidInput as error:
-            error.line = line or (target.line if target else None) or error.line
-            raise
+            place = line or (target.line if target else None) or error.line
+            raise NotFollowed(error.sentence, k - 1, place) from error
         if tool is not None and (line or target is not None):
             there, more = more, np.repeat(at, len(more), axis=0)
             more[:, order] = there

@@ -355,7 +355,7 @@ def _rounded_down(value: float) -> float:
 
 def straight_moves(
     rows: TimedPath, path_task: PathTask, tool: ToolChain, held: Mask | None = None, *,
-    dialect: Dialect, circles: bool = True,
+    dialect: Dialect, circles: bool = True, joined: Mask | None = None,
 ) -> StraightMoves:  # fmt: skip
     """As few of the rows as keep the path if the tool moves from one to the next.
 
@@ -364,9 +364,10 @@ def straight_moves(
     those planned: straight or, with ``circles`` and where the arm alone moves the tool, on a
     circle, within a half. Where the joints do not follow such a move, or not within their limits
     of speed and acceleration in the planned time, and between the waypoints of the task's joint
-    moves, a joint move does. Rows that are ``held`` (N,) are points.
+    moves, a joint move does. Rows that are ``held`` (N,) are points; to those that are ``joined``
+    (N,) joint moves lead, too.
     """
-    fits = Fits(rows, path_task, tool, held, dialect=dialect)
+    fits = Fits(rows, path_task, tool, held, dialect=dialect, joined=joined)
     rules = dialect.circles if circles and not (tool.external or tool.part) else ()
     points, moves = farthest(fits, rules)
     assert rows.times is not None

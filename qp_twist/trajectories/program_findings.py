@@ -16,7 +16,9 @@ from qp_twist.referee import (
     MotionLimits,
     Passing,
     Tolerances,
+    acceleration_use,
     errors_at,
+    velocity_use,
     with_default_accelerations,
 )
 from qp_twist.trajectories.corners import RoundedPoints, task_rows
@@ -77,6 +79,24 @@ def kept_rounding(rows: TimedPath, path_task: PathTask, check: Check) -> Array:
     of_all = np.divide(room, moved, out=np.ones_like(moved), where=moved > 0.0)
     shares[np.searchsorted(points, found.rows)] = np.minimum(of_all.min(axis=(1, 2)), 1.0)
     return shares
+
+
+def beyond_limits(rows: TimedPath, check: Check) -> list[int]:
+    """The moves of a checked program, from 0, on which joints exceed their limits."""
+    if rows.times is None or not rows.own_ramps:
+        return []
+    motion, limits = check.motion, check.limits
+    fast, changed = (
+        (use > 1.0 + EXCEEDED).max(axis=1)
+        for use in (
+            velocity_use(motion, limits.velocity)[1],
+            acceleration_use(motion, limits.acceleration)[1],
+        )
+    )
+    fast[:-1] |= changed  # of the pieces before a row and behind it
+    fast[1:] |= changed
+    moves = np.searchsorted(_points(rows), np.flatnonzero(fast), "right") - 1
+    return sorted(set(moves.tolist()))
 
 
 def _points(rows: TimedPath) -> Indices:

@@ -30,7 +30,7 @@ from qp_twist.trajectories.linear_moves import (
     rounded_shares,
     straight_moves,
 )
-from qp_twist.trajectories.program_findings import kept_rounding
+from qp_twist.trajectories.program_findings import beyond_limits, kept_rounding
 from qp_twist.trajectories.program_trajectory import axis_names, check_language
 from qp_twist.trajectories.spaced_rows import spaced
 from qp_twist.trajectories.timed_path import TimedPath
@@ -75,6 +75,7 @@ class ProgramWriter:
         self._task, self._linear = path_task, linear
         self._around = {} if path_task is None else around_rows(rows, path_task)
         self._rounded: Array | None = None
+        self._joined = np.zeros(len(rows.q), dtype=bool)
         self._kept = self._points()
 
     def texts(self) -> dict[str, str]:
@@ -116,12 +117,35 @@ class ProgramWriter:
         return dialect.encode(self._name, moves, lines)
 
     def answers(self, rows: TimedPath, check: Check) -> bool:
-        """Whether the next program will be another one for what a check finds of these rows."""
+        """Whether the next program will be another one for what a check finds of these rows.
+
+        It has joint moves where digits of straight ones make joints exceed their limits, or rounds
+        its points less.
+        """
         assert self._task is not None
+        if self.joins(beyond_limits(rows, check)):
+            return True
         kept = kept_rounding(rows, self._task, check)
         before = self._rounded
         self._rounded = kept * (1.0 if before is None or len(before) != len(kept) else before)
         return bool((kept < 1.0).any())
+
+    def joins(self, moves: Sequence[int]) -> bool:
+        """Whether some moves of the last program, from 0, were not joint moves, but will be.
+
+        Of those that were, the straight ones beside will be: a pose's digits tell the joints less
+        exactly than theirs, so that a joint move that begins there begins elsewhere.
+        """
+        line, at, before = self._kept.line, np.rint(self._kept.at).astype(int), self._joined.copy()
+        if line is None:
+            return False
+        for k in moves:
+            for each in (k,) if line.straight[k] else (max(k - 1, 0), min(k + 1, len(at) - 2)):
+                self._joined[at[each] + 1 : at[each + 1] + 1] = True
+        if (self._joined == before).all():
+            return False
+        self._kept = self._points()
+        return True
 
     def _points(self) -> _Kept:
         """The rows that become points, none closer than a period; those held are among them."""
@@ -161,7 +185,10 @@ class ProgramWriter:
             )
         if self._task is None or tool is None or self._rows.times is None:
             raise InvalidInput("straight moves need a trajectory with times and its task.")
-        return straight_moves(self._rows, self._task, tool, held, dialect=dialect, circles=circles)
+        return straight_moves(
+            self._rows, self._task, tool, held, dialect=dialect, circles=circles,
+            joined=self._joined,
+        )  # fmt: skip
 
     def _timed(self, planned: JointMoves, line: StraightMoves | None) -> tuple[JointMoves, float]:
         """The moves as written, and by how much they are longer, s, so that joints keep limits."""

@@ -24,6 +24,7 @@ from qp_twist.trajectories import (
     program_trajectory,
 )
 from qp_twist.trajectories.check import Check, check_trajectory
+from qp_twist.trajectories.followed import NotFollowed
 from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.metadata import read_metadata
 from qp_twist.trajectories.program_writer import ProgramWriter
@@ -32,9 +33,10 @@ from qp_twist.trajectories.timed_path import TimedPath
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
 
-_ROUNDS = 6
-"""Times at most that points of a program are rounded less, as its check asks: with less rounding
-the moves beside are looked at nearer to the corner, where they may be farther off."""
+_ROUNDS = 12
+"""Times at most that a program is written, as its check asks: with less rounding the moves beside
+are looked at nearer to the corner, where they may be farther off; and beside joint moves the points
+are others."""
 
 
 def _to_npz(rows: TimedPath) -> bytes:
@@ -188,11 +190,16 @@ def write_checked(
     straight = [] if linear is None or not linear.circles else [linear._replace(circles=False)]
     for motion in (linear, *straight):
         writer = _writer(trajectory, path, joints, path_task, motion)
-        for _ in range(_ROUNDS):
+        for left in reversed(range(_ROUNDS)):
             files = _encoded(trajectory, path, writer)
-            with tempfile.TemporaryDirectory() as folder:
-                file = _write(Path(folder) / path.name, files)
-                rows = read_trajectory(file, joint_names, joints, calls)
+            try:
+                with tempfile.TemporaryDirectory() as folder:
+                    file = _write(Path(folder) / path.name, files)
+                    rows = read_trajectory(file, joint_names, joints, calls)
+            except NotFollowed as refusal:  # by the digits of a pose
+                if left and writer is not None and writer.joins([refusal.move]):
+                    continue
+                raise
             check = check_trajectory(rows, path_task)
             if check.passes or writer is None or not writer.answers(rows, check):
                 break

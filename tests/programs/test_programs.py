@@ -61,13 +61,11 @@ def test_a_program_gives_back_the_rows_to_the_printed_digit(
         assert back.velocities == pytest.approx(rows.velocities, abs=1e-9)
     else:
         assert back.velocities is None
-        # Rounded up, and longer only where rounding made a joint faster than it ever was.
-        assert (took >= meant - 1e-9).all()
+        # Rounded up; a joint is faster by what digits explain.
+        assert (took >= meant - 1e-9).all() and (took <= meant + tick + 1e-9).all()
         fastest = (np.abs(np.diff(shown, axis=0)) / took[:, None]).max(axis=0)
         before = (np.abs(np.diff(given_, axis=0)) / meant[:, None]).max(axis=0)
-        assert (fastest <= before * (1.0 + 1e-9)).all()
-        longest = np.maximum(meant, (np.abs(np.diff(shown, axis=0)) / before).max(axis=1))
-        assert (took <= longest + tick + 1e-9).all()
+        assert (fastest <= before + 2.0 * digit / meant.min() + 1e-9).all()
     assert back.metadata["task"] == f"task_{seed}"
     # Written again, it is the same text.
     again = path.with_name(f"again{suffix(program)}")

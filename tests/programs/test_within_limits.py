@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from oracles.program_cells import POSTURES, Job, job_of
+from oracles.program_cells import POSTURES, Job, job_of, measured
 from oracles.program_simulator import Controller, Motion, read
 
 from qp_twist.trajectories import write_checked
@@ -23,14 +23,18 @@ CASES = {"ABB IRB 120": 2.0, "KUKA KR 16-2": 6.0, "Fanuc M-16iB/20": 2.0,
 """Robots, and the angle of axis 5 where the path begins, degrees."""
 
 
+def job_at(name: str, angle: float) -> Job:
+    with pytest.MonkeyPatch.context() as patch:
+        maker = name.split(maxsplit=1)[0]
+        posture = [*POSTURES[maker]]
+        posture[4] = angle
+        patch.setitem(POSTURES, maker, tuple(posture))
+        return job_of(name, length=0.1, count=51, acceleration=LIMIT)
+
+
 @pytest.fixture(scope="module", params=CASES)
 def job(request: pytest.FixtureRequest) -> Job:
-    with pytest.MonkeyPatch.context() as patch:
-        maker = request.param.split()[0]
-        posture = [*POSTURES[maker]]
-        posture[4] = CASES[request.param]
-        patch.setitem(POSTURES, maker, tuple(posture))
-        return job_of(request.param, length=0.1, count=51, acceleration=LIMIT)
+    return job_at(request.param, CASES[request.param])
 
 
 def accelerations(motion: Motion) -> float:
@@ -71,3 +75,18 @@ def test_no_joint_exceeds_its_limits(job: Job, linear: LinearMotion | None, tmp_
     if linear and job.suffix == ".ls":  # says how many of its moves are not straight, and why
         said = re.search(r"(\d+) joint moves where the joints", "; ".join(check.notes))
         assert said and int(said[1]) == len(re.findall(r":J P\[", text)) - 1
+
+
+@pytest.mark.parametrize(("name", "angle"), [("ABB IRB 120", 0.2), ("Fanuc LR Mate 200iD", -0.5)])
+def test_where_digits_of_poses_exceed_limits_joints_move(
+    name: str, angle: float, tmp_path: Path
+) -> None:
+    """By straight moves alone they are exceeded by 160 %, or the wrist arrives turned over."""
+    job = job_at(name, angle)
+    path, linear = tmp_path / f"wave{job.suffix}", LinearMotion(points="poses")
+    check, written = write_checked(job.rows, path, job.task, job.joints, linear=linear)
+    assert written and check.passes, check.verdict
+    motion = Controller(job.cell, read(path.read_text(), job.suffix)).run()
+    assert accelerations(motion) <= 1.05 * LIMIT
+    found = measured(job, motion)
+    assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05)
