@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import mink
@@ -105,6 +106,21 @@ THREE_LINKS = planar_arm([0.5, 0.4, 0.1])
 BEFORE = np.array([0.9, -1.3, 0.6])
 
 
+@cache
+def planar_controller(mode: str, *, inertia: bool) -> qt.Controller:
+    """Of a 3R arm: made once, since that takes ten times as long as a step."""
+    task = qt.TwistTask("tip", "site", PLANE)
+    limits: list[mink.Limit] = [qt.MotionLimit(THREE_LINKS, velocity=FASTEST)]
+    if not inertia:
+        names = [THREE_LINKS.joint(i).name for i in range(3)]
+        speeds = dict.fromkeys(names, FASTEST)
+        limits = [qt.PositionLimit(THREE_LINKS), mink.VelocityLimit(THREE_LINKS, speeds)]
+    posture = qt.PostureReference(THREE_LINKS, np.array([-0.4, 0.8, 0.4]), gain=0.01)
+    return qt.Controller(
+        THREE_LINKS, [task], limits=limits, on_infeasible=mode, secondary=[posture]  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
 def planar_step(
     q2: float, distance: float, mode: str, side: float = 0.02, before: Array | None = None
 ) -> qt.Step:
@@ -113,18 +129,9 @@ def planar_step(
     With the velocity ``before`` the joints have inertia.
     """
     configuration = mink.Configuration(THREE_LINKS, np.array([-0.5 * q2, q2, -0.3 * q2]))
-    task = qt.TwistTask("tip", "site", PLANE)
+    controller = planar_controller(mode, inertia=before is not None)
     tip = site(configuration, "tip").translation()
-    task.set_target(at(*(tip + np.array([distance, side, 0.0]))))
-    limits: list[mink.Limit] = [qt.MotionLimit(THREE_LINKS, velocity=FASTEST)]
-    if before is None:
-        names = [THREE_LINKS.joint(i).name for i in range(3)]
-        speeds = dict.fromkeys(names, FASTEST)
-        limits = [qt.PositionLimit(THREE_LINKS), mink.VelocityLimit(THREE_LINKS, speeds)]
-    posture = qt.PostureReference(THREE_LINKS, np.array([-0.4, 0.8, 0.4]), gain=0.01)
-    controller = qt.Controller(
-        THREE_LINKS, [task], limits=limits, on_infeasible=mode, secondary=[posture]  # type: ignore[arg-type]
-    )  # fmt: skip
+    controller.twist_tasks[0].set_target(at(*(tip + np.array([distance, side, 0.0]))))
     return controller.step(configuration, DT, velocity=before)
 
 
