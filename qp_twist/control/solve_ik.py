@@ -233,7 +233,8 @@ class _Asked(NamedTuple):
         priced = [item for item in given if hasattr(item, "compute_penalized_rows")]
         equalities = [item for item in given if item not in priced] if priced else given
         try:
-            for task in (*costed, *equalities, *(getattr(item, "task", item) for item in priced)):
+            inner = [getattr(item, "task", item) for item in priced] if priced else priced
+            for task in (*costed, *equalities, *inner):
                 if TwistTask in type(task).__mro__:  # a third of the time of isinstance
                     task.set_dt(dt)  # for its feed-forward
             H, c = np.zeros((nv, nv)), np.zeros(nv)
@@ -251,8 +252,10 @@ class _Asked(NamedTuple):
                 for limit in ((default_limit(model),) if limiting is None else limiting)
             ]
             rows = [_constraint_rows(task, configuration, dt, own) for task in equalities]
-            prices = [elastic_constraint(item, configuration) for item in priced]
-            elastic = elastic_rows([*costed, *priced], [*costs, *prices], dt)
+            elastic: list[BandRows] = []
+            if priced or costs.count(None) < len(costs):  # those summed are not elastic
+                prices = [elastic_constraint(item, configuration) for item in priced]
+                elastic = elastic_rows([*costed, *priced], [*costs, *prices], dt)
         except Exception:
             _check_items("tasks", costed, model)
             _check_items("limits", limiting or (), model)
@@ -314,7 +317,9 @@ class _Asked(NamedTuple):
         )  # fmt: skip
         if not solved:
             return None
-        return Found(velocity[:nv], scale, 0.0, box[:nv], multipliers, COMPILED)
+        if self.elastic:
+            velocity, box = velocity[:nv], box[:nv]
+        return Found(velocity, scale, 0.0, box, multipliers, COMPILED)
 
     def posed(self, configuration: mink.Configuration) -> Posed:
         """The program, with names, and the constraints in their singular directions.
