@@ -139,7 +139,7 @@ angular = "none"
 [path]
 kind = "polyline"
 points = [[{first}, 0, 0], [1.0, 0, 0]]
-steps_per_segment = 20
+steps_per_segment = 5
 [start]
 q = [{first}, 0.0]
 [feed]
@@ -155,14 +155,14 @@ distance = 0.01
         main(["run", "wall.toml", "--out", "run.json"])
     assert end.value.code == 1
     said = capsys.readouterr()
-    assert "ends at waypoint 10 of 21" in said.err
+    assert "ends at waypoint 3 of 6" in said.err
     assert "ball to wall" in said.out or "wall to ball" in said.out
     assert "inf" not in said.err and "e+" not in said.err
     points = json.loads(Path("run.json").read_text())["points"]
     x = np.array([point["positions"] for point in points])[:, 0]
-    assert x[-1] == pytest.approx(0.45) and (np.diff(x) >= 0.0).all()
+    assert x[-1] == pytest.approx(0.4) and (np.diff(x) >= 0.0).all()
     with pytest.raises(SystemExit) as end:
         main(["run", "at_once.toml", "--out", "none.json"])
     assert end.value.code == 1
-    assert "not written: qp_gradient ends at waypoint 1 of 21" in capsys.readouterr().err
+    assert "not written: qp_gradient ends at waypoint 1 of 6" in capsys.readouterr().err
     assert not Path("none.json").exists()

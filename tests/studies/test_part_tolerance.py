@@ -43,7 +43,7 @@ def gantry(wall: str = "", end: float = 0.3) -> qt.Trajectory:
 
 
 def test_a_gantry_has_the_room_to_its_nearest_limit() -> None:
-    found = part_tolerance(gantry(), [1e-3, 1e-3, 1e-3], samples=50)
+    found = part_tolerance(gantry(), [1e-3, 1e-3, 1e-3], samples=20)
     for widths in (found.proven, found.sampled):
         assert 0.19 <= widths[0] <= 0.2 + 1e-4  # the tolerance of a position error
         np.testing.assert_allclose(widths[:3], widths[0])
@@ -61,7 +61,7 @@ def test_the_box_has_the_proportions_that_were_asked_for() -> None:
 def test_a_wall_counts_unless_it_moves_along(body: str | None, room: tuple[float, float]) -> None:
     # From the ball at y = 0.12 to the wall's face are 0.05 m.
     run = gantry(WALL.format(y=0.1 + 0.02 + 0.05 + 0.1))
-    found = part_tolerance(run, [1e-3, 1e-3, 1e-3], samples=50, body=body)
+    found = part_tolerance(run, [1e-3, 1e-3, 1e-3], samples=20, body=body)
     # A wall that moves towards the start of the motion stands in the way to it.
     assert room[0] <= found.sampled[0] <= room[1] + 2e-4
     # The joints move the ball by up to r each, in three directions that the proof adds up; the wall
@@ -95,7 +95,7 @@ def errors(task: qt.PathTask, q: Array, data: mujoco.MjData, position: Array, ax
 
 
 def test_in_the_proven_box_another_solver_finds_joint_positions(robot: qt.Trajectory) -> None:
-    found = part_tolerance(robot, [1e-3, 1e-3, 0.0, 2e-3, 0.0, 0.0], samples=10)
+    found = part_tolerance(robot, [1e-3, 1e-3, 0.0, 2e-3, 0.0, 0.0], samples=4)
     assert found.proven[0] > 0.0
     assert (found.sampled >= found.proven).all()
     task, rng = robot.path_task, np.random.default_rng(0)
@@ -115,7 +115,7 @@ def test_in_the_proven_box_another_solver_finds_joint_positions(robot: qt.Trajec
 
 
 def test_a_held_roll_is_reached_by_another_solver_within_the_box(robot: qt.Trajectory) -> None:
-    found = part_tolerance(robot, [1e-3, 1e-3, 0.0], roll="held", samples=10)
+    found = part_tolerance(robot, [1e-3, 1e-3, 0.0], roll="held", samples=4)
     assert (found.sampled[:2] > 0.0).all()
     task, rng = robot.path_task, np.random.default_rng(0)
     data = mujoco.MjData(task.model)
@@ -149,7 +149,7 @@ def test_what_cannot_be_asked_about_is_refused(robot: qt.Trajectory) -> None:
 
 
 def test_the_command_prints_both_boxes(capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["tolerance", "planar_line", "--box", "0.001,0.001,0", "--samples", "5"]
+    command = ["tolerance", "planar_line", "--box", "0.001,0.001,0", "--samples", "2"]
     main([*command, "--json"])
     facts = json.loads(capsys.readouterr().out)
     assert facts["sampled"][0] > 0.0
@@ -158,7 +158,7 @@ def test_the_command_prints_both_boxes(capsys: pytest.CaptureFixture[str]) -> No
     printed = capsys.readouterr().out
     assert "nothing is proven (a proof is for tasks that hold the position" in printed
     assert f"sampled: ±({1e3 * facts['sampled'][0]:.3g}" in printed
-    assert "none of 5 random placements in this box fails" in printed
+    assert "none of 2 random placements in this box fails" in printed
 
 
 def test_shifts_along_which_nothing_holds_the_tool_are_not_asked_about() -> None:
