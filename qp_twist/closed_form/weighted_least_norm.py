@@ -45,8 +45,7 @@ def weighted_least_norm(
         raise InvalidInput(f"weight: every entry must be above 0, got {w.tolist()}.")
     # Only the ratios count: relative to the lightest joint no entry can overflow.
     scale = np.sqrt(w.min(initial=np.inf) / w)
-    step: Array = scale * (np.linalg.pinv(A * scale, rcond=RANK_TOLERANCE) @ b)
-    return step
+    return np.asarray(scale * (np.linalg.pinv(A * scale, rcond=RANK_TOLERANCE) @ b))
 
 
 def joint_limit_gradient(q: npt.ArrayLike, lower: npt.ArrayLike, upper: npt.ArrayLike) -> Array:

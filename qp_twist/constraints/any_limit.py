@@ -100,8 +100,7 @@ def is_mink_box(limit: Any) -> bool:
 
 def qpos_of(limit: mink.ConfigurationLimit) -> Indices:
     """Index in q of each joint of the limit."""
-    qpos: Indices = limit.model.jnt_qposadr[limit.model.dof_jntid[limit.indices.astype(np.intp)]]
-    return qpos
+    return np.asarray(limit.model.jnt_qposadr[limit.model.dof_jntid[limit.indices.astype(np.intp)]])
 
 
 def has_plain_rows(limit: Any, configuration: mink.Configuration) -> bool:

@@ -124,14 +124,12 @@ class Intersection:
     @property
     def lower_kind(self) -> Kinds:
         """Kind of the limit that set each lower bound, (nv,); arbitrary where it is infinite."""
-        kinds: Kinds = self._resolved[1][0]
-        return kinds
+        return np.asarray(self._resolved[1][0])
 
     @property
     def upper_kind(self) -> Kinds:
         """Kind of the limit that set each upper bound, (nv,)."""
-        kinds: Kinds = self._resolved[1][1]
-        return kinds
+        return np.asarray(self._resolved[1][1])
 
     @functools.cached_property
     def _resolved(self) -> tuple[Array, Kinds]:

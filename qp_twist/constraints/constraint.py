@@ -125,8 +125,7 @@ class Constraint(mink.Limit):
 
     def excess(self, q: Array) -> Array:
         """Largest violation at configurations q (N, nq), 0 inside, m or rad, (N,)."""
-        worst: Array = np.maximum(-self.bounded(q, 0.0).min(axis=1, initial=np.inf), 0.0)
-        return worst
+        return np.asarray(np.maximum(-self.bounded(q, 0.0).min(axis=1, initial=np.inf), 0.0))
 
 
 def margins_of(constraint: Constraint, q: Array) -> Array:

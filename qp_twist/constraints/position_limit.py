@@ -51,8 +51,7 @@ class JointRangeLimit(BoxLimit, Constraint):
 
     def margins(self, q: Array) -> Array:
         """Distance of each joint from the nearer end, rad or m, (N, nv)."""
-        margins: Array = self._room(q).min(axis=0)
-        return margins
+        return np.asarray(self._room(q).min(axis=0))
 
     def gradients(self, q: Array) -> Array:
         """1 or −1 for each joint, (N, nv, nv)."""

@@ -31,8 +31,7 @@ def perpendicular(e: Array) -> Array:
     It is built from the coordinate axis that is furthest from ``e``, so it is never degenerate.
     """
     normal = cross(e, np.eye(3)[np.argmin(np.abs(e), axis=-1)])
-    unit: Array = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-    return unit
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
 def geodesic(start: Array, end: Array) -> Array:

@@ -68,8 +68,7 @@ class ConeBand(ToleranceBand):
     def values(self, pair: FramePair) -> Array:
         """θ, rad, (1,)."""
         u, n = self._directions(pair)
-        angle: Array = np.linalg.norm(geodesic(n, u), axis=-1, keepdims=True)
-        return angle
+        return np.asarray(np.linalg.norm(geodesic(n, u), axis=-1, keepdims=True))
 
     def gradients(self, pair: FramePair) -> Array:
         """(0, k), (1, 6): the fastest rotation of u away from n; an arbitrary one at 0 and at π."""

@@ -212,8 +212,7 @@ class ParametrisedArm:
         jacobians = self.chain.poses_and_jacobians(q)[2][:, :, moving]
         basis = np.linalg.qr(jacobians.transpose(0, 2, 1), mode="complete").Q[:, :, 6:]
         given = [k for k, dof in enumerate(moving) if dof in self.parameters]
-        sines: Array = np.abs(np.linalg.det(basis[:, given]))
-        return sines
+        return np.asarray(np.abs(np.linalg.det(basis[:, given])))
 
 
 def _random(chain: SerialChain, count: int) -> Array:

@@ -122,8 +122,7 @@ class SerialChain:
         moved = travel[:, [screw.dof for screw in self.screws]]
         reference = np.array([screw.reference for screw in self.screws])
         extent = np.abs(q[:, list(self.qpos)] - reference) + moved
-        way: Array = (self.levers(extent) * moved).sum(axis=1)
-        return way
+        return np.asarray((self.levers(extent) * moved).sum(axis=1))
 
     def frames(self, q: Array) -> tuple[Array, Array, list[tuple[Array, Array]]]:
         """:meth:`poses`, and each joint's axis and a point on it, m, (K, 3) each."""

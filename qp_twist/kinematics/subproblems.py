@@ -73,8 +73,7 @@ def cross(a: Array, b: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """a · b, of complex vectors without a conjugate."""
-    dot: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return dot
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def norm(a: Array) -> Array:
@@ -84,8 +83,7 @@ def norm(a: Array) -> Array:
 
 def turned(rotations: Array, vectors: Array) -> Array:
     """R v for each R (K, 3, 3), of vectors (3, K) or of one (3, 1), as (3, K) in memory, too."""
-    turned: Array = np.einsum("kij,jk->ik", rotations, vectors)
-    return turned
+    return np.asarray(np.einsum("kij,jk->ik", rotations, vectors))
 
 
 def sine_between(axes: Axes, a: int, b: int) -> Array:

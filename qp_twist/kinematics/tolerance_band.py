@@ -162,8 +162,7 @@ class ToleranceBand(abc.ABC):
 
     def _room(self, lowest: Array, highest: Array) -> Array:
         lower, upper = np.array(self.ranges).T
-        room: Array = np.minimum(lowest - lower, upper - highest)
-        return room
+        return np.asarray(np.minimum(lowest - lower, upper - highest))
 
     def rows(self, pair: FramePair, reach: float = math.inf) -> tuple[Array, Array]:
         """Linear rows that keep the values in their ranges: rows · displacement ≤ rooms.

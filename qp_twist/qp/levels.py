@@ -77,8 +77,7 @@ class Level:
     def broken(self, x: Array) -> Mask:
         """Which inequality rows are violated, (k,)."""
         sizes = 1.0 + np.abs(self.g) + np.linalg.norm(self.G, axis=1)
-        broken: Mask = self.G @ x - self.g > SATISFIED * sizes
-        return broken
+        return np.asarray(self.G @ x - self.g > SATISFIED * sizes)
 
     def rows(self, which: Mask) -> tuple[Array, Array]:
         """The equality rows, then some of the inequality rows, and their right-hand sides."""
