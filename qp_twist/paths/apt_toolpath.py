@@ -70,16 +70,8 @@ def _has_goto(suffix: str, lines: Sequence[str]) -> bool:
     return any(re.match(r"\s*GOTO\s*/", line, re.IGNORECASE) for line in lines)
 
 
-APT = ToolpathFormat(
-    _has_goto,
-    _read,
-    {
-        **STATED_BY_PROGRAMS,
-        ("rotary", "rollover"): (
-            "an APT file states tool axes as vectors; leave rotary and rollover out."
-        ),
-    },
-)
+_VECTORS = "an APT file states tool axes as vectors; leave rotary and rollover out."
+APT = ToolpathFormat(_has_goto, _read, {**STATED_BY_PROGRAMS, ("rotary", "rollover"): _VECTORS})
 """APT-CL."""
 
 
@@ -134,7 +126,6 @@ class _Reader:
             self.out.problems.add(self._zero, "the axis is zero and has no direction", "i, j, k")
 
     def _statement(self, of: Statement) -> None:
-        """Process one statement."""
         first = re.split(r"[\s,]", of.word, maxsplit=1)[0]
         text = next((word for word in TEXT if first.startswith(word)), "")
         if of.word in self._acts:

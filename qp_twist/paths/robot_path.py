@@ -239,7 +239,6 @@ _LANGUAGES: dict[str, tuple[str, ProgramWords]] = {
 
 
 def _format(name: str, begins: str, words: ProgramWords) -> ToolpathFormat:
-    """The format of a language."""
     pattern = re.compile(rf"\s*(?:{begins})", re.IGNORECASE | re.ASCII)
 
     def read(file: Path, lines: Sequence[str], options: ReadingOptions) -> Toolpath:

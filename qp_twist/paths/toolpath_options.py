@@ -25,7 +25,6 @@ Format = Literal["csv", "apt", "gcode", "heidenhain", "rapid", "krl", "ls", "urs
 
 
 def _three_or_six(pivot: str) -> str:
-    """Three numbers, or six."""
     if _PIVOT.fullmatch(pivot) is None:
         raise ValueError(
             f"expected X,Y,Z, such as 0,0,-50, or six numbers for two axes; got {pivot!r}"

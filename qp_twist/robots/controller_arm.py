@@ -15,7 +15,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics.parametrised_arm import ParametrisedArm
 from qp_twist.robots.configurations import angles_of, configuration, has_configuration
 from qp_twist.robots.known_robots import KnownRobot
-from qp_twist.robots.tool_chain import Poses, ToolChain
+from qp_twist.robots.tool_chain import Poses, ToolChain, se3
 
 FLANGES: dict[str, tuple[Sequence[float], bool]] = {
     "rapid": ((0.0, 90.0, 0.0), False),
@@ -76,15 +76,15 @@ class ControllerArm:
         pairs = zip(axes, robot.lines, strict=True)
         apart = np.array([point[0] - turn.apply(line.point) for (_, point), line in pairs])
         move = np.linalg.solve(across.sum(axis=0), (across @ apart[..., None]).sum(axis=0)[:, 0])
-        root = _pose(turn.as_matrix(), move)
-        flange = root @ _pose(
+        root = se3(turn.as_matrix(), move)
+        flange = root @ se3(
             Rotation.from_euler("xyz", [roll, pitch, yaw], degrees=True).as_matrix(),
             robot.lines[-1].point,
         )
         height = np.array([0.0, 0.0, robot.lines[1].point[2] if raised else 0.0])
         now = tool.poses(zero)
-        own = flange.inverse() @ _pose(now.rotations[0], now.positions[0])
-        return cls(robot, tool, signs, offsets, root @ _pose(np.eye(3), height), own)
+        own = flange.inverse() @ se3(now.rotations[0], now.positions[0])
+        return cls(robot, tool, signs, offsets, root @ se3(np.eye(3), height), own)
 
     def theta(self, q: Array) -> Array:
         """θ at joint positions q (…, 6) of the chain, rad."""
@@ -146,7 +146,3 @@ class ControllerArm:
         """
         at = pose if frame is None else self.base @ frame @ pose
         return at if tool is None else at @ tool.inverse() @ self.tool_in_flange
-
-
-def _pose(rotation: Array, position: Array) -> mink.SE3:
-    return mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position)

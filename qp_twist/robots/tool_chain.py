@@ -82,7 +82,7 @@ class ToolChain(NamedTuple):
         if not self.external:
             return pose
         (R, p), (R_arm, p_arm) = self.poses(q[None]), self.arm.poses(q[None, self.own])
-        return _se3(R_arm[0], p_arm[0]) @ _se3(R[0], p[0]).inverse() @ pose
+        return se3(R_arm[0], p_arm[0]) @ se3(R[0], p[0]).inverse() @ pose
 
     def poses(self, q: Array) -> Poses:
         """Poses of the tool for positions of its joints (K, n)."""
@@ -203,5 +203,6 @@ class ToolChain(NamedTuple):
         return whole
 
 
-def _se3(rotation: Array, position: Array) -> mink.SE3:
+def se3(rotation: Array, position: Array) -> mink.SE3:
+    """The pose of a rotation matrix (3, 3) and a position, m."""
     return mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(rotation), position)
