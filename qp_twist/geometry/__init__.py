@@ -6,6 +6,7 @@ from .rotations import cross as cross
 from .rotations import geodesic as geodesic
 from .rotations import perpendicular as perpendicular
 from .rotations import rotate as rotate
+from .rotations import rotation_matrix as rotation_matrix
 from .rotations import rotation_vector as rotation_vector
 from .rotations import twist_angle as twist_angle
 from .twist_error import angular_error as angular_error

@@ -6,7 +6,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 
@@ -64,6 +63,21 @@ def rotation_vector(rotation: Array) -> Array:
     return _vectors(scale * x, scale * y, scale * z)
 
 
+def rotation_matrix(vectors: Array) -> Array:
+    """Exponential of rotation vectors, rad; (3, 3) of (3,), or of many."""
+    x, y, z = _entries(vectors)
+    half = 0.5 * np.sqrt(x * x + y * y + z * z)
+    scale = 0.5 * np.sin(half) / (half + (half == 0.0))
+    w, x, y, z = np.cos(half), scale * x, scale * y, scale * z
+    entries = np.array([
+        w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z,
+    ])  # fmt: skip
+    matrices: Array = np.moveaxis(entries, 0, -1).reshape(*vectors.shape, 3)
+    return matrices
+
+
 def twist_angle(rotation: Array, axis: Array) -> Array:
     """Angle in (−π, π] of the part of a rotation (3, 3) that turns about the unit ``axis`` (3,).
 
@@ -80,8 +94,18 @@ def twist_angle(rotation: Array, axis: Array) -> Array:
 def _quaternion(rotation: Array) -> Any:
     """w ≥ 0, x, y, z of a rotation matrix, as floats, or as arrays of many."""
     if rotation.ndim > 2:
-        quaternions = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
-        return np.moveaxis(quaternions, -1, 0)
+        # 4 times the products of its entries; the row of the largest is the least inexact.
+        R = np.moveaxis(rotation, (-2, -1), (0, 1))
+        xw, yw, zw = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+        xy, xz, yz = R[1, 0] + R[0, 1], R[2, 0] + R[0, 2], R[2, 1] + R[1, 2]
+        x, y, z = (1.0 + 2.0 * R[k, k] - (R[0, 0] + R[1, 1] + R[2, 2]) for k in range(3))
+        w = 1.0 + R[0, 0] + R[1, 1] + R[2, 2]
+        rows = np.stack([w, xw, yw, zw, xw, x, xy, xz, yw, xy, y, yz, zw, xz, yz, z], axis=-1)
+        rows = rows.reshape(*w.shape, 4, 4)
+        largest = np.diagonal(rows, axis1=-2, axis2=-1).argmax(axis=-1)[..., None, None]
+        row = np.take_along_axis(rows, largest, axis=-2)[..., 0, :]
+        row /= np.linalg.norm(row, axis=-1, keepdims=True)
+        return np.moveaxis(np.where(row[..., :1] < 0.0, -row, row), -1, 0)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, rotation.ravel())  # in a hundredth of scipy's time for one
     return (-quaternion if quaternion[0] < 0.0 else quaternion).tolist()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, read_only
 
@@ -105,6 +104,8 @@ def turn_about(
     number stays near its chord; φ is bounded while the chord keeps away from 0.
     Returned are φ at both ends, continuous between them, and the bound of its deviation, rad, (K,).
     """
+    from scipy.spatial.transform import Rotation  # imported on demand: 0.1 s
+
     one, two = (
         Rotation.from_matrix(
             pair.error if frame == "world" else pair.target_rotation.swapaxes(1, 2) @ pair.rotation

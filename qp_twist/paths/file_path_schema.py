@@ -7,7 +7,6 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.paths.projector_schema import OwnProjector
@@ -36,6 +35,8 @@ class WorkpieceTable(Section):
 
     def rotation(self) -> Array:
         """The orientation, (3, 3)."""
+        from scipy.spatial.transform import Rotation  # imported on demand: 0.1 s
+
         if self.quaternion_wxyz is None:
             rpy = np.radians(self.rpy_deg or (0.0, 0.0, 0.0))
             rotation = Rotation.from_euler("xyz", rpy)

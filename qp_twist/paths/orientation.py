@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, unit_vector
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry import rotation_matrix
 
 
 def roll_by_plane(axes: Array, plane_normal: Array, *, flip: bool = False) -> Array:
@@ -59,7 +59,7 @@ def lean_turns(what: str, positions: Array, axes: Array, lead: float, tilt: floa
         InvalidInput: If the path goes along the tool's axis everywhere.
     """
     t = tangents(what, positions, axes)
-    return np.asarray(Rotation.from_rotvec(lead * np.cross(axes, t) + tilt * t).as_matrix())
+    return rotation_matrix(lead * np.cross(axes, t) + tilt * t)
 
 
 def tangents(what: str, positions: Array, axes: Array) -> Array:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import rotation_vector
+from qp_twist.geometry import rotate, rotation_matrix, rotation_vector
 from qp_twist.paths.arcs import LARGEST_TURN, Arc
 from qp_twist.programs import Turning
 from qp_twist.robots.tool_chain import Poses
@@ -94,23 +93,20 @@ class ToolMove(NamedTuple):
         omega = np.zeros(3)
         if arc is not None and rule != "space":
             omega = arc.sweep * arc.axis
-        turned = Rotation.from_rotvec(omega).as_matrix() @ R0
+        turned = rotation_matrix(omega) @ R0
         d = np.zeros(3) if rule == "tangent" else rotation_vector(turned.T @ R1)
         return cls(R0, p0 + R0 @ arm, p1 + R1 @ arm, d, omega, arc, arm)
 
     def at(self, shares: Array) -> Poses:
         """Poses of the frame at shares λ (K,)."""
-        lead, turn = (
-            Rotation.from_rotvec(shares[:, None] * each).as_matrix()
-            for each in (self.omega, self.d)
-        )
+        lead, turn = (rotation_matrix(shares[:, None] * each) for each in (self.omega, self.d))
         R = lead @ self.rotation @ turn
         if self.arc is None:
             p = self.start + shares[:, None] * (self.end - self.start)
         else:
             angles = shares[:, None] * self.arc.sweep * self.arc.axis
             away = self.start - self.arc.centre
-            p = self.arc.centre + Rotation.from_rotvec(angles).apply(away)
+            p = self.arc.centre + rotate(rotation_matrix(angles), away)
         return Poses(R, p - R @ self.arm)
 
     @property
@@ -133,7 +129,7 @@ class ToolMove(NamedTuple):
             return np.array([unit, unit])
         away = self.start - self.arc.centre
         unit = np.cross(self.arc.axis, away) / np.linalg.norm(away)
-        turned = Rotation.from_rotvec(self.arc.sweep * self.arc.axis).apply(unit)
+        turned = rotation_matrix(self.arc.sweep * self.arc.axis) @ unit
         return np.array([unit, turned])
 
     def turns(self) -> Array:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Mask
 from qp_twist.errors import InvalidInput
@@ -219,6 +218,8 @@ def _curve(
     problems: Problems,
     feeds: Array | None = None,
 ) -> Curve:
+    from scipy.spatial.transform import Rotation  # imported on demand: 0.1 s
+
     values, vectors, rotations = points.directions, None, None
     match orientation:
         case "axis" | "normal":

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
-from qp_twist.geometry import geodesic
+from qp_twist.geometry import geodesic, rotation_matrix, rotation_vector
 
 
 def angles_between(a: Array, b: Array) -> Array:
@@ -21,9 +20,7 @@ def angles_between(a: Array, b: Array) -> Array:
 
 def turns_between(a: Array, b: Array) -> Array:
     """Angles of the rotations from (N, 3, 3) to (N, 3, 3), rad, (N,)."""
-    if not len(a):
-        return np.zeros(0)
-    return np.asarray(Rotation.from_matrix(b @ a.transpose(0, 2, 1)).magnitude())
+    return np.asarray(np.linalg.norm(rotation_vector(b @ a.transpose(0, 2, 1)), axis=1))
 
 
 def vectors_at(a: Array, b: Array, shares: Array) -> Array:
@@ -43,13 +40,13 @@ def vectors_at(a: Array, b: Array, shares: Array) -> Array:
 
 def rotations_at(a: Array, b: Array, shares: Array) -> Array:
     """Rotations (N, 3, 3) from a to b, (3, 3) or (N, 3, 3), about one axis, at shares (N,)."""
-    turn = Rotation.from_matrix(b @ np.swapaxes(a, -1, -2)).as_rotvec()
-    return np.asarray(Rotation.from_rotvec(shares[:, None] * turn).as_matrix() @ a)
+    turn = rotation_vector(b @ np.swapaxes(a, -1, -2))
+    return rotation_matrix(shares[:, None] * turn) @ a
 
 
 def least_turns(a: Array, b: Array) -> Array:
     """The rotations (N, 3, 3) by the smallest angle that take unit vectors a to b, (N, 3) each."""
-    return np.asarray(Rotation.from_rotvec(geodesic(a, b)).as_matrix())
+    return rotation_matrix(geodesic(a, b))
 
 
 def transported(first: Array, axes: Array) -> Array:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask, finite_array
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import TwistProjector, with_fewer_rows
+from qp_twist.geometry import TwistProjector, rotation_matrix, rotation_vector, with_fewer_rows
 from qp_twist.paths.orientation import poses
 
 if TYPE_CHECKING:
@@ -68,8 +67,8 @@ class Waypoints:
         between = np.flatnonzero(~there)
         if len(between):
             j, k, part = before[between], after[between], share[between, None]
-            turns = Rotation.from_matrix(rotations[k] @ rotations[j].transpose(0, 2, 1))
-            R[between] = Rotation.from_rotvec(part * turns.as_rotvec()).as_matrix() @ rotations[j]
+            turns = rotation_vector(rotations[k] @ rotations[j].transpose(0, 2, 1))
+            R[between] = rotation_matrix(part * turns) @ rotations[j]
             p[between] = positions[j] + part * (positions[k] - positions[j])
             for row, last in zip(between.tolist(), j.tolist(), strict=True):
                 projectors[row] = with_fewer_rows(held[last], projectors[row])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
@@ -166,7 +166,7 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
     if not len(q):
         return np.zeros(0, dtype=np.intp)
     z = ranges.centring(q)
-    tree, taken = KDTree(q), np.zeros(len(z), dtype=bool)
+    tree, taken = scipy.spatial.KDTree(q), np.zeros(len(z), dtype=bool)
     first, last = tree.query_pairs(_VALLEY, output_type="ndarray").T
     # Configurations that have a neighbour of less z are none.
     taken[first[z[last] < z[first]]] = True

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.planning.layer import boxed
@@ -67,7 +67,10 @@ def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
     near = (after >= q.min(axis=0) - largest_step) & (after <= q.max(axis=0) + largest_step)
     kept = np.flatnonzero((near | (period > 0.0)).all(axis=1))
     box = period / largest_step
-    trees = [KDTree(boxed(points / largest_step, box), boxsize=box) for points in (q, after[kept])]
+    trees = [
+        scipy.spatial.KDTree(boxed(points / largest_step, box), boxsize=box)
+        for points in (q, after[kept])
+    ]
     found = trees[0].sparse_distance_matrix(trees[1], 1.0 + 1e-9, p=np.inf, output_type="ndarray")
     return Edges(found["i"], kept[found["j"]])
 

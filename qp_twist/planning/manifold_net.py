@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
+import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
@@ -139,7 +137,7 @@ class ManifoldNet:
                 taken[near] = True
         return q[kept]
 
-    def _covered(self, q: Array, net: KDTree) -> Mask:
+    def _covered(self, q: Array, net: scipy.spatial.KDTree) -> Mask:
         """Which of q (K, nv) are too close to a node of the net, (K,)."""
         if not len(q):
             return np.zeros(0, dtype=bool)
@@ -149,9 +147,10 @@ class ManifoldNet:
     def pieces(self, q: Array) -> Indices:
         """Index of the manifold of each of q (K, nv), by the connected components of neighbours."""
         pairs = self.seeds.tree(q).query_pairs(2.0, output_type="ndarray")
-        graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (len(q), len(q)))
-        labels: Indices = connected_components(graph, directed=False)[1].astype(np.intp)
-        return labels
+        entries = np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])
+        graph = scipy.sparse.coo_matrix(entries, (len(q), len(q)))
+        _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        return np.asarray(labels, dtype=np.intp)
 
     def _brought_inside(self, q: Array, index: int) -> tuple[Array, Indices]:
         """Those of q (K, nv), on the waypoint, that are inside the limits up to whole turns.

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.constraints import JointCouplings
-from qp_twist.geometry import distinct_projectors, resolved_twist_error
+from qp_twist.geometry import distinct_projectors, resolved_twist_error, rotation_matrix
 from qp_twist.kernel import path_kernel
 from qp_twist.kernel.arm_kernel import Arm
 from qp_twist.kernel.path_kernel import Couplings, Rows
@@ -184,7 +183,7 @@ class PathRows:
         R_d, p_d = map(np.broadcast_to, targets, (rotations.shape, positions.shape))
         projector = self._projectors[self._which[index]]
         errors = resolved_twist_error(rotations, positions, R_d, p_d, projector)[1]
-        turned: Array = Rotation.from_rotvec(errors[:, 3:]).as_matrix() @ rotations
+        turned = rotation_matrix(errors[:, 3:]) @ rotations
         return turned, positions + errors[:, :3]
 
     def nearest(self, index: int, q: Array) -> tuple[float, str]:

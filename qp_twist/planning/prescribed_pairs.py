@@ -7,11 +7,10 @@ from itertools import product
 import mink
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices
 from qp_twist.constraints import Clearance
-from qp_twist.geometry import ProjectorKind
+from qp_twist.geometry import ProjectorKind, rotation_matrix
 from qp_twist.kinematics.frame import frame_pose, welded_to
 from qp_twist.paths import PathTask
 from qp_twist.planning.certificate import Certificate
@@ -93,7 +92,7 @@ class _Tool:
     def margins(self, index: int, roll: float) -> Array:
         """Distances less the clearance, with the slack, at a roll of a waypoint, m, (P,)."""
         model, data, waypoint = self._task.model, self._data, self._task.waypoints[index]
-        turn = Rotation.from_rotvec(roll * self._axis(index)).as_matrix()
+        turn = rotation_matrix(roll * self._axis(index))
         R, p = waypoint.rotation().as_matrix() @ turn, waypoint.translation()
         for geom, (turned, place) in self._poses.items():
             data.geom_xmat[geom], data.geom_xpos[geom] = (R @ turned).ravel(), p + R @ place

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Mask
 from qp_twist.constraints import JointCouplings
-from qp_twist.geometry import ProjectorKind
+from qp_twist.geometry import ProjectorKind, rotation_matrix
 from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
@@ -45,8 +44,7 @@ def rolled(path_task: PathTask, index: int, rolls: Array) -> tuple[Array, Array]
     waypoint = path_task.waypoints[index]
     rotations = np.tile(waypoint.rotation().as_matrix(), (len(rolls), 1, 1))
     if path_task.in_force[index].angular.kind is ProjectorKind.PLANE:
-        turns = Rotation.from_rotvec(rolls[:, None] * RollGrid.axis(path_task, index))
-        rotations = rotations @ turns.as_matrix()
+        rotations @= rotation_matrix(rolls[:, None] * RollGrid.axis(path_task, index))
     return rotations, np.tile(waypoint.translation(), (len(rolls), 1))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges, ParametrisedArm
@@ -43,9 +43,9 @@ class Seeds:
         self._lower = np.where(np.isfinite(ranges.lower), ranges.lower, -half)
         self._upper = np.where(np.isfinite(ranges.upper), ranges.upper, half)
 
-    def tree(self, q: Array) -> KDTree:
+    def tree(self, q: Array) -> scipy.spatial.KDTree:
         """Nearest neighbours among q (K, nv)."""
-        return KDTree(self.scaled(q), boxsize=self._period / self.spacing)
+        return scipy.spatial.KDTree(self.scaled(q), boxsize=self._period / self.spacing)
 
     def scaled(self, q: Array) -> Array:
         """Joints divided by the spacing, modulo whole turns that do not matter."""
@@ -141,7 +141,7 @@ class _Grid:
         self.q = seeds.at(index, arm, points)
         self.near = seeds.near(self.q)
 
-    def halve(self, net: KDTree) -> bool:
+    def halve(self, net: scipy.spatial.KDTree) -> bool:
         """Halve the intervals on which a branch moves far or ends; whether there were any."""
         a, b = self.q[self._first], self.q[self._second]
         near = self.near[self._first] | self.near[self._second]

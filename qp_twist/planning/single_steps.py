@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Mask
 from qp_twist.constraints import Clearance, JointCouplings
@@ -104,7 +104,8 @@ def _pairs(alone: Problem, level: Level) -> Array:
     shortened, arrived = _shortened(alone, before)
     endless = alone.period > 0.0
     scaled = (np.where(endless, q % TURN, q) / steps for q in (before, after))
-    _, nearest = KDTree(next(scaled), boxsize=alone.period / steps).query(next(scaled), p=np.inf)
+    tree = scipy.spatial.KDTree(next(scaled), boxsize=alone.period / steps)
+    nearest = tree.query(next(scaled), p=np.inf)[1]
     begin = np.concatenate([before[arrived], before[nearest]])
     step = alone.unwound(np.concatenate([shortened[arrived], after]) - begin)
     pairs = np.stack([begin, begin + step], axis=1)

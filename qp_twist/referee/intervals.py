@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices
 from qp_twist.geometry import (
@@ -14,6 +13,8 @@ from qp_twist.geometry import (
     TwistProjector,
     distinct_projectors,
     resolved_twist_error,
+    rotation_matrix,
+    rotation_vector,
     with_fewer_rows,
 )
 
@@ -47,7 +48,7 @@ class Intervals:
         self._R, self._p = R_d, p_d
         self._step = p_d[1:] - p_d[:-1]
         turn = R_d[1:] @ R_d[:-1].transpose(0, 2, 1)
-        self._turn = Rotation.from_matrix(turn).as_rotvec() if len(turn) else np.zeros((0, 3))
+        self._turn = rotation_vector(turn)
         self.lengths = np.linalg.norm(self._step, axis=1)
         self.turns = np.linalg.norm(self._turn, axis=1)
         count = len(self.lengths)
@@ -84,7 +85,7 @@ class Intervals:
 
     def at(self, interval: Indices, share: Array) -> tuple[Array, Array]:
         """Rotations (K, 3, 3) and positions (K, 3) at shares of intervals, (K,)."""
-        turned = Rotation.from_rotvec(share[:, None] * self._turn[interval]).as_matrix()
+        turned = rotation_matrix(share[:, None] * self._turn[interval])
         return turned @ self._R[interval], self._p[interval] + share[:, None] * self._step[interval]
 
     def progress(self, R: Array, p: Array, interval: Indices, even: Array) -> tuple[Array, Array]:
@@ -115,7 +116,7 @@ class Intervals:
         """
         found = np.empty((len(p), 6))
         for column, unit in enumerate(_PROBE * np.eye(6)):
-            turned = Rotation.from_rotvec(unit[3:]).as_matrix()
+            turned = rotation_matrix(unit[3:])
             ahead = self.progress(turned @ R, p + unit[:3], interval, even)[1]
             back = self.progress(turned.T @ R, p - unit[:3], interval, even)[1]
             found[:, column] = (ahead - back) / (2.0 * _PROBE)

@@ -44,10 +44,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.geometry import rotation_matrix
 from qp_twist.robots.axis_geometry import Line
 from qp_twist.robots.known_robots import KnownRobot
 
@@ -272,10 +272,10 @@ def arm_place(robot: KnownRobot, theta: Array) -> ArmPlace:
     shoulder, elbow = lines[1].point, lines[2].point
     # In the plane of the arm: along axis 2 from each point nothing changes.
     for line, angle in ((lines[2], theta[2]), (lines[1], theta[1])):
-        turn = Rotation.from_rotvec(angle * line.axis)
-        centre = line.point + turn.apply(centre - line.point)
+        turn = rotation_matrix(angle * line.axis)
+        centre = line.point + turn @ (centre - line.point)
         if line is lines[1]:
-            elbow = shoulder + turn.apply(elbow - shoulder)
+            elbow = shoulder + turn @ (elbow - shoulder)
     aside = np.array([0.0, 1.0, 0.0])
     arm = elbow - shoulder
     before = float(aside @ np.cross(arm, centre - shoulder)) / float(np.linalg.norm(arm))

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import mink
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
@@ -65,6 +64,8 @@ class ControllerArm:
         with the points p of the robot's axes, and directions a and points m of the model's.
         ``None`` for a robot whose language has no flange here.
         """
+        from scipy.spatial.transform import Rotation  # imported on demand: 0.1 s
+
         if robot.program not in FLANGES or len(robot.lines) != len(signs):
             return None
         (roll, pitch, yaw), raised = FLANGES[robot.program]

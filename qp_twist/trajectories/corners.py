@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error
+from qp_twist.geometry import Projector, TwistProjector, resolved_twist_error, rotation_matrix
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import Zone
@@ -128,7 +127,7 @@ class Corners(NamedTuple):
         most = np.maximum(lengths.max(axis=1), _SHORTEST)
         half = 0.5 * np.minimum(most[:-1], most[1:])
         changed = half / most[1:] * self.turns[1:, 0] - half / most[:-1] * self.turns[:-1, 1]
-        turned = R @ Rotation.from_rotvec(0.25 * (angular * changed.T).T).as_matrix()
+        turned = R @ rotation_matrix(0.25 * (angular * changed.T).T)
         corner = p + d * (after - before) / (2.0 + both)
         arcs = p + d**2 / 32.0 * (self.bends[:-1, 1] + self.bends[1:, 0])
         sizes = []

@@ -7,11 +7,16 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.errors import InvalidInput
-from qp_twist.geometry import TwistProjector, geodesic, resolved_twist_error, rotation_vector
+from qp_twist.geometry import (
+    TwistProjector,
+    geodesic,
+    resolved_twist_error,
+    rotation_matrix,
+    rotation_vector,
+)
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import PACE, Dialect, Turning
@@ -250,8 +255,8 @@ class Fits:
         """The rotations (K, 3, 3) on a move if an axis of the tool swings."""
         if not self._dialect.two_angles:
             return []
-        lead = Rotation.from_rotvec(share[:, None] * move.omega).as_matrix()
-        ends = move.rotation, move.rotation @ Rotation.from_rotvec(move.d).as_matrix()
+        lead = rotation_matrix(share[:, None] * move.omega)
+        ends = move.rotation, move.rotation @ rotation_matrix(move.d)
         return [lead @ _two_angles(np.array(ends), share, axis) for axis in np.eye(3)]
 
 
@@ -336,8 +341,8 @@ def _two_angles(R: Array, share: Array, axis: Array) -> Array:
     An axis of the tool (3,) swings, and the tool turns about it, each in proportion.
     """
     swing = geodesic(R[0] @ axis, R[1] @ axis)
-    twist = rotation_vector(R[0].T @ Rotation.from_rotvec(-swing).as_matrix() @ R[1])
-    before = Rotation.from_rotvec(share[:, None] * swing).as_matrix()
-    after = Rotation.from_rotvec(share[:, None] * twist).as_matrix()
+    twist = rotation_vector(R[0].T @ rotation_matrix(-swing) @ R[1])
+    before = rotation_matrix(share[:, None] * swing)
+    after = rotation_matrix(share[:, None] * twist)
     turned: Array = before @ R[0] @ after
     return turned

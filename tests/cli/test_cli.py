@@ -32,16 +32,24 @@ def test_help_names_every_command_and_what_it_does(capsys: pytest.CaptureFixture
         assert f" {name} {' '.join(first.split())}" in listed
 
 
-@pytest.mark.parametrize("words", [["--help"], ["tasks"]])
-def test_what_computes_nothing_does_not_load_mink(words: list[str]) -> None:
-    """It takes a second, in which whoever types a first command waits."""
-    source = f"import sys; from qp_twist.cli import main; main({words}); print(*sys.modules)"
+@pytest.mark.parametrize(
+    ("words", "unused"),
+    [
+        ("--help", {"mink", "mujoco", "numba", "scipy"}),
+        ("tasks", {"mink", "mujoco", "numba", "scipy"}),
+        ("run planar_line --out FILE", {"scipy.spatial", "scipy.optimize", "glfw"}),
+    ],
+)
+def test_what_is_not_used_is_not_loaded(words: str, unused: set[str], tmp_path: Path) -> None:
+    """Each takes a tenth of a second and more, in which whoever types a command waits."""
+    given = words.replace("FILE", str(tmp_path / "m.csv")).split()
+    source = f"import sys; from qp_twist.cli import main; main({given}); print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", source], capture_output=True, text=True, check=True
     )
     loaded = done.stdout.splitlines()[-1].split()
     assert "tyro" in loaded
-    assert not {"mink", "mujoco", "numba", "scipy"} & set(loaded)
+    assert not unused & set(loaded)
 
 
 def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,6 +23,7 @@ from qp_twist.geometry import (
     clamp_twist,
     geodesic,
     resolved_twist_error,
+    rotation_matrix,
     rotation_vector,
     twist_angle,
     twist_error,
@@ -301,6 +302,9 @@ def test_the_rotation_vector_inverts_scipys_exponential(axis: Array, angle: floa
     close(Rotation.from_rotvec(vector).as_matrix(), R)
     if abs(angle) < 3.1:
         close(vector, angle * axis)
+    close(rotation_matrix(angle * axis), R)
+    many = np.array([R, np.eye(3), np.diag([1.0, -1.0, -1.0])])  # the last is a half turn
+    close(rotation_matrix(rotation_vector(many)), many)
 
 
 def test_the_rotation_vector_of_a_small_rotation_is_not_rounded_to_nothing() -> None:
