@@ -18,6 +18,13 @@ from qp_twist.programs.values import Values
 MORE = ".."
 """Mark of a remark that continues the one above."""
 _SECTION = re.compile(r"/(PROG\b.*|ATTR|APPL|MN|POS|END)\s*", re.ASCII)
+_ATTRIBUTES = frozenset(
+    ("OWNER", "COMMENT", "PROG_SIZE", "CREATE", "MODIFIED", "FILE_NAME", "VERSION", "LINE_COUNT",
+     "MEMORY_SIZE", "PROTECT", "STORAGE", "STACK_SIZE", "TASK_PRIORITY", "TIME_SLICE",
+     "BUSY_LAMP_OFF", "ABORT_REQUEST", "PAUSE_REQUEST", "DEFAULT_GROUP", "CONTROL_CODE",
+     "LOCAL_REGISTERS")
+)  # fmt: skip
+"""Keys under /ATTR."""
 _POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
 
 
@@ -55,6 +62,10 @@ class TpFiles(Program):
             points[int(match[1])] = match[2]
         self._labels |= {text for _, text in found if text.startswith("LBL")}
         if strict:
+            for number, line in parts["ATTR"]:
+                for word in re.findall(r"(\w+)\s*=", re.sub(r'"[^"]*"', "", line)):
+                    if word not in _ATTRIBUTES:
+                        self.moves.note(f"{word} under /ATTR, line {number}, is not known")
             self._check_file(name, texts, found, points.keys())
         return found
 

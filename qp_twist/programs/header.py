@@ -54,6 +54,7 @@ def header_lines(
     equations: Sequence[str],
     task: str = "",
     spacing: str = "",
+    beside: Sequence[str] = (),
 ) -> tuple[str, ...]:
     """The lines of the header, without comment marks.
 
@@ -64,6 +65,7 @@ def header_lines(
         equations: What each axis shows.
         task: Name of the task, if known.
         spacing: What became of rows too close to each other in time.
+        beside: On which sides of the path the motion goes beside it.
     """
     from qp_twist import __version__  # whose package has all modules, those of paths too
 
@@ -73,6 +75,7 @@ def header_lines(
         f"qp_twist {__version__}",
         *([f"task: {task}"] if task else []),
         *([f"spacing: {spacing}"] if spacing else []),
+        *([f"beside: {', '.join(beside)}"] if beside else []),
         f"robot: {robot or AS_MODELLED}",
         f"unit: {dialect.unit}",
         f"points: {moves.points}",
@@ -163,7 +166,7 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
     equations = []
     for line in lines[starts[0] + 1 :]:
         key, colon, value = line.partition(":")
-        if colon and key in (*_KEYS, "speeds", "task", "spacing") and key not in found:
+        if colon and key in (*_KEYS, "speeds", "task", "spacing", "beside") and key not in found:
             found[key] = value.strip()
         elif re.match(r"\w+ = \S", line):
             equations.append(line)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +78,7 @@ class Check:
         program: Lines and points of a program, in words; empty of other files.
         speed: The tool's speed against the programmed one; ``None`` without a feed or times.
         tolerances: Largest task errors that pass.
+        beside: On which sides of the path how many rows go beside it.
     """
 
     task: str
@@ -95,6 +97,7 @@ class Check:
     program: str
     speed: ToolSpeed | None
     tolerances: Tolerances
+    beside: Mapping[str, int]
 
     @property
     def passes(self) -> bool:
@@ -229,13 +232,17 @@ def check_trajectory(
     dips, of_speed = _of_speed(path_task, speed)
     rounding = of_rounding(rows, path_task, motion, passing, tolerances)
     of_ramps, more_sources = of_stated_ramps(rows, limits, ranges, passing)
-    findings = (*findings, *dips, *rounding, *of_ramps)
+    beside = _beside_the_path(path_task, passing, motion, met, tolerances)
+    findings = (*findings, *dips, *rounding, *of_ramps, *_not_stated(beside, rows.beside))
+    judged = [f"{_counted(beside)}: judged for limits and obstacles, not against the path"]
+    judged = judged if beside else []
+    foreign = bool(rows.program) and rows.beside is None
     notes = [
         *of_speed,
         *disagreements(rows.metadata, path_task, limits),
         *rows.notes,
         *_part_of_the_path(passing, motion, met),
-        *_beside_the_path(path_task, passing, motion, met, tolerances),
+        *([] if foreign else judged),
     ]
     unsaid = path_task.cuts == "fewest" and "cuts" not in rows.metadata
     if unsaid and not all(finding.passes for finding in findings):
@@ -254,7 +261,7 @@ def check_trajectory(
         unchecked.insert(0, f"lifts off after waypoints {after}, as it states itself: between each "
                             "of them and the next one the path is not asked about")  # fmt: skip
     sources += more_sources
-    unchecked = [*rows.unjudged, *unchecked]
+    unchecked = [*rows.unjudged, *(judged if foreign else []), *unchecked]
     if timed:
         unchecked += [] if rows.own_ramps else _at_speed(ranges, motion)
         jumps, of_jerks, source = _of_jerks(path_task, limits, ranges, rows)
@@ -263,7 +270,7 @@ def check_trajectory(
         path_task.name, len(rows.q), count,
         "row by row" if passing.by_row else "nearest points in the waypoints' order",
         findings, tuple(notes), tuple(unchecked), (*rows.sources, *sources), motion, passing,
-        errors, astray, limits, rows.program, speed, tolerances,
+        errors, astray, limits, rows.program, speed, tolerances, beside,
     )  # fmt: skip
 
 
@@ -337,9 +344,9 @@ def _part_of_the_path(passing: Passing, motion: JointMotion, met: Mask) -> list[
 
 def _beside_the_path(
     path_task: PathTask, passing: Passing, motion: JointMotion, met: Mask, tolerances: Tolerances
-) -> list[str]:
-    """A sentence about rows before the path and after it, unless they stay at its end."""
-    parts = []
+) -> dict[str, int]:
+    """The sides of the path, each with its rows beside it, unless they stay at its end."""
+    found = {}
     for side, end, beside in (
         ("before the first waypoint", 0, motion.times < passing.times[0]),
         ("after the last waypoint", -1, motion.times > passing.times[-1]),
@@ -352,10 +359,21 @@ def _beside_the_path(
         errors = resolved_twist_error(R, p, R_d, p_d, path_task.in_force[end])[1]
         linear, angular = (np.linalg.norm(part, axis=1) for part in np.hsplit(errors, 2))
         if not tolerances.met(linear, angular).all():
-            parts.append(f"{len(R)} {'row' if len(R) == 1 else 'rows'} {side}")
-    if not parts:
+            found[side] = len(R)
+    return found
+
+
+def _counted(beside: Mapping[str, int]) -> str:
+    return " and ".join(f"{n} {'row' if n == 1 else 'rows'} {side}" for side, n in beside.items())
+
+
+def _not_stated(beside: Mapping[str, int], stated: Sequence[str] | None) -> list[Finding]:
+    """A finding if a program with a header goes beside the path where that does not say it."""
+    more = {side: n for side, n in beside.items() if stated is not None and side not in stated}
+    if not more:
         return []
-    return [f"{' and '.join(parts)}: judged for limits and obstacles, not against the path"]
+    where = f"{_counted(more)}, which the header does not state: a point was changed"
+    return [Finding("rows beside the path", sum(more.values()), 0.0, "", where, passes=False)]
 
 
 def _coverage(

@@ -254,6 +254,9 @@ def decode(
         stops=tuple(found.points[[*moves.rests]].tolist()),
         unjudged=tuple(unjudged),
         program=f"{len(lines)} lines, {moves.points} points",
+        beside=tuple(filter(None, moves.header.get("beside", "").split(", ")))
+        if moves.header
+        else None,
     )
 
 

@@ -75,6 +75,7 @@ class ProgramWriter:
         self._task, self._linear = path_task, linear
         self._around = {} if path_task is None else around_rows(rows, path_task)
         self._rounded: Array | None = None
+        self._beside: tuple[str, ...] = ()
         self._joined = np.zeros(len(rows.q), dtype=bool)
         self._kept = self._points()
 
@@ -113,16 +114,19 @@ class ProgramWriter:
         # In characters that every controller reads, and on one line.
         task = " ".join("".join(c if " " <= c <= "~" else "?" for c in task).split())[:60]
         equations, remark = joints.equations(names), "; ".join(remarks)
-        lines = header_lines(dialect, moves, joints.robot, equations, task, remark)
+        lines = header_lines(dialect, moves, joints.robot, equations, task, remark, self._beside)
         return dialect.encode(self._name, moves, lines)
 
     def answers(self, rows: TimedPath, check: Check) -> bool:
         """Whether the next program will be another one for what a check finds of these rows.
 
-        It has joint moves where digits of straight ones make joints exceed their limits, or rounds
-        its points less.
+        It states that the trajectory goes beside the path before it or after it, has joint moves
+        where digits of straight ones make joints exceed their limits, or rounds its points less.
         """
         assert self._task is not None
+        if not {*check.beside} <= {*self._beside}:
+            self._beside = tuple(check.beside)
+            return True
         if self.joins(beyond_limits(rows, check)):
             return True
         kept = kept_rounding(rows, self._task, check)

@@ -94,6 +94,8 @@ class TimedPath:
         ramps: Joint accelerations while speeds change as a program states it (``a``), on the moves
             to its points, rad/s² or m/s², (P, n); ``None`` without.
         program: Lines and points of the program that it was read from, in words; empty of others.
+        beside: On which sides of the path a program of this package states that it goes beside it;
+            ``None`` of others.
     """
 
     joint_names: tuple[str, ...]
@@ -112,6 +114,7 @@ class TimedPath:
     slowed: tuple[Slowed, ...] = ()
     stops: tuple[int, ...] = ()
     program: str = ""
+    beside: tuple[str, ...] | None = None
     zones: tuple[Zone | None, ...] = ()
     corners: Corners | None = None
     ramps: Array | None = None

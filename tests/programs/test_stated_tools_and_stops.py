@@ -12,7 +12,13 @@ from oracles.program_cells import Job, job_of
 
 import qp_twist as qt
 from qp_twist.referee import DIP
-from qp_twist.trajectories import Check, check_trajectory, read_trajectory, write_checked
+from qp_twist.trajectories import (
+    Check,
+    TimedPath,
+    check_trajectory,
+    read_trajectory,
+    write_checked,
+)
 from qp_twist.trajectories.linear_moves import LinearMotion
 
 IN_HEADER = r"frame in the flange: (set_tcp\(p\[.*?\]\))"
@@ -108,3 +114,36 @@ def test_jerks_that_a_controller_makes_are_named(tmp_path: Path) -> None:
     limited = dataclasses.replace(job.task, jerk_limits=np.full(6, 1000.0))
     check = checked(job._replace(task=limited), text, tmp_path)
     assert check.passes and "joint jerks not checked" in check.verdict
+
+
+def test_a_start_beside_the_path_is_no_approach_unless_the_header_says_so(
+    script: tuple[Job, str], tmp_path: Path
+) -> None:
+    """The first axis is 2 mrad, some 1.5 mm, off; a point later the tool is at waypoint 1."""
+    job, text = script
+    first = re.search(r"  movej\(\[([-\d.]+)", text)
+    assert first
+    off = text[: first.start(1)] + f"{float(first[1]) + 0.002:.10f}" + text[first.end(1) :]
+    check = checked(job, off, tmp_path)
+    assert not check.passes and "rows beside the path" in check.verdict
+    alone = checked(job, without_header(off), tmp_path)
+    assert "before the first waypoint: judged for limits" in "; ".join(alone.unchecked)
+
+
+def test_an_exported_approach_is_stated(script: tuple[Job, str], tmp_path: Path) -> None:
+    rows, path = script[0].rows, tmp_path / "approach.script"
+    assert rows.times is not None
+    above = np.vstack([rows.q[0] + 0.01, rows.q])
+    approach = TimedPath(rows.joint_names, above, np.append(0.0, 0.5 + rows.times))
+    check, done = write_checked(approach, path, script[0].task, script[0].joints)
+    assert done and check.passes, check.verdict
+    assert "# beside: before the first waypoint" in path.read_text()
+    assert checked(script[0], path.read_text(), tmp_path).passes
+
+
+def test_a_misspelled_attribute_is_named(tmp_path: Path) -> None:
+    job, text = written("Fanuc LR Mate 200iD", tmp_path)
+    number = 1 + text[: text.index("DEFAULT_GROUP")].count("\n")
+    check = checked(job, text.replace("DEFAULT_GROUP", "DEFAULT_GRUOP"), tmp_path)
+    assert f"DEFAULT_GRUOP under /ATTR, line {number}, is not known" in check.notes
+    assert "/ATTR" not in "; ".join(checked(job, text, tmp_path).notes)
