@@ -99,26 +99,27 @@ def test_cases_pass_and_fail() -> None:
     assert 10 < sum(passed) < 40
 
 
-@pytest.mark.parametrize("case", range(0, 50, 7))
+@pytest.mark.parametrize("case", range(0, 35, 7))  # one of each task
 def test_a_file_has_the_verdict_of_its_run_in_every_command(
     case: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     task, file = task_of(case), tmp_path / "run.csv"
     done = run_task(task, "qp_gradient", file)
-    if done.check is None:  # ends at its start
-        assert not done.passes
-        return
+    check, passes = done.check, case % 2 == 0
+    if not passes:  # the file's joints are faster than another task lets them
+        task = dataclasses.replace(task, velocity_limits=1e-3 * task.velocity_limits)
+        check = qt.check_trajectory(qt.read_trajectory(file), task)
+    assert done.passes and check is not None and check.passes == passes
     for module in ("check", "report"):
         monkeypatch.setattr(f"qp_twist.cli.{module}.load", lambda *_: task)
     capsys.readouterr()
     code = _exit_code(["check", str(file), task.name, "--json"])
     found = json.loads(capsys.readouterr().out)
-    assert (code == 0) == done.passes == found["passes"]
-    assert found == done.check.to_dict()
-    assert (_exit_code(["report", str(file), task.name, "--out", str(tmp_path)]) == 0) == (
-        done.passes
-    )
-    assert qt.check_trajectory(done.timed or done.rows, task).passes == done.passes
+    assert (code == 0) == passes
+    assert found == check.to_dict()
+    code = _exit_code(["report", str(file), task.name, "--out", str(tmp_path)])
+    assert (code == 0) == passes
+    assert qt.check_trajectory(done.timed or done.rows, task).passes == passes
 
 
 @pytest.mark.parametrize("case", [0, 3, 8])
