@@ -4,6 +4,7 @@
     python benchmarks/timing.py [timing_moves] [--moves 100] [--write]
     python benchmarks/timing.py [timing_jumps] [--write]
     python benchmarks/timing.py [timing_roll] [--write]
+    python benchmarks/timing.py [timing_seam] [--write]
 
 *timing*: shipped tasks at 20 times their feed, and random paths of six joints, each as one curve
 through its rows. toppra (limits of speed and acceleration, the same curve, as many grid points as
@@ -20,6 +21,10 @@ to the next, over jerk limit × 1 ms, of the positions in the file by scipy.
 it together with the speed, on the same rows: its third derivative with respect to the time at the
 feed, by MuJoCo, nine tenths of it and the largest, which is at corners; and the time.
 
+*timing_seam*: a weld seam, where a pipe meets a wider one, at 200 mm/s, by a tool of free roll: the
+part of the path at that speed, within the default limits of jerk, too, without and with a constant
+feed; and the dips of the latter.
+
 Needs toppra and ruckig (``pip install toppra ruckig``).
 """
 
@@ -29,16 +34,24 @@ from page import command, markdown_table
 
 # isort: split
 import itertools
+import pathlib
 import statistics
+import sys
+import tempfile
 import time
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import mink
 import mujoco
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline
 from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "tests"))
+
+from oracles.mounted_robots import Mounted, mounted
 
 import qp_twist as qt
 from qp_twist.checks import Array
@@ -58,11 +71,17 @@ from qp_twist.trajectories import (
     time_trajectory,
 )
 from qp_twist.trajectories.steady_speed import _dense
+from qp_twist.trajectories.task_run import run_task
 
 TASKS = ("deburring", "deburring_bands", "dome_seams", "turn_tilt", "part_in_hand")
 FASTER = 20.0
 """Times the feed: the joints' limits count everywhere."""
 LOOKS = 20
+SEAMS = {
+    "Fanuc M-20iA": (-20.0, 20.0, -10.0, -60.0, 40.0, 170.0),
+    "Universal Robots UR10e": (-100.0, -120.0, 90.0, -50.0, 70.0, -150.0),
+}
+"""Robots, and where they begin, degrees."""
 _APART = 0.02
 """Of samples of the roll, s at the task's feed: as far as its rows at a constant feed."""
 
@@ -276,6 +295,45 @@ def _roll_jerks(run: qt.Trajectory, apart: float) -> Array:
     return np.asarray(np.percentile(np.abs(np.diff(rates, 2)) / apart**2, (90.0, 100.0)))
 
 
+def _seam(arm: Mounted, radius: float, wide: float, points: int) -> qt.PathTask:
+    """Where a pipe of ``radius`` m meets one of radius ``wide``: the tool halves their angle."""
+    poses = []
+    for t in np.linspace(0.0, 1.5 * np.pi, points):
+        x, y = radius * np.cos(t), radius * np.sin(t)
+        z = np.sqrt(wide**2 - x**2)
+        axis = -np.array([np.cos(t), np.sin(t), 0.0]) - np.array([x, 0.0, z]) / wide
+        axis /= np.linalg.norm(axis)
+        side = np.cross(axis, [0.0, 0.0, 1.0])
+        side /= np.linalg.norm(side)
+        turn = mink.SO3.from_matrix(np.column_stack([side, np.cross(axis, side), axis]))
+        poses.append(mink.SE3.from_rotation_and_translation(turn, np.array([x, y, z])))
+    placed = arm.start @ poses[0].inverse()
+    waypoints = [placed @ pose for pose in poses]
+    ways = np.linalg.norm(np.diff([w.translation() for w in waypoints], axis=0), axis=1)
+    return arm.task("seam", waypoints, np.append(0.0, ways / 0.2))
+
+
+def timing_seam() -> str:
+    """The part of a weld seam at its speed, without and with a constant feed."""
+    rows = []
+    for name, theta in SEAMS.items():
+        task = _seam(mounted(name, theta), 0.05, 0.08, 151)
+        speeds = []
+        with tempfile.TemporaryDirectory() as folder:
+            for constant in (False, True):
+                run = run_task(
+                    replace(task, constant_speed=constant),
+                    "qp_gradient",
+                    pathlib.Path(folder) / "m.csv",
+                )
+                assert run.check is not None and run.check.speed is not None
+                speeds.append(run.check.speed)
+        dips = "; ".join(map(str, speeds[1].longest_dips[:3]))
+        shares = [f"{100.0 * speed.at_speed:.1f} %" for speed in speeds]
+        rows.append((name, *shares, len(speeds[1].dips), dips))
+    return markdown_table(["seam", "without", "constant", "dips", "the longest"], rows)
+
+
 def timing_roll(tasks: str = "deburring,dome_seams") -> str:
     """Smoothness of the roll without and with a constant feed, and the times."""
     rows = []
@@ -302,6 +360,6 @@ def timing_roll(tasks: str = "deburring,dome_seams") -> str:
 if __name__ == "__main__":
     parts = {
         "timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps,
-        "timing_roll": timing_roll,
+        "timing_roll": timing_roll, "timing_seam": timing_seam,
     }  # fmt: skip
     raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3))
