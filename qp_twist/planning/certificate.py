@@ -12,7 +12,7 @@ import numpy as np
 from qp_twist.planning.graph import LayerPath
 from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.levels import Grid, Level
-from qp_twist.planning.problem import JudgedPath, Problem
+from qp_twist.planning.problem import OF_PATH, JudgedPath, Problem
 
 CLOSE = tuple((np.arange(1, 16) / 16.0).tolist())
 """Shares of an interval at which edges are evaluated where something was met between others."""
@@ -183,6 +183,8 @@ def violating_path(
                 f"between waypoints {at - 1} and {at}, where joints go straight, the best is "
                 f"outside by {amount} more than what is allowed there; put more waypoints there"
             )
+            if worst.name == OF_PATH:
+                detail = f"between waypoints {at - 1} and {at} the best jumps to another branch"
         return Certificate("band", grid, where, (), covered, detail, (worst.name,))
     if worst.kind == "position":
         detail = f"at waypoint {at} the best has {worst.name} outside by {amount}"

@@ -14,6 +14,7 @@ from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges, inte
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.levels import STAGES, Level, Levels, Progress
+from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.problem import JudgedPath, Problem
 
 STRICTNESS = (1.0, 1e3)
@@ -54,6 +55,33 @@ class LevelSearch:
     progress: Progress
 
     def best(self, known: float, within: Sequence[float] = _WITHIN) -> LayerPath:
+        """The best path that is better than a ``known`` value, and stays on the path if it has to.
+
+        Few edges do not: they are asked only in intervals where the best path has met one, and
+        further around each time.
+        """
+        on_path, around = self.problem.limits.on_path, 1
+        while True:
+            way = self._best(known, within)
+            if on_path is None or len(way.nodes) < len(self.level.layers):
+                return way
+            left = self._leaving(way, on_path)
+            if not left:
+                return way
+            on_path.asked.update(k for at in left for k in range(at - around, at + around + 1))
+            around *= 2
+
+    def _leaving(self, way: LayerPath, on_path: OnThePath) -> list[int]:
+        """Waypoints after which a path through all layers leaves the path of the task."""
+        q, waypoints = self.level.corners(way.nodes), np.array(self.level.waypoints)
+        each = np.flatnonzero(np.diff(waypoints) == 1)
+        end = q[each] + self.problem.unwound(q[each + 1] - q[each])
+        left: list[int] = waypoints[each][
+            ~on_path.kept(q[each], end, waypoints[each], self._loose)
+        ].tolist()
+        return left
+
+    def _best(self, known: float, within: Sequence[float]) -> LayerPath:
         """The best path that is better than a ``known`` value.
 
         First those are searched that are little worse than the best of each layer by itself, by the
@@ -238,38 +266,46 @@ class LevelSearch:
 
     @property
     def _valid(self) -> Callable[[int, Edges], Mask] | None:
-        return self._keeps_bands if self.problem.rows.hard else None
+        limits = self.problem.limits
+        return self._keeps_bands if limits.hard or limits.on_path else None
 
     def _keeps_bands(self, number: int, edge: Edges) -> Mask:
         """Which edges keep bands and constraints between waypoints, to the grid's resolution."""
         at, after = self.level.waypoints[number : number + 2]
         if after > at + 1:  # joints are not interpolated linearly there
             return np.ones(len(edge.start), dtype=bool)
-        hard = self.problem.rows.hard
-        loose = {unit: allowed[int(self.strict)] for unit, allowed in _LOOSE.items()}
-        if hard.lazy and self.strict:  # no program leads around what an edge has passed through
-            loose["m"] = BETWEEN["m"]
+        hard, on_path = self.problem.rows.hard, self.problem.limits.on_path
         begin = self.level.layers[number].q[edge.start]
         end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
         shares = self.shares.get(at, SHARES)
-        kept = hard.kept_between(begin, end, np.full(len(begin), at), loose, shares)
-        if self.problem.limits.on_path is not None:
-            on_path = self.problem.limits.on_path.kept
-            kept[kept] = on_path(begin[kept], end[kept], at, loose, shares)
+        where, shares = np.full(len(begin), at), self.shares.get(at, SHARES)
+        kept = hard.kept_between(begin, end, where, self._loose, shares)
+        if on_path is not None and at in on_path.asked:
+            kept[kept] = on_path.kept(begin[kept], end[kept], where[kept], self._loose)
         return kept
+
+    @cached_property
+    def _loose(self) -> dict[str, float]:
+        """Violations that edges may have."""
+        loose = {unit: allowed[int(self.strict)] for unit, allowed in _LOOSE.items()}
+        if self.problem.rows.hard.lazy and self.strict:
+            # No program leads around what an edge has passed through.
+            loose["m"] = BETWEEN["m"]
+        return loose
 
 
 def search_windows(
     problem: Problem,
     levels: Levels,
     path: JudgedPath,
+    violated: Indices,
     strict: bool,
     shares: Mapping[int, Sequence[float]],
     progress: Progress,
 ) -> Array | None:
-    """The path with others on the finest grid around its violations; ``None`` if one has none."""
+    """The path with others on the finest grid around some waypoints; ``None`` if one has none."""
     q, count = path.q.copy(), len(path.q)
-    windows = _windows(problem.limits.violated(q), count)
+    windows = _windows(violated, count)
     if not windows:  # the violation is between waypoints
         return None
     for first, last in windows:

@@ -26,7 +26,7 @@ REACHED = Tolerances()
 :data:`ON_TASK`: what a check lets pass. Robot models have rounded angles."""
 _NEAR = 0.03
 """Task error from which on it is minimised, m and rad."""
-_ITERATIONS = 40
+ITERATIONS = 40
 _LONGEST = 0.3
 """Largest joint displacement of a Newton step, rad or m: the rows hold only nearby."""
 _TORN = 1e-6
@@ -82,7 +82,7 @@ class PathRows:
         return arm_of(self.chain), rows, coupled
 
     def correct(
-        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS, near: float = _NEAR
+        self, q: Array, at: Indices, *, iterations: int = ITERATIONS, near: float = _NEAR
     ) -> tuple[Array, Mask]:
         """Newton steps of least norm from q (K, nv) onto the waypoints at indices (K,).
 
@@ -122,7 +122,7 @@ class PathRows:
         return q
 
     def correct_inside(
-        self, q: Array, at: Indices, *, iterations: int = _ITERATIONS
+        self, q: Array, at: Indices, *, iterations: int = ITERATIONS
     ) -> tuple[Array, Mask]:
         """As :meth:`correct`, and into the hard bands; also returns which are inside.
 
@@ -158,7 +158,7 @@ class PathRows:
         """
         q, arrived = np.clip(q, lower, upper), np.zeros(len(q), dtype=bool)
         left = np.arange(len(q))
-        for _ in range(_ITERATIONS):
+        for _ in range(ITERATIONS):
             if not len(left):
                 break
             back, sides = np.zeros((len(left), 0, q.shape[1])), np.zeros((len(left), 0))
@@ -202,6 +202,14 @@ class PathRows:
         also = "" if shares[2, best] <= 1.0 else ", its coupled joints apart"
         words = f"{1e3 * linear:.3g} mm and {np.degrees(angular):.3g}°{also}"
         return float(shares[:, best].max()), words
+
+    def on_task(self, q: Array, at: Indices) -> Mask:
+        """Which of q (K, nv) are within :data:`REACHED` of the waypoints at indices (K,)."""
+        reached = np.zeros(len(q), dtype=bool)
+        for which, _, errors in self._groups(q, at):
+            linear, angular, _ = self._norms(errors, int(at[which[0]]))
+            reached[which] = (linear <= REACHED.position) & (angular <= REACHED.axis)
+        return reached
 
     def motions(self, q: Array, at: Indices) -> Array:
         """Orthonormal bases of the null space of the rows, (K, nv, d).
@@ -259,7 +267,7 @@ class PathRows:
             yield which, rows, np.hstack([(transposed @ errors[:, :, None])[:, :, 0], torn[which]])
 
 
-def _newton(iterations: int = _ITERATIONS, near: float = _NEAR) -> tuple[int, *tuple[float, ...]]:
+def _newton(iterations: int = ITERATIONS, near: float = _NEAR) -> tuple[int, *tuple[float, ...]]:
     """Settings of :func:`~qp_twist.kernel.path_kernel.correct`."""
     return iterations, ON_TASK, _LONGEST, _ROUNDING, near, REACHED.position, REACHED.axis
 

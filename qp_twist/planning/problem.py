@@ -22,6 +22,9 @@ from qp_twist.planning.path_rows import PathRows
 
 Kind = Literal["position", "velocity", "acceleration", "band"]
 
+OF_PATH = "the path between waypoints"
+"""Name of what a motion breaks that jumps from one waypoint to the next."""
+
 UNTIMED_STEP = np.radians(15.0)
 """Largest step of a joint to the next waypoint without a limit, rad or m.
 
@@ -234,25 +237,27 @@ class PathConstraints:
 
         Returns:
             The violation in each interval and of each band, rad or m, (N − 1, k), at most 0 if
-            proved; and the share of each interval at which it is largest, (N − 1,).
+            proved; and the share of each interval at which it is largest, (N − 1,). If motions have
+            to stay on the path, there is a last column, ∞ where one does not.
         """
-        if not self.hard:
-            return np.full((len(q) - 1, 0), -np.inf), np.zeros(len(q) - 1)
         excess, share = self.hard.between(q)
+        allowed = self.hard.between_allowed
         if self.on_path is not None:
             own, at = self.on_path.violations(q)
-            share = np.where(own.max(axis=1) > excess.max(axis=1), at, share)
-            excess = np.maximum(excess, own)
-        return excess - self.hard.between_allowed, share
+            share = np.where(own.max(axis=1) > excess.max(axis=1, initial=0.0), at, share)
+            excess = np.maximum(np.column_stack([excess, np.zeros(len(own))]), own)
+            allowed = np.append(allowed, 0.0)
+        return excess - allowed, share
 
     def worst(self, q: Array) -> Violation:
         """The largest violation of a path (N, nv), at its waypoints or else between them."""
         worst = max((margins.violation() for margins in self.margins(q)), key=lambda v: v.excess)
-        if worst.excess > WITHIN or not self.hard:
+        if worst.excess > WITHIN or not (self.hard or self.on_path):
             return worst
-        none = np.full((1, len(self.hard.names)), np.inf)
-        margins = np.vstack([none, -self.beyond_between(q)[0]])
-        return Margins("band", self.hard.names, self.hard.units, margins, True).violation()
+        beyond = self.beyond_between(q)[0]
+        names, units = (*self.hard.names, OF_PATH), (*self.hard.units, "m")
+        margins = np.vstack([np.full((1, beyond.shape[1]), np.inf), -beyond])
+        return Margins("band", names, units, margins, True).violation()
 
 
 def block_diagonal(blocks: Array) -> sparse.csr_matrix:
@@ -344,7 +349,7 @@ class Problem:
             return self
         task = self.path_task.without_clearance()
         rows = PathRows(task)
-        on_path = OnThePath(task) if rows.hard and self.limits.on_path is not None else None
+        on_path = None if self.limits.on_path is None else OnThePath(task)
         limits = replace(self.limits, hard=rows.hard, on_path=on_path)
         return replace(self, path_task=task, rows=rows, limits=limits)
 

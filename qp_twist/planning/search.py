@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Indices
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import (
@@ -138,41 +139,48 @@ class PlanSearch:
                 raise
             return by_now
         if result.path is not None:
-            return self._on_path(result, result.path.q)
+            return self._on_path(self.problem, result)
         if result.certificate.kind != "speed" or self.slower is None:
             return result
         problem, slower = self.problem, self.slower
+
+        def slowed(times: float) -> JudgedPath | None:
+            slow = replace(problem, limits=slower(times))
+            return self._on_path(slow, self._searched(slow)).path
+
         try:
-            certificate = _with_pace(
-                result.certificate,
-                problem.limits,
-                lambda times: self._searched(replace(problem, limits=slower(times))).path,
-            )
+            certificate = _with_pace(result.certificate, problem.limits, slowed)
             return replace(result, certificate=certificate)
         except KeyboardInterrupt:  # the result itself is known
             return result
 
-    def _on_path(self, result: SearchResult, q: Array) -> SearchResult:
-        """The result, or another motion, if its joints cannot go between waypoints on the path."""
-        problem = self.problem
-        if not problem.rows.hard:
-            return result
-        limits = replace(problem.limits, on_path=OnThePath(problem.path_task))
+    def _on_path(self, problem: Problem, found: SearchResult) -> SearchResult:
+        """What was found, or another motion if its joints do not stay on the path in between."""
+        if found.path is None:
+            return found
+        on_path, jumps = OnThePath(problem.path_task), False
+        asked = replace(problem, limits=replace(problem.limits, on_path=on_path))
         try:
-            beyond = limits.beyond_between(q)[0].max(axis=1)
-            if not (beyond > 0.0).any():
-                return result
-            again = self._searched(replace(problem, limits=limits))
-        except KeyboardInterrupt:  # there is a motion
-            return replace(result, interrupted=True)
-        if again.path is not None:
-            return again
-        at = int(np.argmax(beyond)) + 1
-        note = (
-            f"where its joints are corrected onto the path, between waypoints {at} and {at + 1}, "
-            "it breaks a band or constraint, or turns far; no motion was found that does not"
-        )
-        return replace(result, certificate=replace(result.certificate, note=note))
+            beyond = asked.limits.beyond_between(found.path.q)[0].max(axis=1)
+            left = np.flatnonzero(beyond > 0.0)
+            if not len(left):
+                return found
+            jumps = bool(np.isinf(beyond).any())
+            on_path.asked.update(left.tolist())
+            ways = [
+                partial(_kept_on_path, self, asked, found, found.path, left),
+                partial(self._searched, asked),
+            ]
+            # With two free degrees a window of the finest grid takes longer than coarse ones.
+            for way in ways if problem.freedom < COVERED else reversed(ways):
+                again = way()
+                if again.path is not None:
+                    return again
+        except KeyboardInterrupt:
+            if jumps:  # no motion
+                raise
+            return replace(found, interrupted=True)
+        return _left_path(asked, found, beyond)
 
     def _searched(self, problem: Problem) -> SearchResult:
         certificate = find_impossible(problem, self.levels)
@@ -336,9 +344,9 @@ class PlanSearch:
         These are mostly passages near a singularity; the rest of the path is kept. With a clearance
         the strict search comes first.
         """
-        best = None
+        best, at = None, problem.limits.violated(path.q)
         for strict in (True, False) if problem.has_clearance else (False,):
-            q = search_windows(problem, self.levels, path, strict, self._shares, self.progress)
+            q = search_windows(problem, self.levels, path, at, strict, self._shares, self.progress)
             found = None if q is None else self._smooth(problem, q)
             if found is not None and found.feasible:
                 return found
@@ -384,6 +392,39 @@ class PlanSearch:
         except KeyboardInterrupt:  # once more: without a bound
             pass
         return SearchResult(best, certificate, bound, interrupted=True)
+
+
+def _kept_on_path(
+    search: PlanSearch, problem: Problem, result: SearchResult, path: JudgedPath, left: Indices
+) -> SearchResult:
+    """The path, searched again around the waypoints (K,) after which it has ``left`` the task's.
+
+    Programs may lead back to where it does: then it is the grid's. None if that leaves it, too, or
+    costs more than a search of everything is worth.
+    """
+    q = search_windows(problem, search.levels, path, left + 1, True, {}, search.progress)
+    for found in () if q is None else (search._smooth(problem, q), problem.judged(q)):
+        beyond = problem.limits.beyond_between(found.q)[0]
+        if found.feasible and _alike(found.value, path.value) and not (beyond > 0.0).any():
+            return replace(result, path=found)
+    return replace(result, path=None)
+
+
+def _left_path(problem: Problem, found: SearchResult, beyond: Array) -> SearchResult:
+    """The result where no motion on the path was found: none, or that with a note.
+
+    ``beyond`` are the violations between waypoints, rad or m, (N − 1,): ∞ where it jumps.
+    """
+    certificate = found.certificate
+    if np.isinf(beyond).any():
+        none = violating_path(problem, found.path, certificate.grid, certificate.covered)
+        return replace(found, path=None, certificate=none)
+    at = int(np.argmax(beyond)) + 1
+    note = (
+        f"where its joints are corrected onto the path, between waypoints {at} and {at + 1}, "
+        "it breaks a band or constraint; no motion was found that does not"
+    )
+    return replace(found, certificate=replace(certificate, note=note))
 
 
 def _with_pace(

@@ -54,7 +54,7 @@ def smooth(
         found = refine(replace(problem, limits=limits), q, iterations, progress, keep)
         if found.feasible:
             keep(found.q)
-        if not problem.rows.hard or not (found.feasible or again):
+        if not (limits.hard or limits.on_path) or not (found.feasible or again):
             break
         if not found.feasible:  # the way to it led too far inside
             q, again = begun, False
@@ -65,6 +65,8 @@ def smooth(
         if not len(left):
             break
         found = replace(found, excess=float(beyond.max()))
+        if np.isinf(found.excess):  # it jumps, which no program mends
+            break
         again = True
         limits = limits.with_points(left, share[left])
     return found
