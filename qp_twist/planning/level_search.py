@@ -66,7 +66,7 @@ class LevelSearch:
             if on_path is None or len(way.nodes) < len(self.level.layers):
                 return way
             left = self._leaving(way, on_path)
-            if not left:
+            if on_path.asked.issuperset(left):
                 return way
             on_path.asked.update(k for at in left for k in range(at - around, at + around + 1))
             around *= 2
@@ -76,9 +76,8 @@ class LevelSearch:
         q, waypoints = self.level.corners(way.nodes), np.array(self.level.waypoints)
         each = np.flatnonzero(np.diff(waypoints) == 1)
         end = q[each] + self.problem.unwound(q[each + 1] - q[each])
-        left: list[int] = waypoints[each][
-            ~on_path.kept(q[each], end, waypoints[each], self._loose)
-        ].tolist()
+        kept = on_path.kept(q[each], end, waypoints[each], self._loose)
+        left: list[int] = waypoints[each][~kept].tolist()
         return left
 
     def _best(self, known: float, within: Sequence[float]) -> LayerPath:
@@ -277,7 +276,6 @@ class LevelSearch:
         hard, on_path = self.problem.rows.hard, self.problem.limits.on_path
         begin = self.level.layers[number].q[edge.start]
         end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
-        shares = self.shares.get(at, SHARES)
         where, shares = np.full(len(begin), at), self.shares.get(at, SHARES)
         kept = hard.kept_between(begin, end, where, self._loose, shares)
         if on_path is not None and at in on_path.asked:

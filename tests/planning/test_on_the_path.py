@@ -47,7 +47,7 @@ def tip(q: Array) -> Array:
 
 def onto(q: Array, point: Array, moving: Sequence[int] = (0, 1, 2)) -> Array:
     """Newton steps of least norm, by some joints."""
-    for _ in range(30):
+    for _ in range(12):
         angles = np.cumsum(q)
         along = LINKS * np.array([-np.sin(angles), np.cos(angles)])
         J = along[:, ::-1].cumsum(axis=1)[:, ::-1]
