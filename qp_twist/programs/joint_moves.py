@@ -188,6 +188,7 @@ class JointMoves:
         tcps: Likewise, where it states the tool of a straight move by its pose in the flange, that
             pose, (N,), else ``None``; empty without.
         rests: Likewise, the points at which the robot comes to rest.
+        lines: Likewise, the lines of the moves to the points, (N,).
     """
 
     angles: Array
@@ -216,6 +217,7 @@ class JointMoves:
     numbers: Mapping[str, str] = field(default_factory=dict)
     tcps: tuple[mink.SE3 | None, ...] = ()
     rests: tuple[int, ...] = ()
+    lines: tuple[int, ...] = ()
 
     @property
     def stops(self) -> Mask:
@@ -224,6 +226,13 @@ class JointMoves:
             return np.isin(np.arange(len(self.angles)), [0, len(self.angles) - 1])
         stops: Mask = self.shares == 0.0
         return stops
+
+    @property
+    def in_times(self) -> Mask:
+        """Which moves are joint moves in a time that the program states, (N − 1,)."""
+        none = (None,) * (len(self.angles) - 1)
+        of = zip(self.straight or none, self.speeds or none, strict=True)
+        return np.array([not straight and speed is None for straight, speed in of])
 
     @property
     def points(self) -> int:

@@ -353,6 +353,7 @@ class Course(Moves):
             accelerations=tuple(self._accelerations) if any(self._accelerations) else (),
             numbers={what: ", ".join(each) for what, each in self._numbers.items()},
             tcps=tuple(self._tcps) if any(self._tcps) else (), rests=tuple(self._rests),
+            lines=tuple(self._lines),
         )  # fmt: skip
 
 

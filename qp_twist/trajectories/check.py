@@ -37,7 +37,7 @@ from qp_twist.referee import (
 )
 from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.metadata import disagreements, with_lift_offs
-from qp_twist.trajectories.program_findings import of_rounding, of_stated_ramps
+from qp_twist.trajectories.program_findings import of_rests, of_rounding, of_stated_ramps
 from qp_twist.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
@@ -233,7 +233,9 @@ def check_trajectory(
     rounding = of_rounding(rows, path_task, motion, passing, tolerances)
     of_ramps, more_sources = of_stated_ramps(rows, limits, ranges, passing)
     beside = _beside_the_path(path_task, passing, motion, met, tolerances)
-    findings = (*findings, *dips, *rounding, *of_ramps, *_not_stated(beside, rows.beside))
+    at_rests = of_rests(rows, limits, ranges)
+    added = *dips, *rounding, *of_ramps, *at_rests, *_not_stated(beside, rows.beside)
+    findings = (*findings, *added)
     judged = [f"{_counted(beside)}: judged for limits and obstacles, not against the path"]
     judged = judged if beside else []
     foreign = bool(rows.program) and rows.beside is None

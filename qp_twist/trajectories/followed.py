@@ -16,7 +16,7 @@ from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
 from qp_twist.trajectories.rest_to_rest import RestToRest
-from qp_twist.trajectories.within_limits import Ramp, Way
+from qp_twist.trajectories.within_limits import Ramp, Way, at_rests
 
 _SHORTEST = 1e-12
 """Time, s, of a move to where the robot is."""
@@ -53,6 +53,8 @@ class Followed(NamedTuple):
         corners: Of the tool at the points; ``None`` if no point is rounded, or no tool is known.
         ramps: Joint accelerations on the moves to the points while their speeds change as the
             program states it, (N, n); ``None`` if it states no acceleration.
+        at_rests: The least accelerations of joints on the joint moves in stated times to the
+            points, from rest or to rest, (N, n); 0 of other moves. ``None`` without times.
         short: Lines of moves that do not come to their speed as the program states it.
     """
 
@@ -61,6 +63,7 @@ class Followed(NamedTuple):
     points: Indices
     corners: Corners | None
     ramps: Array | None
+    at_rests: Array | None
     short: list[int]
 
 
@@ -132,7 +135,8 @@ def followed(
         corners = Corners.of(tool, found[points][:, order], tool_moves[1:])
     ways = [Way(*each) for each in zip(shares, rows, strict=True)]
     ramps, short = _ramps(moves, ways, tool_moves, durations)
-    return Followed(found, _times(durations, shares), points, corners, ramps, short)
+    rested = _at_rests(moves, found[points], durations)
+    return Followed(found, _times(durations, shares), points, corners, ramps, rested, short)
 
 
 def _times(durations: Array | None, shares: Sequence[Array]) -> Array | None:
@@ -142,6 +146,15 @@ def _times(durations: Array | None, shares: Sequence[Array]) -> Array | None:
     begins = np.cumsum(durations) - durations
     of = zip(begins, durations, shares[1:], strict=True)
     return np.concatenate([[0.0], *(begin + share * seconds for begin, seconds, share in of)])
+
+
+def _at_rests(moves: JointMoves, q: Array, durations: Array | None) -> Array | None:
+    """What joint moves to points q (N, n) need, likewise; the robot rests before and behind all."""
+    if durations is None:
+        return None
+    rests = np.isin(np.arange(len(q)), [0, *moves.rests, len(q) - 1])
+    ends = (rests[:-1].astype(int) + rests[1:]) * moves.in_times
+    return np.pad(at_rests(np.diff(q, axis=0), durations, ends), ((1, 0), (0, 0)))
 
 
 def _from_rest(

@@ -1,4 +1,4 @@
-"""What a check finds of programs alone: rounded points, and accelerations that they state."""
+"""What a check finds of programs alone: rounded points, stops, and accelerations they state."""
 
 from __future__ import annotations
 
@@ -143,6 +143,24 @@ def _beside_corners(
     s = np.arange(len(passing.times), dtype=np.float64)
     errors, _ = errors_at(path_task, motion, passing.times, s, piece, at, row)
     return errors[:, :2].reshape(*spans.shape, 2)
+
+
+def of_rests(rows: TimedPath, limits: MotionLimits, ranges: JointRanges) -> list[Finding]:
+    """The largest of the accelerations without which no robot keeps a program's times at rests."""
+    if rows.at_rests is None or not (
+        rows.at_rests.any() and np.isfinite(limits.acceleration).any()
+    ):
+        return []
+    assert rows.times is not None
+    used = 100.0 * rows.at_rests / limits.acceleration
+    k, joint = np.unravel_index(int(np.argmax(used)), used.shape)
+    ends = rows.times[_points(rows)[k - 1 : k + 1]]
+    passes = bool(used.max() <= 100.0 * (1.0 + EXCEEDED))
+    why = "" if passes else ": it takes longer than that, or exceeds its limit"
+    where = f"{ranges.names[int(joint)]}, line {rows.lines[k]}, {ends[1] - ends[0]:.4g} s{why}"
+    return [
+        Finding("accelerations at stops, at least", float(used.max()), 100.0, "%", where, passes)
+    ]
 
 
 def of_stated_ramps(

@@ -216,10 +216,13 @@ def decode(
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and found.times is not None:
+        straight = np.array(moves.straight or [0] * len(moves.in_times), dtype=bool)
+        by_speed = (~moves.in_times & ~straight).any()
         notes.append(
             f"{path.name}: checked as {'' if moves.straight is None else 'its straight moves and '}"
-            "straight joint moves at constant speed from point to point; the controller's ramps "
-            "are its own, for which it has half of both moves at a point"
+            "straight joint moves at constant speed from point to point"
+            f"{', but those at a speed v from rest to rest by their v and a' if by_speed else ''}; "
+            "the controller's ramps are its own, for which it has half of both moves at a point"
         )
     if "spacing" in moves.header:
         notes.append(f"{path.name}: {moves.header['spacing']}")
@@ -251,6 +254,8 @@ def decode(
         zones=moves.zones,
         corners=found.corners,
         ramps=found.ramps,
+        at_rests=found.at_rests if rates is None else None,
+        lines=moves.lines,
         stops=tuple(found.points[[*moves.rests]].tolist()),
         unjudged=tuple(unjudged),
         program=f"{len(lines)} lines, {moves.points} points",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -100,7 +100,9 @@ class ProgramWriter:
         external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
         planned = JointMoves(scale * joints.shown(rows.q), durations, rates, external=external)
         line = kept.line and kept.line._replace(shares=self._less(kept.line.shares))
-        moves, longer = self._timed(planned, line)
+        around = {int(np.searchsorted(kept.at, k)): each for k, each in self._around.items()}
+        calls = [k for k, found in around.items() if any(each.call for each in found)]
+        moves, longer = self._timed(planned, line, calls)
         if any(moves.circles) and line is not None and self._linear is not None:
             assert moves.shares is not None
             if ((moves.shares == 0.0) & (line.shares > 0.0)).any():  # it would stop beside one
@@ -109,8 +111,7 @@ class ProgramWriter:
                 return self.texts()
         if longer > 0.0:
             remarks.append(f"{longer:.3f} s longer, so that joints keep their limits")
-        around = {int(np.searchsorted(kept.at, k)): each for k, each in self._around.items()}
-        moves = _with_around(moves, around)
+        moves = _with_around(moves, around, calls)
         # In characters that every controller reads, and on one line.
         task = " ".join("".join(c if " " <= c <= "~" else "?" for c in task).split())[:60]
         equations, remark = joints.equations(names), "; ".join(remarks)
@@ -194,7 +195,9 @@ class ProgramWriter:
             joined=self._joined,
         )  # fmt: skip
 
-    def _timed(self, planned: JointMoves, line: StraightMoves | None) -> tuple[JointMoves, float]:
+    def _timed(
+        self, planned: JointMoves, line: StraightMoves | None, calls: Collection[int]
+    ) -> tuple[JointMoves, float]:
         """The moves as written, and by how much they are longer, s, so that joints keep limits."""
         dialect, joints, linear, task = self._dialect, self._joints, self._linear, self._task
 
@@ -216,7 +219,7 @@ class ProgramWriter:
                 return written(planned), 0.0
         ways = [Way.to(each) for each in q[1:]] if line is None else [x.way for x in line.moves]
         limits = JointLimits.of(task, joints.tool.names, ramps=dialect.constant > 0.0)
-        return within_limits(planned, q[0], ways, limits, written)
+        return within_limits(planned, q[0], ways, limits, written, calls)
 
     def _less(self, shares: Array) -> Array:
         """As much rounding (N,) as a check left; none where points are rounded from a zone on."""
@@ -226,11 +229,12 @@ class ProgramWriter:
         return shares * (by == 1.0) if np.isfinite(self._dialect.zone) else shares * by
 
 
-def _with_around(moves: JointMoves, around: dict[int, tuple[Around, ...]]) -> JointMoves:
+def _with_around(
+    moves: JointMoves, around: dict[int, tuple[Around, ...]], calls: Collection[int]
+) -> JointMoves:
     """The moves with what stands around them; the robot stops where a procedure is called."""
-    calls = [k for k, found in around.items() if any(each.call for each in found)]
     if not calls:
         return replace(moves, around=around)
     shares = np.where(moves.stops, 0.0, 1.0) if moves.shares is None else moves.shares.copy()
-    shares[calls] = 0.0
+    shares[[*calls]] = 0.0
     return replace(moves, around=around, shares=shares)

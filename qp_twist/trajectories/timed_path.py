@@ -93,6 +93,9 @@ class TimedPath:
         corners: The tool at the points; ``None`` if no point is rounded, or no tool is known.
         ramps: Joint accelerations while speeds change as a program states it (``a``), on the moves
             to its points, rad/s² or m/s², (P, n); ``None`` without.
+        at_rests: The least joint accelerations that moves of a program in stated times need which
+            begin or end at rest, likewise; 0 of others.
+        lines: Of a program, those of the moves to its points, (P,).
         program: Lines and points of the program that it was read from, in words; empty of others.
         beside: On which sides of the path a program of this package states that it goes beside it;
             ``None`` of others.
@@ -118,6 +121,8 @@ class TimedPath:
     zones: tuple[Zone | None, ...] = ()
     corners: Corners | None = None
     ramps: Array | None = None
+    at_rests: Array | None = None
+    lines: tuple[int, ...] = ()
     unjudged: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -234,7 +239,9 @@ class TimedPath:
         columns = [self.joint_names.index(name) for name in names]
         rates = (self.velocities, self.accelerations)
         velocities, accelerations = (None if x is None else x[:, columns] for x in rates)
-        ramps = None if self.ramps is None else self.ramps[:, columns]
+        ramps, at_rests = (
+            None if each is None else each[:, columns] for each in (self.ramps, self.at_rests)
+        )
         return replace(
             self,
             joint_names=tuple(names),
@@ -242,6 +249,7 @@ class TimedPath:
             velocities=velocities,
             accelerations=accelerations,
             ramps=ramps,
+            at_rests=at_rests,
         )
 
 

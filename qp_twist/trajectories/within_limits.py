@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -65,6 +65,23 @@ class Ramp(NamedTuple):
         return cls(rates.max(axis=0) / length, steady)
 
 
+def at_rests(travel: Array, durations: Array, ends: Array) -> Array:
+    """The least accelerations (M, n) that joint moves need which begin or end at rest.
+
+    With |q̈| ≤ a a joint goes at most a T²/2 in a time T from rest, whatever its speed at the end;
+    to rest again at most that of T/2 twice, a T²/4. So it needs 2 D/T², and 4 D/T² from rest to
+    rest.
+
+    Args:
+        travel: How far joints go, D, (M, n).
+        durations: T, s, (M,).
+        ends: At how many of its ends each move is at rest, (M,); of 0, nothing is known.
+    """
+    per_way = np.divide(2.0 * ends, durations**2, out=np.zeros(len(ends)), where=ends > 0)
+    needed: Array = np.abs(travel) * per_way[:, None]
+    return needed
+
+
 class JointLimits(NamedTuple):
     """Largest speeds and accelerations of joints, (n,) each; ∞ without a limit."""
 
@@ -83,17 +100,20 @@ class JointLimits(NamedTuple):
         order = [ranges.names.index(name) for name in names]
         return cls(limits.velocity[order], limits.acceleration[order])
 
-    def slower(self, begin: Array, ways: Sequence[Way], durations: Array) -> Array:
+    def slower(
+        self, begin: Array, ways: Sequence[Way], durations: Array, ends: Array | None = None
+    ) -> Array:
         """By which factors moves (M,) have to take longer, from joint positions (n,) on.
 
         A move that takes λ times as long has 1/λ of its speeds and 1/λ² of its accelerations; at a
         point, where the controller has half of both moves to change the speed, both take longer.
+        ``ends``: at how many of its ends each joint move is at rest, (M,), and 0 of others.
         """
         counts = np.array([len(way.q) for way in ways])
         owner = np.repeat(np.arange(len(ways)), counts)
-        ends = np.cumsum(durations)
+        until = np.cumsum(durations)
         shares = np.concatenate([way.shares for way in ways])
-        times = np.append(0.0, (ends - durations)[owner] + shares * durations[owner])
+        times = np.append(0.0, (until - durations)[owner] + shares * durations[owner])
         q = np.concatenate([begin[None], *(way.q for way in ways)])
         motion = JointMotion(times, q, points=np.append(0, np.cumsum(counts)))
         found = np.ones(len(ways))
@@ -102,14 +122,20 @@ class JointLimits(NamedTuple):
             most = (largest_accelerations(motion)[1] / self.acceleration).max(axis=1)
             for moves in (owner[:-1], owner[1:]):  # the same but at points
                 np.maximum.at(found, moves, np.sqrt(most))
+        if ends is not None:
+            travel = np.diff([begin, *(way.q[-1] for way in ways)], axis=0)
+            needed = at_rests(travel, durations, ends) / self.acceleration
+            np.maximum(found, np.sqrt(needed.max(axis=1)), out=found)
         return found
 
 
 def within_limits(
     planned: JointMoves, begin: Array, ways: Sequence[Way], limits: JointLimits,
-    written: Callable[[JointMoves], JointMoves],
+    written: Callable[[JointMoves], JointMoves], calls: Collection[int] = (),
 ) -> tuple[JointMoves, float]:  # fmt: skip
     """The moves as they are ``written``, as much slower than planned as the limits ask.
+
+    At the points ``calls`` the robot stops, too.
 
     Returns:
         The moves, and by how much all of them take longer for it, s.
@@ -118,7 +144,9 @@ def within_limits(
     limits = limits._replace(acceleration=(1.0 - _ROOM) * limits.acceleration)
     for _ in range(_ROUNDS):
         assert planned.durations is not None and moves.durations is not None
-        factors = limits.slower(begin, ways, moves.durations)
+        stops = moves.stops | np.isin(np.arange(len(moves.angles)), [*calls])
+        ends = (stops[:-1].astype(int) + stops[1:]) * moves.in_times
+        factors = limits.slower(begin, ways, moves.durations, ends)
         if factors.max() <= 1.0 + EXCEEDED:
             break
         planned = replace(planned, durations=planned.durations * factors * (1.0 + EXCEEDED))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.program_cells import Job, job_of
+from scipy.optimize import linprog
 
 import qp_twist as qt
 from qp_twist.referee import DIP
@@ -147,3 +148,55 @@ def test_a_misspelled_attribute_is_named(tmp_path: Path) -> None:
     check = checked(job, text.replace("DEFAULT_GROUP", "DEFAULT_GRUOP"), tmp_path)
     assert f"DEFAULT_GRUOP under /ATTR, line {number}, is not known" in check.notes
     assert "/ATTR" not in "; ".join(checked(job, text, tmp_path).notes)
+
+
+def least_acceleration(*, to_rest: bool) -> float:
+    """Of all accelerations, constant on 200 pieces, from rest over a way of 1 in a time of 1."""
+    middles = (np.arange(200) + 0.5) / 200
+    bounds = np.vstack([np.eye(200), -np.eye(200)])
+    ends = np.vstack([1.0 - middles, np.ones(200)]) / 200  # the way, and the speed at the end
+    keep = 2 if to_rest else 1
+    found = linprog(
+        np.append(np.zeros(200), 1.0), np.hstack([bounds, np.full((400, 1), -1.0)]), np.zeros(400),
+        np.hstack([ends, np.zeros((2, 1))])[:keep], np.array([1.0, 0.0])[:keep],
+        bounds=(None, None),
+    )  # fmt: skip
+    return float(found.fun)
+
+
+@pytest.fixture(scope="module")
+def joint_moves(tmp_path_factory: pytest.TempPathFactory) -> tuple[Job, str]:
+    """With a call in the middle of the path, where the robot stops."""
+    job = job_of("ABB IRB 120", length=0.1, count=51, acceleration=10.0)
+    process = {"process": ((25, "SPINDL/ON"),), "calls": {"SPINDL/ON": "SpindleOn"}}
+    job = job._replace(task=dataclasses.replace(job.task, **process))
+    path = tmp_path_factory.mktemp("moves") / "wave.mod"
+    check, done = write_checked(job.rows, path, job.task, job.joints)
+    assert done and check.passes, check.verdict
+    return job, path.read_text()
+
+
+@pytest.mark.parametrize("stops", ["at all points", "at the ends"])
+def test_joint_moves_that_are_too_short_for_their_stops_do_not_pass(
+    joint_moves: tuple[Job, str], stops: str, tmp_path: Path
+) -> None:
+    job, text = joint_moves
+    lines = without_header(text).split("\n")
+    moves = [k for k, line in enumerate(lines) if "MoveAbsJ" in line]
+    if stops == "at the ends":  # as if the ramp from rest had been lost
+        lines = [line for k, line in enumerate(lines) if k not in moves[1:12]]
+    text = "\n".join(lines).replace("SpindleOn;", "! none")
+    text = text.replace(",z0,", ",fine,") if stops == "at all points" else text
+    lines = [line for line in text.split("\n") if "MoveAbsJ" in line]
+    angles = [re.search(r"\[\[([^\]]*)\]", line)[1].split(",") for line in lines]  # type: ignore[index]
+    ways = np.abs(np.diff(np.radians(np.array(angles, dtype=float)), axis=0)).max(axis=1)
+    times = np.array([float(each) for each in re.findall(r"T:=([\d.]+)", text)])
+    rests = np.array(["fine" in line for line in lines]).astype(int)
+    least = np.array([0.0, *(least_acceleration(to_rest=each) for each in (False, True))])
+    expected = least[rests[:-1] + rests[1:]] * ways / times**2
+    check = checked(job, text, tmp_path)
+    (found,) = (each for each in check.findings if each.name == "accelerations at stops, at least")
+    assert not found.passes and found.value == pytest.approx(10.0 * expected.max(), rel=1e-6)
+    line = 1 + text.split("\n").index(lines[1 + int(np.argmax(expected))])
+    assert f"line {line}, {times[np.argmax(expected)]:.4g} s: it takes longer" in found.where
+    assert found.name in check.verdict
