@@ -15,11 +15,11 @@ from qp_twist.checks import changes
 from qp_twist.constraints import LimitRows, Named
 from qp_twist.control.kernel_result import StepLabels, attribute_of
 from qp_twist.control.limit_tables import numbers_of_kinds
-from qp_twist.control.mink_costs import mink_costs
+from qp_twist.control.mink_costs import is_elastic, mink_costs
 from qp_twist.control.posing import Displacement, in_words
 from qp_twist.control.sorted_limits import SortedLimits
 from qp_twist.control.step import Status, Step
-from qp_twist.control.step_arrays import StepArrays, is_elastic, is_soft
+from qp_twist.control.step_arrays import StepArrays, is_soft
 from qp_twist.control.task_arrays import address
 from qp_twist.kernel import COMPILED
 from qp_twist.kernel.compiling import bound

@@ -46,9 +46,19 @@ def check_target(task: Any) -> None:
         finite_array(f"{name_of(task)}: its target", target.wxyz_xyz, (7,), error=InvalidTarget)
 
 
+def _elastic(task: Any) -> bool:
+    """Whether a task says that it is elastic."""
+    given = getattr(task, "elastic", False)
+    if np.size(given) != 1:
+        raise InvalidInput(
+            f"expected True or False, got {given!r}.", key=f"{name_of(task)}: elastic"
+        )
+    return bool(given)
+
+
 def refuse_elastic(task: Any) -> None:
     """Refuse an elastic task where rows are met, not priced: as a constraint, or in a level."""
-    if getattr(task, "elastic", False):
+    if _elastic(task):
         raise InvalidInput(
             f"{name_of(task)} is elastic: its rows may be missed at a price, so that it is neither "
             "a constraint nor a task of a level. Give it in tasks=, of a qt.Controller as a mink "
@@ -56,21 +66,41 @@ def refuse_elastic(task: Any) -> None:
         )
 
 
+def is_elastic(source: object) -> bool:
+    """Whether these are a row of an elastic task."""
+    return isinstance(source, BandRows) and source.price > 0.0
+
+
 def elastic_constraint(item: Any, configuration: mink.Configuration) -> WeightedRows:
-    """What an item with mink's ``compute_penalized_rows``, ``mink.Elastic``, states for a cost."""
-    J, e, penalty = item.compute_penalized_rows(configuration)
-    rows, error = as_rows(item, J, -np.asarray(e), configuration.model.nv)
-    return WeightedRows(rows, error, 0.0, _penalty(item, penalty, len(error)))
+    """What an item with mink's ``compute_penalized_rows``, ``mink.Elastic``, states for a cost.
+
+    Rows of price 0 are free.
+    """
+    stated = item.compute_penalized_rows(configuration)
+    if not isinstance(stated, (tuple, list)) or len(stated) != 3:
+        raise InvalidInput(
+            "expected the rows J, their errors times the gain and their prices, (J, e, ρ); got "
+            f"{type(stated).__name__ if stated is not None else None}"
+            f"{f' of {len(stated)}' if isinstance(stated, (tuple, list)) else ''}.",
+            key=f"{name_of(item)}: compute_penalized_rows",
+        )
+    J, e, given = stated
+    rows, error = as_rows(item, J, e, configuration.model.nv)
+    penalty = _penalty(item, given, len(error), least="at least 0")
+    priced = penalty > 0.0
+    return WeightedRows(rows[priced], -error[priced], 0.0, penalty[priced])
 
 
-def _penalty(task: Any, given: Any, k: int) -> Array:
+def _penalty(task: Any, given: Any, k: int, least: str = "above 0") -> Array:
     """ρ of the k rows of an elastic task or constraint: one number for all or one for each."""
     name = f"{name_of(task)}: its penalty"
+    if given is None:
+        raise InvalidInput(f"expected a number {least}, or one for each row; got None.", key=name)
     if np.size(given) == 1:
         given = np.full(k, np.asarray(given).item())
     penalty = finite_array(name, given, (k,))
-    if not (penalty > 0.0).all():
-        raise InvalidInput("expected numbers above 0.", key=name)
+    if not (penalty >= 0.0 if least == "at least 0" else penalty > 0.0).all():
+        raise InvalidInput(f"expected numbers {least}, got {penalty.min():g}.", key=name)
     return within(name, penalty, LARGEST_ROW)
 
 
@@ -111,7 +141,7 @@ def mink_cost(
     with a true attribute ``elastic`` has the attribute ``penalty``, too (mink after 1.3). Anything
     else is refused.
     """
-    elastic = getattr(task, "elastic", False)
+    elastic = _elastic(task)
     nv, residual = configuration.model.nv, task.compute_qp_residual(configuration)
     if residual is None:
         if elastic:

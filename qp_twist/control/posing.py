@@ -13,10 +13,17 @@ import numpy as np
 import numpy.typing as npt
 import qpsolvers
 
-from qp_twist.checks import Array, Mask, finite_array, largest, number
+from qp_twist.checks import Array, finite_array, largest, number
 from qp_twist.constraints import GatheredLimits, Named, gather_limits, stopping_share
 from qp_twist.control.composition import damps_by_error
-from qp_twist.control.mink_costs import check_cost, mink_cost, mink_costs, name_of, refuse_elastic
+from qp_twist.control.mink_costs import (
+    check_cost,
+    is_elastic,
+    mink_cost,
+    mink_costs,
+    name_of,
+    refuse_elastic,
+)
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel.constants import FASTEST, NEARLY_UNSEEN, STEEPEST
 from qp_twist.kinematics import BandRows, TaskState, TwistTask, total_displacement
@@ -110,18 +117,16 @@ class Posed:
         k = len(p.g) - sum(len(level.g) for level in self.levels[levels:])
         return QuadraticProgram(p.H, p.c, p.A[:0], p.b[:0], p.G[:k], p.g[:k], p.lower, p.upper)
 
-    def held_first(self) -> tuple[QuadraticProgram, Mask]:
-        """:meth:`hard` of the first level without elastic rows; which of its rows are left.
-
-        What limits make of a level does not depend on prices.
-        """
-        p = self.hard(1)
-        n = p.n - self.elastic
-        kept: Mask = np.abs(p.G[:, n:]).sum(axis=1) == 0.0
-        return QuadraticProgram(
+    def without_elastic(self) -> Posed:
+        """The step as if elastic rows had not been given."""
+        p, n = self.problem, self.problem.n - self.elastic
+        kept = ~p.G[:, n:].any(axis=1)
+        problem = QuadraticProgram(
             p.H[:n, :n], p.c[:n], p.A[:, :n], p.b, p.G[kept, :n], p.g[kept], p.lower[:n],
             p.upper[:n],
-        ), kept  # fmt: skip
+        )  # fmt: skip
+        sources = [source for source in self.sources if not is_elastic(source)]
+        return replace(self, problem=problem, sources=sources, elastic=0)
 
     def sigma_min(self) -> float:
         """Smallest singular value of the first level's rows, as stated; infinity without rows."""

@@ -6,7 +6,7 @@ import inspect
 import logging
 import math
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, Literal, NamedTuple
 
 import mink
@@ -154,15 +154,7 @@ def ik_step(
         configuration, tasks, dt, solver, damping, safety_break, limits, constraints, on_infeasible,
         singularity, kwargs,
     )  # fmt: skip
-    found = asked.by_kernel()
-    if found is None:
-        step = asked.by_reference(configuration)
-    else:
-        whole = found.scale == 1.0
-        step = step_of(
-            asked.posed(configuration), found.x, Status.SOLVED if whole else Status.SCALED,
-            COMPILED, (found.box, found.rows, 1.0 if whole else 0.0), found.scale,
-        )  # fmt: skip
+    step = asked.step(configuration)
     asked.note(step.velocity)
     return step
 
@@ -292,8 +284,7 @@ class _Asked(NamedTuple):
                     residuals.append(cost[:2])
                     damping = damping + cost.damping
             elif cost is not None:
-                H += cost.H
-                c += cost.c
+                H, c = H + cost.H, c + cost.c
         level, each = damping, _NONE
         if type(damping) is not float:
             level, each = 0.0, np.zeros(nv)
@@ -367,11 +358,25 @@ class _Asked(NamedTuple):
             elastic=len(self.elastic),
         )  # fmt: skip
 
+    def step(self, configuration: mink.Configuration) -> Step:
+        """The step by the kernel, or else by a backend."""
+        found = self.by_kernel()
+        if found is None:
+            return self.by_reference(configuration)
+        whole = found.scale == 1.0
+        return step_of(
+            self.posed(configuration), found.x, Status.SOLVED if whole else Status.SCALED,
+            COMPILED, (found.box, found.rows, 1.0 if whole else 0.0), found.scale,
+        )  # fmt: skip
+
     def by_reference(self, configuration: mink.Configuration) -> Step:
         """The step by a backend of qpsolvers."""
-        posed = self.posed(configuration)
+        posed, plain = self.posed(configuration), self._replace(elastic=[])
         try:
-            return solved_step(posed, self.solver, self.on_infeasible, self.options)
+            return solved_step(
+                posed, self.solver, self.on_infeasible, self.options,
+                partial(plain.step, configuration),
+            )  # fmt: skip
         except InvalidInput as error:  # the backend does not know an option
             parameters = inspect.signature(ik_step).parameters
             meant = "".join(f" {name!r}{did_you_mean(name, parameters)}" for name in self.options)

@@ -12,6 +12,7 @@ from qp_twist.checks import Array
 from qp_twist.constraints import BindingLimit, binding_limits
 from qp_twist.control.posing import Posed
 from qp_twist.control.step import NOT_THE_LIMITS, Status, Step
+from qp_twist.kernel import COMPILED
 from qp_twist.kernel.constants import WHOLE
 from qp_twist.qp import (
     Cascade,
@@ -31,9 +32,15 @@ from qp_twist.qp import (
 
 
 def solved_step(
-    posed: Posed, solver: str, on_infeasible: str, options: Mapping[str, Any] | None = None
+    posed: Posed,
+    solver: str,
+    on_infeasible: str,
+    options: Mapping[str, Any] | None = None,
+    plain: Callable[[], Step] | None = None,
 ) -> Step:
     """Solve the program of a step by a backend, whose ``options`` take the place of ours.
+
+    ``plain`` computes the step without elastic rows; by default this function does.
 
     Raises:
         InfeasibleStep: If the first level does not fit, or the robot is singular in a direction
@@ -48,19 +55,19 @@ def solved_step(
         if isinstance(result, Verified):
             box, rows = result.multipliers.box, result.multipliers.rows
             return step_of(posed, result.x, Status.SOLVED, result.solver, (box, rows, 1.0))
+    if posed.elastic:
+        plain = plain or partial(
+            solved_step, posed.without_elastic(), solver, on_infeasible, options
+        )
+        return _with_elastic(posed, plain())
     mode = "relax" if on_infeasible == "relax" else "scale"
-    whole = not (regular and alone) or posed.elastic > 0  # else it has just been tried
-    held, kept = posed.held_first()
-    found = first_level(held, first, mode, solver, options, whole=whole)
+    whole = not (regular and alone)  # else it has just been tried
+    found = first_level(posed.hard(1), first, mode, solver, options, whole=whole)
     if isinstance(found, Refused):
         raise _not_solved(posed, solver, found)
-    if found is not None:
-        rows = np.zeros(len(kept))
-        rows[kept] = found.rows
-        found = found._replace(rows=rows)
     if on_infeasible == "raise":
         _raise_if_short(posed, found)
-    if found is None or not alone or posed.elastic:
+    if found is None or not alone:
         return _in_order(posed, found, solver)
     status, scale = Status.SCALED, found.scale
     if found.relaxed > 0.0:
@@ -157,6 +164,46 @@ def _not_solved(posed: Posed, solver: str, refused: Refused) -> SolverInaccurate
     return SolverInaccurate(
         f"{solver} did not solve a feasible step: {refused.says}.", posed.problem
     )
+
+
+def _with_elastic(posed: Posed, plain: Step) -> Step:
+    r"""The least price of elastic rows where the levels achieve what they do without these.
+
+    .. math::
+
+        \mathbf A_l\,\dot{\mathbf q} = \mathbf A_l\,\dot{\mathbf q}_0, \qquad
+        \mathbf G\dot{\mathbf q} \le \max(\mathbf g, \mathbf G\dot{\mathbf q}_0)
+
+    with :math:`\dot{\mathbf q}_0` the ``plain`` step, whose levels' rows :math:`\mathbf A_l` and
+    status are kept. Prices are far above other costs, so that the package's own method solves it.
+    """
+    problem, nv = posed.problem, len(plain.velocity)
+    start, units = np.zeros(problem.n), -problem.G[:, nv:]
+    start[:nv] = plain.velocity
+    over = (problem.G[:, :nv] @ plain.velocity - problem.g)[:, None]
+    over = np.divide(over, units, out=np.zeros_like(units), where=units > 0.0)
+    start[nv:] = over.max(axis=0, initial=0.0)  # the least slacks
+    kept = Cascade.keeping(np.vstack([level.A for level in posed.levels]), problem, start)
+    result = solve_within(problem, kept, COMPILED)
+    if isinstance(result, Refused):
+        raise _not_solved(posed, COMPILED, result)
+    _, _, places, lengths = kept.rows()
+    pushing = np.zeros(2 * problem.n + len(problem.g))
+    pushing[places] = result.multipliers.rows / lengths
+    upper, lower, rows = np.split(pushing, [problem.n, 2 * problem.n])
+    velocity = result.x[:nv].copy()
+    later: dict[str, Callable[[], Any]] = {
+        "binding": lambda: plain.binding or _binding(posed, upper - lower, rows),
+        "residuals": partial(_residuals, posed, velocity, plain.scale / posed.braked),
+    }
+    step = Step.with_later(
+        lambda later, name: later[name]() if name in later else getattr(plain, name), later
+    )
+    step.__dict__.update(
+        velocity=velocity, scale=plain.scale, status=plain.status, solver=result.solver,
+        problem=problem, recovering=plain.recovering, gaps=plain.gaps, proven=plain.proven,
+    )  # fmt: skip
+    return step
 
 
 def _in_order(posed: Posed, found: Found | None, solver: str) -> Step:

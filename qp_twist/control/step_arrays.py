@@ -168,11 +168,6 @@ class StepArrays:
         return targets
 
 
-def is_elastic(source: object) -> bool:
-    """Whether these are a row of an elastic task."""
-    return isinstance(source, BandRows) and source.price > 0.0
-
-
 def is_soft(source: LimitRows | BandRows) -> bool:
     """Whether these are the rows of a soft band, which has a slack."""
     return isinstance(source, BandRows) and source.weight is not None

@@ -135,6 +135,20 @@ class Cascade:
         for level in levels:
             self._minimise(level)
 
+    @classmethod
+    def keeping(cls, A: Array, problem: QuadraticProgram, x: Array) -> Cascade:
+        """The points at which A, (m, j), sees of the first j unknowns what it sees at ``x``, (n,).
+
+        They keep the bounds, and exceed no row of G by more than x does.
+        """
+        j, unit = A.shape[1], np.eye(problem.n)
+        kept = cls([], problem.lower[:j], problem.upper[:j])
+        kept._hold(A, np.zeros((0, kept.basis.shape[1])))
+        kept.basis = np.hstack([unit[:, :j] @ kept.basis, unit[:, j:]])
+        kept.x, kept.lower, kept.upper = x, problem.lower, problem.upper
+        kept.G, kept.g = problem.G, np.maximum(problem.g, problem.G @ x)
+        return kept
+
     def gaps(self, x: Array) -> tuple[float, ...]:
         """For each level, a bound of its residual's length at ``x`` less that at its optimum.
 

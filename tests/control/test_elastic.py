@@ -7,13 +7,16 @@ gradient of f with multipliers of the limits that are touched.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import mink
 import numpy as np
 import pytest
+import qpsolvers
 from oracles.arms import seven_axes
 from scipy.optimize import linprog, lsq_linear
+from scipy.sparse import csc_matrix
 
 import qp_twist as qt
 
@@ -47,7 +50,7 @@ class Around:
     def compute_penalized_rows(self, c: mink.Configuration) -> tuple[Any, Any, Any]:
         J, e = self.task.compute_jacobian(c), self.task.gain * self.task.compute_error(c)
         rho = np.broadcast_to(self.penalty, e.shape)
-        return J[rho > 0], e[rho > 0], rho[rho > 0]
+        return J, e, rho
 
 
 class Case:
@@ -199,6 +202,61 @@ def test_constraints_that_do_not_fit_come_before_elastic_rows(on_infeasible: Any
         assert unexplained(case, task, step.velocity, point) < 1e-5
 
 
+def excess(case: Case, task: Any, step: Any, hard: Any) -> float:
+    """By what share it costs more than clarabel's step with the same motion of the hard task."""
+    W, e, _ = task.compute_qp_residual(case.c)
+    program = mink.build_ik(case.c, [case.posture], DT, limits=LIMITS)
+    none, some = np.zeros((len(program.h), 6)), np.eye(6)
+    J = hard.compute_jacobian(case.c)
+    found = qpsolvers.solve_qp(
+        csc_matrix(np.pad(program.P, (0, 6))), np.r_[program.q, task.penalty],
+        csc_matrix(np.block([[program.G, none], [W, -some], [-W, -some]])),
+        np.r_[program.h, e, -e], csc_matrix(np.pad(J, ((0, 0), (0, 6)))),
+        DT * J @ step.velocity, solver="clarabel",
+    )  # fmt: skip
+    costs = [
+        0.5 * x @ program.P @ x + program.q @ x + task.penalty @ np.abs(W @ x - e)
+        for x in (step.velocity * DT, found[:7])
+    ]
+    return float((costs[0] - costs[1]) / abs(costs[1]))
+
+
+@pytest.mark.parametrize("price", [1.0, 1e3, 1e7])
+def test_the_levels_achieve_exactly_what_they_do_without_elastic_rows(price: float) -> None:
+    """At full speed, scaled, relaxed and near a singularity, of solve_ik and of controllers."""
+    seen, moved = list[qt.Status](), list[float]()
+    for seed in range(24):
+        case, rng = Case(seed, 10.0 ** -(seed % 4)), np.random.default_rng(seed)
+        case.c.update(rng.uniform(-1.5, 1.5, 7) * (seed % 5 > 0))
+        hard: Any = (qt.TwistTask.point, qt.TwistTask.axis_free)[seed % 2]("tool", "site")
+        hard.set_target(case.target)
+        task = case.aimed(Elastic(price * np.array(SOFTER) / 1e3))
+        levels = [[hard], [case.aimed(mink.FrameTask("tool", "site", 0.0, 1.0))]]
+        pairs, how = [], "relax" if seed % 3 == 0 else "scale"
+        for tasks in ([case.posture], [case.posture, task]):
+            given: dict[str, Any] = {"limits": LIMITS, "constraints": [hard], "on_infeasible": how}
+            steps = [qt.ik_step(case.c, tasks, DT, "daqp", **given)]
+            for solver in (None, "daqp"):
+                for first in ({"tasks": [hard, *tasks]}, {"tasks": tasks, "levels": levels}):
+                    given = {"on_infeasible": how, "solver": solver, "limits": [
+                        qt.PositionLimit(ARM),
+                        qt.MotionLimit(ARM, velocity=2.0, acceleration=50.0),
+                    ]}  # fmt: skip
+                    steps.append(qt.Controller(ARM, **first, **given).step(case.c, DT))
+            pairs.append(steps)
+        for alone, step in zip(*pairs, strict=True):
+            assert step.status is alone.status, seed
+            assert step.scale == pytest.approx(alone.scale, abs=1e-9)
+            for ours, theirs in zip(step.residuals, alone.residuals, strict=True):
+                assert ours == pytest.approx(theirs, abs=1e-7)
+            seen.append(step.status)
+            moved.append(float(np.abs(step.velocity - alone.velocity).max()))
+        if price <= 1e3:  # beyond, clarabel makes insufficient progress
+            assert excess(case, task, pairs[1][0], hard) < 1e-7
+    assert set(seen) == set(qt.Status)
+    assert sum(np.array(moved) > 1e-3) > 30
+
+
 @pytest.mark.parametrize("far", [0.01, 0.5])
 def test_a_controllers_task_comes_first_and_both_statements_agree(far: float) -> None:
     gains = []
@@ -255,7 +313,8 @@ def test_elastic_rows_alone_need_no_other_cost() -> None:
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "damped": ({"lm_damping": 1.0}, r"Elastic\('tool', 'site'\) is elastic: set its lm_damping"),
-    "no price": ({"penalty": None}, "its penalty: "),
+    "no price": ({"penalty": None}, "its penalty: expected a number above 0, .* got None"),
+    "perhaps": ({"elastic": np.array([True, False])}, "elastic: expected True or False"),
     "negative": ({"penalty": -1.0}, "its penalty: expected numbers above 0"),
     "zero": ({"penalty": [1, 1, 1, 1, 1, 0]}, "its penalty: expected numbers above 0"),
     "too few": ({"penalty": [1.0, 2.0]}, "its penalty: "),
@@ -290,6 +349,12 @@ def test_an_elastic_task_is_no_constraint_and_in_no_level() -> None:
     def solve(**given: Any) -> Any:
         return qt.solve_ik(case.c, dt=DT, solver="daqp", **({"tasks": []} | given))
 
+    def stated(rows: Any) -> Any:
+        around = Around(point)
+        around.compute_penalized_rows = lambda c: rows  # type: ignore[method-assign]
+        return solve(constraints=[around])
+
+    point = case.aimed(qt.TwistTask.point("tool", "site"))
     for match, refused in (
         ("neither a constraint nor", lambda: solve(constraints=[task])),
         ("neither a constraint nor", lambda: qt.Controller(ARM, levels=[[task]])),
@@ -297,6 +362,14 @@ def test_an_elastic_task_is_no_constraint_and_in_no_level() -> None:
         ("states no rows", lambda: solve(tasks=[dense])),
         ("the class Around", lambda: solve(constraints=[Around])),
         ("its penalty", lambda: solve(constraints=[Around(twist, np.inf)])),
+        (
+            "its penalty: expected numbers at least 0",
+            lambda: solve(constraints=[Around(point, -1)]),
+        ),
+        *(
+            (f"compute_penalized_rows: expected the rows J, .* got {what}", partial(stated, given))
+            for what, given in (("None", None), ("int", 3), ("tuple of 2", (np.eye(7), np.ones(7))))
+        ),
     ):
         with pytest.raises(qt.InvalidInput, match=match):
             refused()
