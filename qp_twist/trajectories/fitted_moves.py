@@ -27,6 +27,9 @@ from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
 from qp_twist.trajectories.within_limits import JointLimits, Ramp, Way
 
+ROUNDED_UP = 1e-3
+"""Share by which a printed speed may be above the planned one: the chord of an arc that turns by θ
+is shorter by θ²/24, which is 1e-3 at 9°."""
 _SHARE = 0.2
 """Share of the tolerances by which a line may leave the planned motion at its rows, which itself
 uses up to half of them between waypoints."""
@@ -190,7 +193,8 @@ class Fits:
         """The largest speed and acceleration on a move that the joints' limits allow.
 
         Of a joint move those of the joint that goes farthest, rad/s and rad/s²; else the tool's
-        acceleration alone, m/s², 0 if a joint has next to nothing left at constant speed.
+        acceleration alone, m/s², 0 if a joint has next to nothing left at constant speed, which may
+        be as much above the planned one as it is rounded.
         """
         if found.of_joints:
             shares = np.abs(found.end.q - begin.q)
@@ -200,7 +204,7 @@ class Fits:
         if found.move.length < self._tolerances.position:
             return np.inf, np.inf
         seconds = self._times[2 * found.end.row] - self._times[2 * begin.row]
-        ramp = Ramp.of(begin.q, found.way, seconds, found.move.length)
+        ramp = Ramp.of(begin.q, found.way, seconds / (1.0 + ROUNDED_UP), found.move.length)
         left = self._limits.acceleration - ramp.steady
         if (left < PACE * self._limits.acceleration).any():
             return np.inf, 0.0

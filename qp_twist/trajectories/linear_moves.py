@@ -28,7 +28,7 @@ from qp_twist.referee import Tolerances
 from qp_twist.robots import ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
-from qp_twist.trajectories.fitted_moves import Fits, FittedMove, farthest
+from qp_twist.trajectories.fitted_moves import ROUNDED_UP, Fits, FittedMove, farthest
 from qp_twist.trajectories.rest_to_rest import RestToRest
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -36,9 +36,6 @@ _ROUNDED = 0.25
 """Share of the tolerances by which a controller may round a point that it passes: a little more
 than that of a chord, so that the points of a smooth curve are passed without a stop."""
 
-_ROUNDED_UP = 1e-3
-"""Share by which a printed speed may be above the planned one: the chord of an arc that turns by θ
-is shorter by θ²/24, which is 1e-3 at 9°."""
 _PROCESS = 3
 """Fewest straight moves at one speed between two ramps: with fewer there is nothing to hold."""
 _SHORTEST = 1e-4
@@ -242,7 +239,7 @@ def _with_speeds(
     fastest = (np.abs(np.diff(planned.angles, axis=0)) / durations[:, None]).max(axis=0)
     travel = np.abs(np.diff(moves.angles, axis=0))
     needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
-    least = np.maximum(needed.max(axis=1), durations / (1.0 + _ROUNDED_UP))
+    least = np.maximum(needed.max(axis=1), durations / (1.0 + ROUNDED_UP))
     speeds = np.full(len(ways), np.nan)
     for unit in dialect.speeds:
         found = unit * np.minimum(np.round(ways / durations / unit), np.floor(ways / least / unit))

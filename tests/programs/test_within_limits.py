@@ -90,3 +90,12 @@ def test_where_digits_of_poses_exceed_limits_joints_move(
     assert accelerations(motion) <= 1.05 * LIMIT
     found = measured(job, motion)
     assert found.off_path <= 1e-4 and found.off_axis <= np.radians(0.05)
+
+
+def test_where_printed_speeds_are_rounded_up_joints_keep_their_ramps(tmp_path: Path) -> None:
+    """At the planned speeds alone ``a`` was 2.8e-6 above what a joint has left beside the wrist."""
+    job = job_at("Universal Robots UR5e", 0.2)
+    path = tmp_path / "wave.script"
+    check, _ = write_checked(job.rows, path, job.task, job.joints, linear=LINEAR)
+    (found,) = (each for each in check.findings if each.name == "accelerations stated (a)")
+    assert found.passes and found.value > 99.9  # the limit is met
