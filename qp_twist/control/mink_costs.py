@@ -49,7 +49,7 @@ def check_target(task: Any) -> None:
 def _elastic(task: Any) -> bool:
     """Whether a task says that it is elastic."""
     given = getattr(task, "elastic", False)
-    if np.size(given) != 1:
+    if given is not False and np.size(given) != 1:
         raise InvalidInput(
             f"expected True or False, got {given!r}.", key=f"{name_of(task)}: elastic"
         )

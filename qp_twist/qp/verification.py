@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgesv
@@ -128,8 +128,11 @@ def proof_of_optimality(
             return multipliers
         multipliers = _best(problem, point, gradient, close)
         excess = _excess(problem, point, gradient, multipliers)
+    if excess > 1.0:
+        gradient, multipliers = _with_more_digits(problem, point, multipliers)
+        excess = min(excess, _excess(problem, point, gradient, multipliers))
     if excess <= 1.0:
-        return multipliers
+        return Multipliers(*(values.astype(np.float64) for values in multipliers))
     return f"a point that is not optimal ({excess:.1e} times the tolerance)"
 
 
@@ -166,7 +169,7 @@ def _excess(
     if len(on):
         gain = float(np.abs(box[on]) @ np.where(box > 0.0, point.below, point.above)[on])
     # Of a singular H the gap says nothing.
-    inverse, singular = dgesv(problem.H, residual)[2:]
+    inverse, singular = dgesv(problem.H, residual.astype(np.float64))[2:]
     gap = gain - float(y @ point.equality)
     if not singular:
         gap += 0.5 * float(residual @ inverse)
@@ -186,6 +189,30 @@ def _excess(
         gap / (GAP_TOLERANCE * cost + lost),
     )
     return max(ratios) if all(map(math.isfinite, ratios)) else math.inf
+
+
+def _with_more_digits(
+    problem: QuadraticProgram, point: Point, multipliers: Multipliers
+) -> tuple[Any, Multipliers]:
+    """The gradient, and multipliers that leave less of it, in the longest numbers of the machine.
+
+    At the tip of a narrow wedge multipliers are so much larger than the gradient that their sum
+    loses it.
+    """
+    longest: Any = [values.astype(np.longdouble) for values in multipliers]
+    y, rows, box = longest
+    on, held = rows.nonzero()[0], box.nonzero()[0]
+    columns = np.vstack([problem.A, problem.G[on], np.eye(problem.n)[held]])
+    gradient = problem.H @ point.x.astype(np.longdouble) + problem.c
+    for _ in range(2):
+        values = np.concatenate([y, rows[on], box[held]])
+        left = (gradient + columns.T @ values).astype(np.float64)
+        values -= np.linalg.lstsq(columns.T, left, rcond=None)[0]
+        y, rows[on], box[held] = np.split(values, [len(y), len(y) + len(on)])
+    # A multiplier that has changed its sign counts as none.
+    return gradient, Multipliers(
+        y, np.maximum(rows, 0.0), np.where(box * multipliers.box > 0.0, box, 0.0)
+    )
 
 
 def _best(problem: QuadraticProgram, point: Point, gradient: Array, close: float) -> Multipliers:

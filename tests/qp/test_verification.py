@@ -17,9 +17,10 @@ from oracles.referee import GAP, LowerBound, broken_constraint
 from oracles.twists import POINT, pose
 
 import qp_twist as qt
-from qp_twist.qp import Verified, installed_solvers, solve
+from qp_twist.qp import QuadraticProgram, Verified, installed_solvers, solve
 from qp_twist.qp.backend import solve_raw
 from qp_twist.qp.solve import Refused
+from qp_twist.qp.verification import Point, proof_of_optimality
 
 Array = npt.NDArray[np.float64]
 DEBURRING = qt.load_task("deburring")
@@ -270,6 +271,23 @@ def test_the_referee_sends_wrong_results_off() -> None:
     outside = np.array(p.upper)
     outside[0] = np.nextafter(outside[0], np.inf)
     assert broken_constraint(p, outside) == "outside the bounds"
+
+
+@pytest.mark.skipif(
+    np.finfo(np.longdouble).eps >= np.finfo(float).eps, reason="no numbers longer than floats"
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_the_tip_of_a_narrow_wedge_is_proven_though_its_multipliers_are_large(seed: int) -> None:
+    """Σ λ n = 1e6 with λ = 1e13, of which doubles leave 1e-3; a point beside the tip is refused."""
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    G = np.array([[1e-7, 1.0, 0.0], [1e-7, -0.6, 0.8], [1e-7, -0.6, -0.8]]) @ turn
+    p = QuadraticProgram.free(1e-2 * np.eye(3), -1e6 * turn[0], G, np.zeros(3))
+    result = solve(p, "compiled")
+    assert isinstance(result, Verified)
+    assert np.abs(result.x).max() < 1e-6
+    for off in (1e-2, 1e-4):
+        point = Point.at(p, -off * turn[0])
+        assert "not optimal" in proof_of_optimality(p, point, result.multipliers)
 
 
 def test_an_empty_box_is_refused_before_a_backend_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
