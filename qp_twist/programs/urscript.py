@@ -340,9 +340,9 @@ class Script(Program):
         self._check_turns(line, match, angles)
         streamed = match["word"] == "servoj"
         self._ends_stream(streams=streamed)
-        timed = seconds > 0.0 or streamed  # then a and v do not count
+        timed = seconds != 0.0 or streamed  # then a and v do not count
         self.moves.joint(JointMove(
-            line, angles, pose, seconds if seconds > 0.0 else None,
+            line, angles, pose, seconds if seconds != 0.0 else None,
             speed=None if timed else Speed(v), acceleration=None if timed else a, passes=streamed,
         ))  # fmt: skip
 
@@ -371,7 +371,7 @@ class Script(Program):
             ) from error
         for each in filter(None, (angles, circle and circle.angles)):
             self._check_turns(line, match, each)
-        timed = seconds > 0.0
+        timed = seconds != 0.0
         self._ends_stream()
         self.moves.joint(JointMove(
             line, angles, None, seconds if timed else None, tool=self._tool.name, target=target,

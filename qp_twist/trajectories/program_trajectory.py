@@ -38,7 +38,7 @@ from qp_twist.robots import (
 )
 from qp_twist.robots.tool_chain import Part
 from qp_twist.robots.wording import listed
-from qp_twist.trajectories.followed import followed
+from qp_twist.trajectories.followed import Followed, followed
 from qp_twist.trajectories.timed_path import TimedPath
 
 _ADVICE = (
@@ -213,6 +213,7 @@ def decode(
             for each in moves.circles
         ]  # fmt: skip
         found = followed(moves, joints.positions(angles / scale), joints, vias)
+        _refuse_no_time(moves, found)
     rates = None if moves.velocities is None else joints.rates(moves.velocities / scale)
     notes = [*joints.notes, *moves.notes, *external]
     if rates is None and found.times is not None:
@@ -263,6 +264,18 @@ def decode(
         if moves.header
         else None,
     )
+
+
+def _refuse_no_time(moves: JointMoves, found: Followed) -> None:
+    """Refuse a move in which no time passes, with its line."""
+    times = np.zeros(0) if found.times is None else found.times
+    if len(rows := 1 + np.flatnonzero(np.diff(times) <= 0.0)):
+        raise InvalidInput(
+            f"the move takes no time that counts, {times[rows[0]]:.9g} s after the start: it leads "
+            "to where the robot is, or a move before it takes far too long. Remove it, or correct "
+            "the time.",
+            line=moves.lines[int(np.searchsorted(found.points, rows[0]))],
+        )
 
 
 def axis_names(dialect: Dialect, joints: ControllerJoints) -> tuple[str, ...]:

@@ -200,3 +200,37 @@ def test_joint_moves_that_are_too_short_for_their_stops_do_not_pass(
     line = 1 + text.split("\n").index(lines[1 + int(np.argmax(expected))])
     assert f"line {line}, {times[np.argmax(expected)]:.4g} s: it takes longer" in found.where
     assert found.name in check.verdict
+
+
+def test_a_move_in_no_time_is_refused_with_its_line(
+    script: tuple[Job, str], tmp_path: Path
+) -> None:
+    job, text = script
+    lines = without_header(text).split("\n")
+    k = [k for k, line in enumerate(lines) if "movel(" in line or "movep(" in line][20]
+    twice = "\n".join([*lines[: k + 1], *lines[k:]])
+    with pytest.raises(qt.InvalidInput, match=rf"changed\.script, line {k + 2}: the move takes no"):
+        checked(job, twice, tmp_path)
+    for t in ("-1", "1e20"):
+        target = lines[k][: lines[k].index("]") + 1]
+        timed = "\n".join([*lines[:k], f"{target}, t={t})", *lines[k + 1 :]])
+        at = k + 1 if t == "-1" else k + 2  # the next move is lost in the digits
+        with pytest.raises(qt.InvalidInput, match=rf"line {at}: the move takes (-1 s|no)"):
+            checked(job, timed, tmp_path)
+
+
+def test_what_no_move_uses_passes(script: tuple[Job, str], tmp_path: Path) -> None:
+    job, text = script
+    k = text.index("\n", text.index("  move", text.index("  move") + 1))
+    assert checked(job, f"{text[:k]}\n  x = 3{text[k:]}", tmp_path).passes
+    other = text.replace("# task: ", "# task: another ")
+    assert any("'another " in note for note in checked(job, other, tmp_path).notes)
+    job, text = written("Fanuc LR Mate 200iD", tmp_path)
+    with pytest.raises(qt.InvalidInput, match="the header says tool: 3, but here it is 5"):
+        checked(
+            job, re.sub(r"\bUT : 3|(?<=UTOOL_NUM=)3", lambda m: m[0][:-1] + "5", text), tmp_path
+        )
+    done = write_checked(job.rows, tmp_path / "joints.ls", job.task, job.joints)[1]
+    joints = (tmp_path / "joints.ls").read_text()
+    assert done and "UT : 1" in joints
+    assert checked(job, joints.replace("UT : 1", "UT : 5"), tmp_path).passes
