@@ -142,15 +142,8 @@ class PlanSearch:
             return self._on_path(self.problem, result)
         if result.certificate.kind != "speed" or self.slower is None:
             return result
-        problem, slower = self.problem, self.slower
-
-        def slowed(times: float) -> JudgedPath | None:
-            slow = replace(problem, limits=slower(times))
-            return self._on_path(slow, self._searched(slow)).path
-
         try:
-            certificate = _with_pace(result.certificate, problem.limits, slowed)
-            return replace(result, certificate=certificate)
+            return _how_much_slower(self, result, self.slower)
         except KeyboardInterrupt:  # the result itself is known
             return result
 
@@ -392,6 +385,17 @@ class PlanSearch:
         except KeyboardInterrupt:  # once more: without a bound
             pass
         return SearchResult(best, certificate, bound, interrupted=True)
+
+
+def _how_much_slower(search: PlanSearch, result: SearchResult, slower: Slower) -> SearchResult:
+    """The result that only speeds prevent a motion, with how much slower there is one."""
+
+    def slowed(times: float) -> JudgedPath | None:
+        slow = replace(search.problem, limits=slower(times))
+        return search._on_path(slow, search._searched(slow)).path
+
+    certificate = _with_pace(result.certificate, search.problem.limits, slowed)
+    return replace(result, certificate=certificate)
 
 
 def _kept_on_path(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -245,18 +245,8 @@ def check_trajectory(
         *rows.notes,
         *_part_of_the_path(passing, motion, met),
         *([] if foreign else judged),
+        *_about_rows(rows, path_task, findings),
     ]
-    unsaid = path_task.cuts == "fewest" and "cuts" not in rows.metadata
-    if unsaid and not all(finding.passes for finding in findings):
-        notes.append(
-            "the task lets the tool lift off, but the trajectory does not say where it does: state "
-            "the waypoints by cuts = [WAYPOINT, …] in [plan]"
-        )
-    if motion.degree == 5:
-        notes.append(
-            "the trajectory has accelerations: its joints move on polynomials of degree five from "
-            "row to row, as ROS' joint trajectory controller moves them"
-        )
     unchecked, sources = _coverage(path_task, limits, ranges, timed=timed)
     if path_task is not asked:
         after = ", ".join(map(str, path_task.cuts))
@@ -274,6 +264,21 @@ def check_trajectory(
         findings, tuple(notes), tuple(unchecked), (*rows.sources, *sources), motion, passing,
         errors, astray, limits, rows.program, speed, tolerances, beside,
     )  # fmt: skip
+
+
+def _about_rows(rows: TimedPath, path_task: PathTask, findings: Sequence[Finding]) -> Iterator[str]:
+    """What a motion that does not pass may have left unsaid, and how its joints move."""
+    unsaid = path_task.cuts == "fewest" and "cuts" not in rows.metadata
+    if unsaid and not all(finding.passes for finding in findings):
+        yield (
+            "the task lets the tool lift off, but the trajectory does not say where it does: state "
+            "the waypoints by cuts = [WAYPOINT, …] in [plan]"
+        )
+    if rows.motion.degree == 5:
+        yield (
+            "the trajectory has accelerations: its joints move on polynomials of degree five from "
+            "row to row, as ROS' joint trajectory controller moves them"
+        )
 
 
 def _of_speed(path_task: PathTask, speed: ToolSpeed | None) -> tuple[list[Finding], list[str]]:
