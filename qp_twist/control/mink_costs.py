@@ -86,20 +86,23 @@ def elastic_constraint(item: Any, configuration: mink.Configuration) -> Weighted
         )
     J, e, given = stated
     rows, error = as_rows(item, J, e, configuration.model.nv)
-    penalty = _penalty(item, given, len(error), least="at least 0")
+    penalty = _penalty(item, given, len(error), free=True)
     priced = penalty > 0.0
     return WeightedRows(rows[priced], -error[priced], 0.0, penalty[priced])
 
 
-def _penalty(task: Any, given: Any, k: int, least: str = "above 0") -> Array:
-    """ρ of the k rows of an elastic task or constraint: one number for all or one for each."""
-    name = f"{name_of(task)}: its penalty"
+def _penalty(task: Any, given: Any, k: int, *, free: bool = False) -> Array:
+    """ρ of the k rows of an elastic task or constraint: one number for all or one for each.
+
+    0, where rows may be ``free``.
+    """
+    name, least = f"{name_of(task)}: its penalty", "at least 0" if free else "above 0"
     if given is None:
         raise InvalidInput(f"expected a number {least}, or one for each row; got None.", key=name)
     if np.size(given) == 1:
         given = np.full(k, np.asarray(given).item())
     penalty = finite_array(name, given, (k,))
-    if not (penalty >= 0.0 if least == "at least 0" else penalty > 0.0).all():
+    if not (penalty >= 0.0 if free else penalty > 0.0).all():
         raise InvalidInput(f"expected numbers {least}, got {penalty.min():g}.", key=name)
     return within(name, penalty, LARGEST_ROW)
 

@@ -234,10 +234,10 @@ def check_trajectory(
     of_ramps, more_sources = of_stated_ramps(rows, limits, ranges, passing)
     beside = _beside_the_path(path_task, passing, motion, met, tolerances)
     at_rests = of_rests(rows, limits, ranges)
-    added = *dips, *rounding, *of_ramps, *at_rests, *_not_stated(beside, rows.beside)
-    findings = (*findings, *added)
-    judged = [f"{_counted(beside)}: judged for limits and obstacles, not against the path"]
-    judged = judged if beside else []
+    stated = _not_stated(beside, rows.beside)
+    findings = (*findings, *dips, *rounding, *of_ramps, *at_rests, *stated)
+    unasked = f"{_counted(beside)}: judged for limits and obstacles, not against the path"
+    judged = [unasked] if beside else []
     foreign = bool(rows.program) and rows.beside is None
     notes = [
         *of_speed,
