@@ -27,6 +27,8 @@ from qp_twist.files import write_atomically
 
 ROOT = Path(__file__).resolve().parents[1]
 GENERATED = ROOT / "docs" / "generated" / "benchmarks"
+_NUMBERS = 30
+"""Characters of the longest numbers in a cell: what is longer are words, which may wrap."""
 sys.path += [str(ROOT / "tests"), str(ROOT / "examples")]  # oracles; placements, simulated robot
 
 Task, Found = TypeVar("Task"), TypeVar("Found")
@@ -111,10 +113,12 @@ def each(
 def markdown_table(
     headings: Sequence[str], rows: Iterable[Sequence[object]], *, left: int = 1
 ) -> str:
-    """A table whose first ``left`` columns are text, the others numbers."""
+    """A table whose first ``left`` columns are text, the others numbers or, at last, sentences."""
+    cells = [[*map(str, row)] for row in rows]
     aligned = [":--"] * left + ["--:"] * (len(headings) - left)
-    lines = [f"| {' | '.join(map(str, cells))} |" for cells in (headings, aligned, *rows)]
-    return "\n".join(lines) + "\n"
+    if any(len(row[-1]) > _NUMBERS for row in cells):
+        aligned[-1] = ":--"
+    return "".join(f"| {' | '.join(row)} |\n" for row in (headings, aligned, *cells))
 
 
 def micro(value: float) -> str:
