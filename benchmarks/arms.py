@@ -15,8 +15,6 @@ a certificate of "none" wrong.
 the solutions are from these, and what a pose takes.
 """
 
-from __future__ import annotations
-
 from page import command, in_processes, markdown_table
 
 # isort: split

@@ -10,8 +10,6 @@ part where they are installed. ``--out`` keeps all numbers with the machine and 
 ``--compare`` prints the ratios to such a file. docs/bench.md says what is measured.
 """
 
-from __future__ import annotations
-
 from page import GENERATED, markdown_table, micro
 
 # isort: split

@@ -20,8 +20,6 @@ but the model: poses by MuJoCo's kinematics, distances by MuJoCo at the poses an
 the straight joint motion from each to the next.
 """
 
-from __future__ import annotations
-
 import page  # noqa: F401  (threads: before numpy)
 
 # isort: split

@@ -26,8 +26,6 @@ kinematics, which returns one configuration a pose.
 OUT/peers.json has the results.
 """
 
-from __future__ import annotations
-
 import page  # noqa: F401  (threads: before numpy)
 
 # isort: split

@@ -26,8 +26,6 @@ With ``--keep DIR`` each result is kept in a file of its own, and is not compute
 be stopped, and go on with more. Results of another version of the code have to be removed by hand.
 """
 
-from __future__ import annotations
-
 from page import command, each, in_processes, markdown_table
 
 # isort: split

@@ -7,8 +7,6 @@
 All tables take three to four minutes; the second line draws docs/figures/closed_loop.png.
 """
 
-from __future__ import annotations
-
 from page import ROOT, command, markdown_table
 
 # isort: split

@@ -1,7 +1,5 @@
 """The contenders: the floor, this package's steps, other libraries' steps, the closed forms."""
 
-from __future__ import annotations
-
 import importlib
 import warnings
 from collections.abc import Callable

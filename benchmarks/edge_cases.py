@@ -13,8 +13,6 @@ largest final error and the largest excess over position, velocity and accelerat
 excursion is a smooth random motion of the target about home, in and out of the reach, and back.
 """
 
-from __future__ import annotations
-
 from page import command, in_processes, markdown_table
 
 # isort: split

@@ -14,8 +14,6 @@ of the joint moves, the processor's seconds (compilation left out), and what MuJ
 largest distance from a pose, and the least between capsules at the rows and nine points between.
 """
 
-from __future__ import annotations
-
 import page  # noqa: F401  (threads: before numpy)
 
 # isort: split

@@ -16,8 +16,6 @@ between tool and stated axis, at the program's points and at nine places between
 largest distance of a point of the toolpath from the tool's path, so that nothing was left out.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import re

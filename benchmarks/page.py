@@ -3,8 +3,6 @@
 Imported before numpy, which reads the number of threads when it is loaded: a step wants one.
 """
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import json

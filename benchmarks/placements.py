@@ -24,8 +24,6 @@ each fail: none may in the proven one.
 With ``--keep DIR`` each result is kept in a file of its own, and is not computed again.
 """
 
-from __future__ import annotations
-
 from page import command, each, markdown_table
 
 # isort: split

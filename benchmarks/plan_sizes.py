@@ -16,8 +16,6 @@ Each is made by a process of its own, which reports its processor time, and how 
 memory is above that before. Machine code is loaded before. Ten minutes.
 """
 
-from __future__ import annotations
-
 from page import command, in_processes, markdown_table
 
 # isort: split

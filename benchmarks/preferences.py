@@ -10,8 +10,6 @@ definitions. A weld whose tool may lean by 20°: at each waypoint all leads and 
 coarse. Some five minutes.
 """
 
-from __future__ import annotations
-
 from page import command, markdown_table
 
 # isort: split

@@ -7,8 +7,6 @@ what ``qp-twist show`` says stand lengths and extents of the cuts from readers t
 with the package: they know just the words of these files.
 """
 
-from __future__ import annotations
-
 import argparse
 import math
 import re

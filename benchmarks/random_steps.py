@@ -25,8 +25,6 @@ others; what they do not prove counts as refused, too.
 with quadprog's solution of the program as the referee states it.
 """
 
-from __future__ import annotations
-
 from page import ROOT, command, each, markdown_table
 
 # isort: split

@@ -15,8 +15,6 @@ numba's cache, then the same once more with the folder as it was left.
 *commands*: processor seconds of whole commands after a first one; the least and the median of nine.
 """
 
-from __future__ import annotations
-
 from page import ROOT, command, markdown_table
 
 # isort: split

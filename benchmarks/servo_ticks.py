@@ -9,8 +9,6 @@ the late ones in which the thread's processor time was as long, which on a virtu
 time that its host took away. So the step of such a tick is computed again at once, twice.
 """
 
-from __future__ import annotations
-
 from page import command
 
 # isort: split

@@ -21,8 +21,6 @@ Everything is timed in turns by the timer of ``qp-twist bench``; the first two b
 clock. A minute, half a minute, two minutes.
 """
 
-from __future__ import annotations
-
 from page import command, in_turns, markdown_table, micro
 
 # isort: split

@@ -7,8 +7,6 @@ of another file of the dialect in between. Each result is read and summarised, a
 does it; it ends in a toolpath or in a sentence (``InvalidInput``).
 """
 
-from __future__ import annotations
-
 import argparse
 import random
 import sys

@@ -15,8 +15,6 @@ accelerations, each around the last motion, from random first guesses. It knows 
 obstacle will do. A margin of zero is a motion that keeps the distance; none is found is no proof.
 """
 
-from __future__ import annotations
-
 from page import command, markdown_table
 
 # isort: split

@@ -1,7 +1,5 @@
 """A robot as URDF, for libraries that do not read MJCF; kinematics only."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence

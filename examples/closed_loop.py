@@ -7,8 +7,6 @@ The arm rests for a second and then follows the path at its feed of 50 mm/s. Pri
 numbers, and draws it. The whole run takes about ten seconds.
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -8,8 +8,6 @@ J q₀/σ with q₀ inside, some entries on, the bounds: the share σ of it can 
 nothing of short steps. 10,000 problems take one to two minutes.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from dataclasses import dataclass

@@ -8,8 +8,6 @@
 docs/streaming.md explains the loop; closed_loop.py and servo.py beside this file use it.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """Which tests are numerical: they run on several kernels of OpenBLAS, too (``.ci/kernels.py``)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 HERE = Path(__file__).parent

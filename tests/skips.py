@@ -5,8 +5,6 @@ failure. ``.ci/run`` sets it, so that a numba that is missing, or no longer impo
 the tests of the compiled step without anybody seeing it. Without the variable skips are skips.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator
 from typing import Any

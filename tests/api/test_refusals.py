@@ -1,7 +1,5 @@
 """Junk anywhere in the public API: only documented exceptions come out, each with a sentence."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What results look like at a prompt and in a notebook: one line, or a small table."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import re

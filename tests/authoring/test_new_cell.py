@@ -1,7 +1,5 @@
 """A robot, a toolpath and meshes become a scene in which distances are kept."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 import shutil

@@ -1,7 +1,5 @@
 """qp-twist new for parts that move: on a turn table, and in the hand before a tool in the cell."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import warnings

@@ -1,7 +1,5 @@
 """From a robot file and a toolpath file to a task file that runs."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """The bench judges rightly: its reference, its rows, its statistics. No test looks at a time."""
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Callable

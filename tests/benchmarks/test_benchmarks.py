@@ -1,7 +1,5 @@
 """The scripts in benchmarks: each can be loaded, and its measurement taken on little work."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from importlib import import_module

@@ -1,7 +1,5 @@
 """The reader and the judge of public problems, on a problem of two joints with known answers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """mink's step as a method: what it is given, where it equals ours, what is said when not."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 

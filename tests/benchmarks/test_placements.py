@@ -1,7 +1,5 @@
 """The study of random placements: its placements, starts, judge and search are what it says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The command, as a person types it."""
 
-from __future__ import annotations
-
 import importlib
 import io
 import json

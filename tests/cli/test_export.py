@@ -1,7 +1,5 @@
 """``qp-twist export``, and programs in ``run`` and ``check``."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

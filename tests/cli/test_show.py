@@ -1,7 +1,5 @@
 """``qp-twist show``: what a toolpath file was understood to say, before there is a robot."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Weighted least norm and its weights, against a linear solve and finite differences."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mink

@@ -1,7 +1,5 @@
 """Metrics, table, figures, report and trajectories."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

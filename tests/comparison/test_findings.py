@@ -1,7 +1,5 @@
 """The sentences that a report begins with, from numbers made by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -3,8 +3,6 @@
 Each has five waypoints, all as good as the first but those that a test changes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One referee: what passes in a run passes in every command, what fails in one fails in all."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -18,6 +16,7 @@ from qp_twist.comparison.metrics import metrics
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.studies.judge import Judge
 from qp_twist.trajectories import TimedPath, run_task
+from qp_twist.trajectories.check import Check
 from qp_twist.viewing.one_run import run_once
 from qp_twist.viewing.settings import PageSettings
 
@@ -65,7 +64,7 @@ def run_of(case: int) -> qt.Trajectory:
     return moved(qt.follow(task_of(case), "qp_gradient"), case)
 
 
-def kept_at_waypoints(check: qt.Check, task: qt.PathTask) -> bool:
+def kept_at_waypoints(check: Check, task: qt.PathTask) -> bool:
     kinds = [f"outside {constraint.kind}" for constraint in task.stated_constraints]
     found = [f for f in check.findings if f.name in (*AT_ROWS, *kinds)]
     assert len(found) >= 3

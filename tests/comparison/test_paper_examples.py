@@ -1,7 +1,5 @@
 """The paper's two examples, against the numbers measured independently with the same facts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

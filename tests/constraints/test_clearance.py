@@ -1,7 +1,5 @@
 """Clearance: distances and derivatives held against another library, bounds, pairs, refusals."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from typing import Any

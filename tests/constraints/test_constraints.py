@@ -1,7 +1,5 @@
 """A constraint is one class: plans, steps and checks keep it, or refuse the task in a sentence."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 

@@ -1,7 +1,5 @@
 """Joints that MJCF couples: one constraint, which steps, plans, checks and studies keep."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Motion limits: the viable speed, boxes that never become empty, recovery, kinds, couplings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Each odd argument goes to both; where mink finds a velocity ours is the same one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """What is assigned between two steps is checked, and counts at once."""
 
-from __future__ import annotations
-
 import copy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The controller: limits, infeasibility, verification, and input that is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

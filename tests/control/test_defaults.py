@@ -1,7 +1,5 @@
 """One place states the defaults; the pages, the functions and the commands say and do the same."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import tomllib

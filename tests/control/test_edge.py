@@ -1,7 +1,5 @@
 """At the edge of the reach and near singularities: continuous, calm, and exact everywhere else."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple

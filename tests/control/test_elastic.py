@@ -5,8 +5,6 @@ so that Δq is optimal if and only if some ν, |νᵢ| ≤ ρᵢ, νᵢ = ±ρ�
 gradient of f with multipliers of the limits that are touched.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

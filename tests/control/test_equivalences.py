@@ -4,8 +4,6 @@ The oracles are written out here with dense linear algebra, not taken from ``clo
 closed forms equal them too is checked beside.
 """
 
-from __future__ import annotations
-
 import mink
 import numpy as np
 import pytest

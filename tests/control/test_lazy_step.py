@@ -1,7 +1,5 @@
 """The plain step as machine code: the reference's."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import pickle

@@ -3,8 +3,6 @@
 The oracle is ``compute_qp_residual`` of each task, and for constraints its error and Jacobian.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The one contract between the two statements of the step: reference and kernel say the same."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Saturation in the null space, against linear programs, optimality conditions and the QPs."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import runpy

@@ -1,7 +1,5 @@
 """A controller that is fed by a stream: what it follows, how it stops, what it refuses."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """Near a singularity: bounded, exact elsewhere, continuous, and it says what is lost."""
 
-from __future__ import annotations
-
 import mink
 import numpy as np
 import numpy.typing as npt

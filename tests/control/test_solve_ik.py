@@ -1,7 +1,5 @@
 """``qt.solve_ik``: mink's meaning while the step is feasible, a verified one where it is not."""
 
-from __future__ import annotations
-
 import inspect
 import logging
 from itertools import pairwise

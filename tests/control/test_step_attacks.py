@@ -1,7 +1,5 @@
 """What a first user of prepared steps ran into: other robots and threads, what is written into."""
 
-from __future__ import annotations
-
 import copy
 import sys
 import threading

@@ -1,7 +1,5 @@
 """The referee of random steps: it has to see what is wrong before it may say "none"."""
 
-from __future__ import annotations
-
 import importlib
 import json
 from collections.abc import Callable

@@ -5,8 +5,6 @@ numbers. Beside each stands a function that computes the path without the packag
 rotary axes by homogeneous matrices, splines by scipy, Euler angles by scipy's rotations.
 """
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """APT-CL of CAMWorks, ISO 4343, CATIA, Creo, CAMplete, and of a slicer for welding."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

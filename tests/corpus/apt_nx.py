@@ -1,7 +1,5 @@
 """Siemens NX CLSF: no unit, ``MSYS``, axes on each point, circles with a tool vector."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """FANUC: percent signs, tip control, tilted planes, corners, drilling, macros."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Haas, Mazak in its ISO language, and machines whose geometry is given."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

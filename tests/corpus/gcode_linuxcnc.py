@@ -1,7 +1,5 @@
 """LinuxCNC and its kin: subprograms, names, switches of kinematics, offsets, absolute centres."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from corpus import UP, TruePath, arc, at, case, mm, upright

@@ -1,7 +1,5 @@
 """3-D printers and five-axis slicers: filament, settings, no unit."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Siemens SINUMERIK: TRAORI, vectors, CYCLE800, frames, corners."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from corpus import UP, TruePath, arc, at, case, mm, upright

@@ -1,7 +1,5 @@
 """Heidenhain's Klartext: poles and polar coordinates, helices, M128, LN, tilted planes, labels."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -4,8 +4,6 @@ The positions and rotations are those from which the text is written, in metres;
 products of rotations about single axes, and rotations from quaternions and vectors are scipy's.
 """
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """FANUC TP programs as text."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Yaskawa JBI: jobs of post processors."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """KUKA KRL: programs of path generators and of inline forms."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

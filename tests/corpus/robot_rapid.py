@@ -1,7 +1,5 @@
 """ABB RAPID: modules of RobotStudio and of path generators."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Universal Robots URScript: scripts of post processors, of generators and of PolyScope."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """The architecture: one-way imports, shipped data, no machine's traces."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The documentation says what the package does: snippets, tables, keys, names, and the build."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import inspect

@@ -1,7 +1,5 @@
 """Gallery and conventions: pictures, what is said of them, and numbers that were measured."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

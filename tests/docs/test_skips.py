@@ -1,7 +1,5 @@
 """A test that is skipped does not go unseen where everything has to be there."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

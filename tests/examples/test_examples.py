@@ -1,7 +1,5 @@
 """The apps of ``examples/``, headless, and what each of them promises."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys

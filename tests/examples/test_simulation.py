@@ -1,7 +1,5 @@
 """The example of a closed loop: against kinematics and lags, statistics of noise, pushes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What is no readable file is refused with a sentence by everything that takes a file."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import socket

@@ -1,7 +1,5 @@
 """Many runs at once: each the same as one by one."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mink

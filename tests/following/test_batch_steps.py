@@ -1,7 +1,5 @@
 """Single steps of many configurations: the same as one by one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mink

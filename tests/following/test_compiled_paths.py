@@ -1,7 +1,5 @@
 """Kinematics, corrections and runs as machine code: the same as the reference."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

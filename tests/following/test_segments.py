@@ -1,7 +1,5 @@
 """Projectors that change along the path: common rows, blends, and what a task file may say."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import shutil

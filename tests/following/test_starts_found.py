@@ -1,7 +1,5 @@
 """Starts that are found: nothing nearby or elsewhere is better, and what is said of them is so."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Projectors and twist projectors: their axioms, their frames, and the redundancy they leave."""
 
-from __future__ import annotations
-
 import itertools
 
 import mink

@@ -1,7 +1,5 @@
 """The task error against scipy's rotations, brute force, and the step that it promises."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import NamedTuple

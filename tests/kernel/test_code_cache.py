@@ -4,8 +4,6 @@ In copies of the package's folder of kernels, each with its own cache, so that n
 but two functions of a line each and one small kernel.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

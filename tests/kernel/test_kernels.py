@@ -1,7 +1,5 @@
 """The choice of OpenBLAS's kernels that the numerical tests run on, and which tests these are."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numerical

@@ -1,7 +1,5 @@
 """Tolerance bands: exact gradients, containment to second order, recovery, refusals, task files."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Closed forms of arms with given joints, beside Newton's method on MuJoCo's kinematics."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 from collections.abc import Sequence

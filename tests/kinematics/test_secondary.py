@@ -1,7 +1,5 @@
 """The secondary objectives, alone and in mink's solve_ik, and the rows that T leaves free."""
 
-from __future__ import annotations
-
 import itertools
 
 import mink

@@ -1,7 +1,5 @@
 """TwistTask as a mink task: its derivative, its place in mink's solvers, its targets."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

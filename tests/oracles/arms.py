@@ -1,7 +1,5 @@
 """Random and planar arms for the tests: models built from a random generator, and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 import mujoco

@@ -1,7 +1,5 @@
 """The task `deburring_bands`, its inverse kinematics by py_opw_kinematics, and brute force."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -4,8 +4,6 @@
 wrong in it. Without playwright or a browser the test is skipped with a sentence.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager

@@ -1,7 +1,5 @@
 """Random models whose geoms may collide: a body among others, and trees of hinges and slides."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

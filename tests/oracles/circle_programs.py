@@ -1,7 +1,5 @@
 """Paths on a circle, and programs with a random one, by the tests' own kinematics."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Arms without a spherical wrist, and two of seven joints, by their makers' published lengths."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ A composition is made anew from its seed, so that two implementations of the ste
 same question. :mod:`oracles.two_statements` compares their answers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

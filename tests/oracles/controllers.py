@@ -5,8 +5,6 @@ variables happens. The other three are interpreted line by line with variables t
 What an interpreter does not know raises :class:`Unknown`.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re

@@ -1,7 +1,5 @@
 """Arms by the lengths of their data sheets: frames of the links, and configuration data."""
 
-from __future__ import annotations
-
 import numpy as np
 
 Array = np.ndarray

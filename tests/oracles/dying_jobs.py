@@ -3,8 +3,6 @@
 In a file of their own: each process that is started for them imports it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import signal

@@ -1,7 +1,5 @@
 """Strict priorities in 60-digit decimal arithmetic: an oracle that no BLAS kernel takes part in."""
 
-from __future__ import annotations
-
 import decimal
 from decimal import Decimal
 from typing import Any

@@ -1,7 +1,5 @@
 """Random priority levels, and the textbook cascade of quadratic programs that solves them."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field

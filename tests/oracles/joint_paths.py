@@ -1,7 +1,5 @@
 """Joint trajectories through given rows, with the task whose waypoints lie where they lead."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

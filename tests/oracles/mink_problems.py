@@ -1,7 +1,5 @@
 """Problems as mink apps pose them: every kind of mink task and limit, twist tasks among them."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Known robots of the table in models of random zeros and signs, and their motions along paths."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

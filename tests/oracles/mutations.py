@@ -1,7 +1,5 @@
 """Files that are damaged or written by somebody malicious: mutations of valid ones."""
 
-from __future__ import annotations
-
 import random
 import re
 

@@ -1,7 +1,5 @@
 """Programs of poses: tasks of robots by their data sheets, and how their controllers move."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

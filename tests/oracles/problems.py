@@ -4,8 +4,6 @@ Every program has a strictly convex cost. Those with a solution are built around
 satisfies them; those without contain rows that miss what the bounds allow by a stated margin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

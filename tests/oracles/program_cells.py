@@ -1,7 +1,5 @@
 """Robots of data sheets, on a rail or beside a positioner, with a path: for all languages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Random joint trajectories for robot programs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from qp_twist.robots import KNOWN_ROBOTS, ControllerJoints, KnownRobot

@@ -2,8 +2,6 @@
 by MuJoCo and by data sheets, of robots on a rail and of parts on a positioner or in the hand, too.
 """
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The deburring arm on a rail along x."""
 
-from __future__ import annotations
-
 import mujoco
 
 import qp_twist as qt

@@ -3,8 +3,6 @@
 Neither package is imported: only its folder is looked for.
 """
 
-from __future__ import annotations
-
 import importlib.util
 from dataclasses import dataclass, field
 from functools import cache

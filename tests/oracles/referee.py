@@ -4,8 +4,6 @@ Any multipliers give a lower bound of the optimum (weak duality), so that a bad 
 a good result but never pass a bad one. Nothing here comes from the package's own verification.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator
 from typing import Any

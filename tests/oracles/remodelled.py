@@ -1,7 +1,5 @@
 """Models of a known robot that count its joints in other ways: other zero positions and signs."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation

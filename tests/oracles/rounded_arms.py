@@ -1,7 +1,5 @@
 """Arms of four and five joints whose models may have rounded angles, and a path for them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Steps of the kernel and of the reference, held against each other."""
 
-from __future__ import annotations
-
 import dataclasses
 from typing import Any
 

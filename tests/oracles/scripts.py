@@ -1,7 +1,5 @@
 """Scripts of examples and docs as modules."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType

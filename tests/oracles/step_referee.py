@@ -28,8 +28,6 @@ are optimal. Where they are not, another y might prove it, and whoever asks has 
 by other means to know.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

@@ -1,7 +1,5 @@
 """A six-axis arm and a table that turns and tilts, modelled twice."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """Moves of a tool on circles and lines by formulas of the tests' own."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 

@@ -1,7 +1,5 @@
 """Rotations, poses and projectors that many tests ask for, in a word each."""
 
-from __future__ import annotations
-
 import mink
 import numpy as np
 import numpy.typing as npt

@@ -6,8 +6,6 @@ what another statement may differ by; where status or active constraints changed
 compared.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The flange of Universal Robots' arms by the maker's parameters of Denavit and Hartenberg."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from oracles.data_sheets import about

@@ -1,7 +1,5 @@
 """Steps of a controller one after the other, and what a walk shows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mink

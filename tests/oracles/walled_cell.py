@@ -1,7 +1,5 @@
 """A cell with a wall between two edges, on which an arm works one after the other."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from qp_twist.paths import shipped_folder

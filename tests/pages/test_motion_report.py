@@ -1,7 +1,5 @@
 """The report of one motion, opened in a real browser and printed."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

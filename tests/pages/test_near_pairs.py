@@ -1,7 +1,5 @@
 """What a report shows of clearance: the nearest pairs, beside MuJoCo's distances."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The report: one page, opened in a real browser."""
 
-from __future__ import annotations
-
 import base64
 import csv
 import dataclasses

@@ -1,7 +1,5 @@
 """The page of a toolpath: it says what was understood, assumed and passed over."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Circles of APT-CL behind which a point is on the circle, too."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The inputs are made up after files of the systems: their words, their order and their numbers.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

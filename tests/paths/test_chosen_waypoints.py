@@ -1,7 +1,5 @@
 """Tasks of some waypoints of another one."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

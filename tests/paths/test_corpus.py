@@ -1,7 +1,5 @@
 """Every input of the corpus is read as it is, and its path is the true one."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from pathlib import Path

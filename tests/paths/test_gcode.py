@@ -1,7 +1,5 @@
 """G-code: motions, arcs, feeds and tool axes, and what is refused."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

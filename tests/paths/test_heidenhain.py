@@ -1,7 +1,5 @@
 """Klartext: what is refused, and what is said of what was assumed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Twist tasks by name, relative ones, gaze, and targets that move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import mink

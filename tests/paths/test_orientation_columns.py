@@ -1,7 +1,5 @@
 """Tables whose columns state orientations as robots and their makers do."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Tables, point clouds, poses and bags that are refused, or read with a warning."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

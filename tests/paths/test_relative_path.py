@@ -3,8 +3,6 @@
 MuJoCo's kinematics of the scene as it stands is the judge: the tool seen from the part.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -1,7 +1,5 @@
 """Models seen from one of their bodies, against MuJoCo's kinematics of the model as it stands."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """Waypoints along a curve: within what was allowed, and turned as little as possible."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

@@ -1,7 +1,5 @@
 """What of a robot program is read, assumed and refused; true paths are in the corpus."""
 
-from __future__ import annotations
-
 import gzip
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Task files: what is read, and how a mistake is named."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

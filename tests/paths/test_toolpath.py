@@ -1,7 +1,5 @@
 """Toolpath files: tables in every dialect, APT-CL, and what is said of a broken one."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a toolpath says at a glance, against sums over its points one by one."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

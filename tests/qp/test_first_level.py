@@ -1,7 +1,5 @@
 """A first level that does not fit, by every backend."""
 
-from __future__ import annotations
-
 import mink
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Strict priorities: against the textbook cascade, formulas, and what may never change."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mink

@@ -1,7 +1,5 @@
 """A motion that ends before its path does, or leaves it: where, and by how much at most."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path

@@ -3,8 +3,6 @@
 A ball on two slides is moved among boxes: its distance from a box is a formula.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The referee against dense sampling: plain MuJoCo poses and formulas of their own."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 

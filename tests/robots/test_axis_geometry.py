@@ -1,7 +1,5 @@
 """Invariants of axes: what they are made of, and how they change where an axis counts backwards."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

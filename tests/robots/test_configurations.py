@@ -1,7 +1,5 @@
 """Configuration data: from joints to a pose and its data, and back, by the test's own matrices."""
 
-from __future__ import annotations
-
 import mink
 import mujoco
 import numpy as np

@@ -1,7 +1,5 @@
 """What controllers show for the joints of models: zero positions, signs, couplings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """The table of known robots against models that ship, and their own stated limits."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

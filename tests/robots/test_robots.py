@@ -1,7 +1,5 @@
 """Robots from files: real ones on tasks, URDF against its own tags, and what is refused."""
 
-from __future__ import annotations
-
 import re
 import struct
 import xml.etree.ElementTree as ET

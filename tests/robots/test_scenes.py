@@ -4,8 +4,6 @@ The expected kinematics is written out here from the robots' tables and from tex
 of it is read from the MJCF files.
 """
 
-from __future__ import annotations
-
 import io
 import signal
 import subprocess

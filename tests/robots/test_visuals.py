@@ -1,7 +1,5 @@
 """What a URDF states to be seen is drawn, in its colours, and collides with nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Xacro files: expanded without ROS, and what is said where that is not possible."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

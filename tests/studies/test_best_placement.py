@@ -1,7 +1,5 @@
 """The best placement of a part or a base, against transformations and searches of the tests."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

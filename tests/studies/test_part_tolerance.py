@@ -1,7 +1,5 @@
 """How far a part may be off, against gantries whose room is known and other solvers."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

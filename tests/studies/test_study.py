@@ -1,7 +1,5 @@
 """Studies: what is drawn, what is judged, what is stored, and what happens when processes die."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import json
