@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from qp_twist.kernel.compiling import kernel, part, plain
+from qp_twist.kernel.compiling import inner, kernel, part
 
 _ROUNDING = 1e-12
 """Share by which the two ends of an interval may change places by rounding."""
@@ -26,6 +26,14 @@ _REDUCTION = 0.1
 """Factor of the weight of the barrier."""
 _STEPS = 400
 """Largest number of Newton steps."""
+_BLOCK = 64
+"""Cells that are computed side by side, so that the processor takes several at once: a third of the
+time. Each has a column of what follows."""
+_FIRST, _MIDDLE, _LAST, _Y, _SLOPE, _BEND, _ROOT, _TOOK, _LEAST, _LEFT = range(10)
+"""The Bernstein coefficients of y; at a place y, y′, y″, 1/√y, the duration, and the least and the
+product of what is left of the limits."""
+_G, _H, _TO, _SIZE = 10, 13, 19, 28
+"""3 first and 6 second derivatives with respect to y, y′ and y″; 3 and 6 to the coefficients."""
 
 
 @part
@@ -98,138 +106,178 @@ def reachable(curve, h, most, cap):
 
 
 @part
-def _cell(c, h, i):
-    """Shares of the coefficients i and i + 2 in the first and last Bernstein coefficient of y."""
-    last = len(h) - 1
-    first_share = 1.0 if i == 0 else h[i] / (h[i - 1] + h[i])
-    last_share = 1.0 if i == last else h[i] / (h[i] + h[i + 1])
-    return (
-        first_share * c[i] + (1.0 - first_share) * c[i + 1],
-        (1.0 - last_share) * c[i + 1] + last_share * c[i + 2],
-        first_share,
-        last_share,
-    )
+def _coefficients(c, shares, i):
+    """The Bernstein coefficients of y in cell i: first, middle and last."""
+    middle = c[i + 1]
+    first, last = shares[0, i] * (c[i] - middle), shares[1, i] * (c[i + 2] - middle)
+    return middle + first, middle, middle + last
 
 
 @part
-def _add(g, H, d0, d1, d2, by, twice):
-    """Add by and twice, the derivatives of a function of d·B, to gradient and Hessian in B."""
-    g[0] += by * d0
-    g[1] += by * d1
-    g[2] += by * d2
-    H[0] += twice * d0 * d0
-    H[1] += twice * d0 * d1
-    H[2] += twice * d0 * d2
-    H[3] += twice * d1 * d1
-    H[4] += twice * d1 * d2
-    H[5] += twice * d2 * d2
+def _look(h, begin, n, place, weight, w):
+    """Write y, y′, y″, 1/√y and the duration in weights, by Simpson's rule, at a place of n cells.
 
-
-@part
-def _spread(gradient, bands, g, H, f, t, i):
-    """Add the derivatives with respect to a cell's Bernstein coefficients to those of all."""
-    f1, t1 = 1.0 - f, 1.0 - t
-    gradient[i] += f * g[0]
-    gradient[i + 1] += f1 * g[0] + g[1] + t1 * g[2]
-    gradient[i + 2] += t * g[2]
-    bands[0, i] += f * f * H[0]
-    bands[0, i + 1] += f1 * f1 * H[0] + 2.0 * f1 * H[1] + 2.0 * f1 * t1 * H[2]
-    bands[0, i + 1] += H[3] + 2.0 * t1 * H[4] + t1 * t1 * H[5]
-    bands[0, i + 2] += t * t * H[5]
-    bands[1, i] += f * (f1 * H[0] + H[1] + t1 * H[2])
-    bands[1, i + 1] += t * (f1 * H[2] + H[4] + t1 * H[5])
-    bands[2, i] += f * t * H[2]
-
-
-@part
-def _of_joints(hard, jerky, shape, y, slope, second, g, H, derive):
-    """Less the logarithms of what is left of the joints' limits at a place; ∞ beyond them.
-
-    ``hard`` (2, nv) and ``jerky`` (3, nv) as of ``_barrier``, ``shape`` (9,) are the shares of the
-    coefficients in y, y′ and y″.
+    The place is 0, 1 or 2: the begin, the middle or the end of each cell.
     """
-    root, product = 1.0 / math.sqrt(y), 1.0
-    for j in range(hard.shape[1]):
-        A, B = hard[0, j], hard[1, j]
-        use = A * slope + B * y
-        left = 1.0 - use * use
-        A2, B2, C2 = jerky[0, j], jerky[1, j], jerky[2, j]
-        jerk = A2 * second + B2 * slope + C2 * y
-        above, below = root - jerk, root + jerk
-        if not (left > 0.0 and above > 0.0 and below > 0.0):
-            return math.inf
-        product *= left * above * below * y
-        if derive:
-            by, twice = 2.0 * use / left, 2.0 * (1.0 + use * use) / (left * left)
-            d0, d1 = A * shape[3] + B * shape[0], A * shape[4] + B * shape[1]
-            _add(g, H, d0, d1, A * shape[5] + B * shape[2], by, twice)
-            fall = -0.5 * root / y
-            e0, e1, e2 = shape[0], shape[1], shape[2]
-            d0 = A2 * shape[6] + B2 * shape[3] + C2 * e0
-            d1 = A2 * shape[7] + B2 * shape[4] + C2 * e1
-            d2 = A2 * shape[8] + B2 * shape[5] + C2 * e2
-            for sign, room in ((-1.0, above), (1.0, below)):
-                _add(
-                    g, H, fall * e0 + sign * d0, fall * e1 + sign * d1, fall * e2 + sign * d2,
-                    -1.0 / room, 1.0 / (room * room),
-                )  # fmt: skip
-            _add(g, H, e0, e1, e2, -1.0 / y, 0.0)
-    return -math.log(product)
+    u, share = 0.5 * place, (4.0 if place == 1 else 1.0) / (6.0 * weight)
+    for k in range(n):
+        rise, further = w[_MIDDLE, k] - w[_FIRST, k], w[_LAST, k] - w[_MIDDLE, k]
+        per = 2.0 / h[begin + k]
+        w[_Y, k] = w[_FIRST, k] + u * (2.0 * rise + u * (further - rise))
+        w[_SLOPE, k] = per * (rise + u * (further - rise))
+        w[_BEND, k] = 0.5 * per * per * (further - rise)
+        w[_ROOT, k] = 1.0 / math.sqrt(w[_Y, k])
+        w[_TOOK, k] = share * h[begin + k] * w[_ROOT, k]
 
 
-@plain
-def _barrier(c, h, hard, jerky, cap, weight, derive, gradient, bands, g, H, shape):
+@part
+def _left(joint, k, w):
+    """The share of the acceleration limit that a joint uses, and what is left of its limits."""
+    A, B, A2, B2, C2 = joint
+    use = A[k] * w[_SLOPE, k] + B[k] * w[_Y, k]
+    jerk = A2[k] * w[_BEND, k] + B2[k] * w[_SLOPE, k] + C2[k] * w[_Y, k]
+    return use, 1.0 - use * use, w[_ROOT, k] - jerk, w[_ROOT, k] + jerk
+
+
+@inner
+def _barrier(c, h, shares, rows, cap, weight):
     """The duration in weights of the barrier, less the logarithms of what is left of the limits.
 
-    ∞ where a limit is not kept. With ``derive`` the gradient (C + 2,) and the Hessian's diagonals
-    (3, C + 2) are written; the part of the Hessian that is not convex is left out.
-
-    ``c`` (C + 2,) are the coefficients of y, a quadratic B-spline. At the begin, the middle and the
-    end of each cell ``hard`` (C, 3, 2, nv) has q′/2 and q″ over the acceleration limits, ``jerky``
-    (C, 3, 3, nv) q′/2, (3/2) q″ and q‴ over the jerk limits, ``cap`` (C, 3) the largest y. ``g``
-    (3,), ``H`` (6,) and ``shape`` (9,) are overwritten.
+    ∞ where a limit is not kept. Other arguments as of ``with_jerk_limits``.
     """
-    total = 0.0
-    if derive:
-        gradient[:] = 0.0
-        bands[:] = 0.0
-    for i in range(len(h)):
-        first, last, f, t = _cell(c, h, i)
-        middle = c[i + 1]
-        if not (first > 0.0 and middle > 0.0 and last > 0.0):
+    w, total = np.empty((_SIZE, _BLOCK)), 0.0
+    for begin in range(0, len(h), _BLOCK):
+        end = min(begin + _BLOCK, len(h))
+        cells = slice(begin, end)
+        n, least = end - begin, math.inf
+        for k in range(n):
+            w[_FIRST, k], w[_MIDDLE, k], w[_LAST, k] = _coefficients(c, shares, begin + k)
+            least = min(least, w[_FIRST, k], w[_MIDDLE, k], w[_LAST, k])
+        if not least > 0.0:
             return math.inf
-        g[:] = 0.0
-        H[:] = 0.0
-        change = 2.0 / (h[i] * h[i])
-        second = change * (first - 2.0 * middle + last)
-        shape[6], shape[7], shape[8] = change, -2.0 * change, change
         for place in range(3):
-            u = 0.5 * place
-            shape[0], shape[1], shape[2] = (1.0 - u) * (1.0 - u), 2.0 * u * (1.0 - u), u * u
-            shape[3] = -2.0 * (1.0 - u) / h[i]
-            shape[4], shape[5] = 2.0 * (1.0 - 2.0 * u) / h[i], 2.0 * u / h[i]
-            y = shape[0] * first + shape[1] * middle + shape[2] * last
-            slope = shape[3] * first + shape[4] * middle + shape[5] * last
-            # Simpson's rule of the duration.
-            took = (4.0 if place == 1 else 1.0) * h[i] / (6.0 * weight * math.sqrt(y))
-            by, twice = -0.5 * took / y, 0.75 * took / (y * y)
-            total += took
-            if not math.isinf(cap[i, place]):
-                left = cap[i, place] - y
-                if not left > 0.0:
-                    return math.inf
-                total -= math.log(left / cap[i, place])
-                by, twice = by + 1.0 / left, twice + 1.0 / (left * left)
-            if derive:
-                _add(g, H, shape[0], shape[1], shape[2], by, twice)
-            total += _of_joints(
-                hard[i, place], jerky[i, place], shape, y, slope, second, g, H, derive
-            )
-        if math.isinf(total):
-            return total
-        if derive:
-            _spread(gradient, bands, g, H, f, t, i)
+            _look(h, begin, n, place, weight, w)
+            for k in range(n):
+                w[_LEAST, k] = w[_LEFT, k] = 1.0 - w[_Y, k] / cap[place, begin + k]
+            for j in range(rows.shape[1]):
+                r = rows[place, j]
+                joint = r[0, cells], r[1, cells], r[2, cells], r[3, cells], r[4, cells]
+                for k in range(n):
+                    _, left, above, below = _left(joint, k, w)
+                    w[_LEAST, k] = min(w[_LEAST, k], left, above, below)
+                    w[_LEFT, k] *= left * above * below * w[_Y, k]
+            for k in range(n):
+                least = min(least, w[_LEAST, k])
+            if not least > 0.0:
+                return math.inf
+            for k in range(n):
+                total += w[_TOOK, k] - math.log(w[_LEFT, k])
     return total
+
+
+@part
+def _add_joint(joint, n, w):
+    """Add a joint's part of the derivatives with respect to y, y′ and y″ at n places.
+
+    They are those of −log(1 − use²) − log(1/√y − J) − log(1/√y + J) − log y, where J is the jerk
+    over √y. The part of the second derivatives that is not convex is left out.
+    """
+    for k in range(n):
+        use, left, above, below = _left(joint, k, w)
+        A, B, A2, B2, C2 = joint[0][k], joint[1][k], joint[2][k], joint[3][k], joint[4][k]
+        by, twice = 2.0 * use / left, 2.0 * (1.0 + use * use) / (left * left)
+        inverse, fall = 1.0 / (above * below), -0.5 * w[_ROOT, k] / w[_Y, k]
+        # With a = 1/above and b = 1/below: a + b, a − b, a² + b² and b² − a².
+        whole, change = inverse * (above + below), inverse * (below - above)
+        square, odd = whole * whole - 2.0 * inverse, -whole * change * fall
+        w[_G, k] += by * B + change * C2 - whole * fall - 1.0 / w[_Y, k]
+        w[_G + 1, k] += by * A + change * B2
+        w[_G + 2, k] += change * A2
+        w[_H, k] += twice * B * B + square * (fall * fall + C2 * C2) + 2.0 * odd * C2
+        w[_H + 1, k] += twice * A * B + (square * C2 + odd) * B2
+        w[_H + 2, k] += (square * C2 + odd) * A2
+        w[_H + 3, k] += twice * A * A + square * B2 * B2
+        w[_H + 4, k] += square * A2 * B2
+        w[_H + 5, k] += square * A2 * A2
+
+
+@part
+def _times(y, s, b, k, w):
+    """The second derivatives with respect to y, y′ and y″ times their changes."""
+    yy, ys, yb = w[_H, k], w[_H + 1, k], w[_H + 2, k]
+    ss, sb, bb = w[_H + 3, k], w[_H + 4, k], w[_H + 5, k]
+    return yy * y + ys * s + yb * b, ys * y + ss * s + sb * b, yb * y + sb * s + bb * b
+
+
+@part
+def _to_cells(h, begin, n, place, w):
+    """Add the derivatives at a place to those with respect to the cells' coefficients."""
+    u = 0.5 * place
+    y0, y1, y2 = (1.0 - u) * (1.0 - u), 2.0 * u * (1.0 - u), u * u
+    for k in range(n):
+        per = 2.0 / h[begin + k]
+        s0, s1, s2, b = -per * (1.0 - u), per * (1.0 - 2.0 * u), per * u, 0.5 * per * per
+        g0, g1, g2 = w[_G, k], w[_G + 1, k], w[_G + 2, k]
+        w[_TO, k] += y0 * g0 + s0 * g1 + b * g2
+        w[_TO + 1, k] += y1 * g0 + s1 * g1 - 2.0 * b * g2
+        w[_TO + 2, k] += y2 * g0 + s2 * g1 + b * g2
+        t0, t1, t2 = _times(y0, s0, b, k, w)
+        w[_TO + 3, k] += y0 * t0 + s0 * t1 + b * t2
+        w[_TO + 4, k] += y1 * t0 + s1 * t1 - 2.0 * b * t2
+        w[_TO + 5, k] += y2 * t0 + s2 * t1 + b * t2
+        t0, t1, t2 = _times(y1, s1, -2.0 * b, k, w)
+        w[_TO + 6, k] += y1 * t0 + s1 * t1 - 2.0 * b * t2
+        w[_TO + 7, k] += y2 * t0 + s2 * t1 + b * t2
+        t0, t1, t2 = _times(y2, s2, b, k, w)
+        w[_TO + 8, k] += y2 * t0 + s2 * t1 + b * t2
+
+
+@part
+def _spread(gradient, bands, f, t, i, w, k):
+    """Add the derivatives with respect to a cell's coefficients to those of all."""
+    f1, t1 = 1.0 - f, 1.0 - t
+    g0, g1, g2 = w[_TO, k], w[_TO + 1, k], w[_TO + 2, k]
+    H00, H01, H02 = w[_TO + 3, k], w[_TO + 4, k], w[_TO + 5, k]
+    H11, H12, H22 = w[_TO + 6, k], w[_TO + 7, k], w[_TO + 8, k]
+    gradient[i] += f * g0
+    gradient[i + 1] += f1 * g0 + g1 + t1 * g2
+    gradient[i + 2] += t * g2
+    bands[0, i] += f * f * H00
+    bands[0, i + 1] += f1 * (f1 * H00 + 2.0 * (H01 + t1 * H02)) + H11 + t1 * (2.0 * H12 + t1 * H22)
+    bands[0, i + 2] += t * t * H22
+    bands[1, i] += f * (f1 * H00 + H01 + t1 * H02)
+    bands[1, i + 1] += t * (f1 * H02 + H12 + t1 * H22)
+    bands[2, i] += f * t * H02
+
+
+@inner
+def _derivatives(c, h, shares, rows, cap, weight, gradient, bands):
+    """Write the gradient (C + 2,) of the barrier and the diagonals (3, C + 2) of its Hessian."""
+    w = np.empty((_SIZE, _BLOCK))
+    gradient[:] = 0.0
+    bands[:] = 0.0
+    for begin in range(0, len(h), _BLOCK):
+        end = min(begin + _BLOCK, len(h))
+        cells = slice(begin, end)
+        n = end - begin
+        for k in range(n):
+            w[_FIRST, k], w[_MIDDLE, k], w[_LAST, k] = _coefficients(c, shares, begin + k)
+        w[_TO:] = 0.0
+        for place in range(3):
+            _look(h, begin, n, place, weight, w)
+            w[_G:_TO] = 0.0
+            for k in range(n):
+                y, left = w[_Y, k], cap[place, begin + k] - w[_Y, k]
+                w[_G, k] = 1.0 / left - 0.5 * w[_TOOK, k] / y
+                w[_H, k] = 1.0 / (left * left) + 0.75 * w[_TOOK, k] / (y * y)
+            for j in range(rows.shape[1]):
+                r = rows[place, j]
+                joint = r[0, cells], r[1, cells], r[2, cells], r[3, cells], r[4, cells]
+                _add_joint(joint, n, w)
+            _to_cells(h, begin, n, place, w)
+        for k in range(n):
+            i = begin + k
+            _spread(gradient, bands, shares[0, i], shares[1, i], i, w, k)
 
 
 @part
@@ -256,45 +304,57 @@ def _solve(bands, x):
 
 
 @part
-def _duration(c, h):
+def _duration(c, h, shares):
     """∫ dξ/√y by Simpson's rule, s."""
     total = 0.0
     for i in range(len(h)):
-        first, last, _, _ = _cell(c, h, i)
-        middle = 0.25 * (first + 2.0 * c[i + 1] + last)
+        first, middle, last = _coefficients(c, shares, i)
+        middle = 0.25 * (first + 2.0 * middle + last)
         total += h[i] / 6.0 / math.sqrt(first)
         total += h[i] / 6.0 * (4.0 / math.sqrt(middle) + 1.0 / math.sqrt(last))
     return total
 
 
 @kernel
-def with_jerk_limits(c, h, hard, jerky, cap, first_gap, gap):
+def with_jerk_limits(c, h, rows, cap, first_gap, gap):
     """Improve coefficients of y that keep all limits until the duration is nearly the least.
 
     Newton's method for the duration less the logarithms of what is left of each limit, with
     weights that fall from ``first_gap``, the share of the duration that these are worth, to
-    ``gap``. Other arguments as of ``_barrier``; ``c`` is overwritten.
+    ``gap``.
+
+    Args:
+        c: Coefficients of y, a quadratic B-spline, (C + 2,); overwritten.
+        h: Lengths of the cells, (C,).
+        rows: At the begin, the middle and the end of each cell q′/2 and q″ over the acceleration
+            limits, q′/2, (3/2) q″ and q‴ over the jerk limits, (3, nv, 5, C).
+        cap: Largest y at these places, (3, C); ∞ without one.
+        first_gap: See above.
+        gap: See above.
     """
     n = len(c)
     gradient, bands, step, tried = np.empty(n), np.empty((3, n)), np.empty(n), np.empty(n)
-    g, H, shape = np.empty(3), np.empty(6), np.empty(9)
-    limits = 3.0 * (4.0 * hard.shape[3] + 1.0) * len(h)
-    weight = first_gap * _duration(c, h) / limits
+    shares = np.ones((2, n - 2))  # of coefficients i and i + 2 in the first and the last of cell i
+    shares[0, 1:] = h[1:] / (h[:-1] + h[1:])
+    shares[1, :-1] = h[:-1] / (h[:-1] + h[1:])
+    limits = 3.0 * (4.0 * rows.shape[1] + 1.0) * len(h)
+    weight = first_gap * _duration(c, h, shares) / limits
+    value = _barrier(c, h, shares, rows, cap, weight)
     for _ in range(_STEPS):
-        value = _barrier(c, h, hard, jerky, cap, weight, True, gradient, bands, g, H, shape)
+        _derivatives(c, h, shares, rows, cap, weight, gradient, bands)
         step[:] = -gradient
         _solve(bands, step)
         expected = -np.dot(gradient, step)
         length, found = 1.0, math.inf
         while not found <= value - _DECREASE * length * expected and length > _SHORTEST:
             tried[:] = c + length * step
-            found = _barrier(
-                tried, h, hard, jerky, cap, weight, False, gradient, bands, g, H, shape
-            )
+            found = _barrier(tried, h, shares, rows, cap, weight)
             length *= _SHRINK
-        if found < value:
-            c[:] = tried
-        if expected < _CENTERED or not found < value:
-            if weight * limits <= gap * _duration(c, h):
+        better = found < value
+        if better:
+            c[:], value = tried, found
+        if expected < _CENTERED or not better:
+            if weight * limits <= gap * _duration(c, h, shares):
                 break
             weight *= _REDUCTION
+            value = _barrier(c, h, shares, rows, cap, weight)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -235,14 +236,14 @@ class TimedWay:
         f2 = second * X1**2 + first * X2
         f3 = third * X1**3 + 3.0 * second * X1 * X2 + first * X3
         with np.errstate(divide="ignore"):
-            caps = self._caps(q, first, cubic) / X[:, :, 0] ** 2
-        hard = np.stack([0.5 * f1, f2], axis=2) / self.limits.acceleration
-        jerky = np.stack([0.5 * f1, 1.5 * f2, f3], axis=2) / self.limits.jerk
+            caps = np.ascontiguousarray((self._caps(q, first, cubic) / X[:, :, 0] ** 2).T)
+        a, j = self.limits.acceleration, self.limits.jerk
+        uses = 0.5 * f1 / a, f2 / a, 0.5 * f1 / j, 1.5 * f2 / j, f3 / j
+        rows = np.ascontiguousarray(np.transpose(uses, (2, 3, 0, 1)))  # place, joint, use, cell
         found = np.zeros(len(h) + 2)
 
         def motion(tight: Array) -> JointMotion:
-            speed, acceleration, jerk = (of[:, None, None, None] for of in tight)
-            limits = acceleration * hard, jerk * jerky, caps / speed[:, :, 0, 0] ** 2
+            limits = rows * np.repeat(tight[1:], (2, 3), axis=0), caps / tight[0] ** 2
             # A constant pace that keeps all limits, or the last solution, as slow as that.
             y = np.full(len(h) + 2, _steady(*limits) ** 2)
             gap = 1.0
@@ -315,13 +316,10 @@ def _ways(x: Array, y: Array, t: Array, when: Array) -> Array:
     return np.clip(x[k] + way, x[k], x[k + 1])
 
 
-def _steady(hard: Array, jerky: Array, caps: Array) -> float:
+def _steady(rows: Array, caps: Array) -> float:
     """A constant pace that keeps all limits, with some room."""
-    slowest = (
-        np.sqrt(1.0 / caps), np.sqrt(np.abs(hard[:, :, 1]).max(axis=2)),
-        np.cbrt(np.abs(jerky[:, :, 2]).max(axis=2)),
-    )  # fmt: skip
-    return _START / max(float(use.max()) for use in slowest)
+    bend, third = (float(np.abs(rows[:, :, k]).max()) for k in (1, 4))
+    return _START / max(1.0 / math.sqrt(caps.min()), math.sqrt(bend), math.cbrt(third))
 
 
 def _passed(c: Array, h: Array, q: Array, f1: Array, f2: Array) -> JointMotion:
