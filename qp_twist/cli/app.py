@@ -21,11 +21,13 @@ import tempfile
 from collections.abc import Callable
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Optional, TypeVar
 
 import tyro
-from rich.console import Console, RenderableType
 from tyro.extras import SubcommandApp
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
 
 app = SubcommandApp()
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -35,36 +37,30 @@ TABLE_WIDTH = 128
 """Of the widest table, that with bands, in characters: no number is cut off."""
 
 
-class _Console(Console):
-    """A console that raises if the output pipe is closed; rich itself would exit with code 1."""
-
-    def on_broken_pipe(self) -> None:
-        raise BrokenPipeError
-
-
+# Optional, not a union by |: for that tyro loads typeguard, which takes longer than all of tyro.
 Task = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
-Names = Annotated[str | None, tyro.conf.arg(metavar="A,B,…")]
+Names = Annotated[Optional[str], tyro.conf.arg(metavar="A,B,…")]
 MethodName = Annotated[str, tyro.conf.arg(metavar="NAME")]
-OptionalMethod = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Solver = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Gain = Annotated[float | None, tyro.conf.arg(metavar="K")]
-Weight = Annotated[str | None, tyro.conf.arg(metavar="gradient|paper|natural|equal")]
-Folder = Annotated[Path | None, tyro.conf.arg(metavar="DIR")]
+OptionalMethod = Annotated[Optional[str], tyro.conf.arg(metavar="NAME")]
+Solver = Annotated[Optional[str], tyro.conf.arg(metavar="NAME")]
+Gain = Annotated[Optional[float], tyro.conf.arg(metavar="K")]
+Weight = Annotated[Optional[str], tyro.conf.arg(metavar="gradient|paper|natural|equal")]
+Folder = Annotated[Optional[Path], tyro.conf.arg(metavar="DIR")]
 File = Annotated[Path, tyro.conf.arg(metavar="FILE")]
-OptionalFile = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
-External = Annotated[str | None, tyro.conf.arg(metavar="AXIS=JOINT,…")]
-RobotName = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Calls = Annotated[str | None, tyro.conf.arg(metavar="WORD=NAME,…")]
-FeedMode = Annotated[str | None, tyro.conf.arg(metavar="fastest|constant")]
-Share = Annotated[float | None, tyro.conf.arg(metavar="SHARE")]
+OptionalFile = Annotated[Optional[Path], tyro.conf.arg(metavar="FILE")]
+External = Annotated[Optional[str], tyro.conf.arg(metavar="AXIS=JOINT,…")]
+RobotName = Annotated[Optional[str], tyro.conf.arg(metavar="NAME")]
+Calls = Annotated[Optional[str], tyro.conf.arg(metavar="WORD=NAME,…")]
+FeedMode = Annotated[Optional[str], tyro.conf.arg(metavar="fastest|constant")]
+Share = Annotated[Optional[float], tyro.conf.arg(metavar="SHARE")]
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff]
 Json = Annotated[bool, tyro.conf.arg(name="json"), tyro.conf.FlagCreatePairsOff]
 
 TrajectoryFile = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="TRAJECTORY")]
-Metres = Annotated[float | None, tyro.conf.arg(metavar="M")]
-Degrees = Annotated[float | None, tyro.conf.arg(metavar="DEG")]
+Metres = Annotated[Optional[float], tyro.conf.arg(metavar="M")]
+Degrees = Annotated[Optional[float], tyro.conf.arg(metavar="DEG")]
 Count = Annotated[int, tyro.conf.arg(metavar="N")]
-OptionalCount = Annotated[int | None, tyro.conf.arg(metavar="N")]
+OptionalCount = Annotated[Optional[int], tyro.conf.arg(metavar="N")]
 
 SHARED = {
     "task": "Name of a shipped task, or path to a .toml file.",
@@ -123,7 +119,7 @@ def say(*lines: str) -> None:
     """Print lines on standard output without markup; nothing if quiet."""
     if not quiet.get():
         for line in lines:
-            _Console().print(line, highlight=False, markup=False, soft_wrap=True)
+            print(line)
 
 
 def show_json(facts: object) -> None:
@@ -146,19 +142,29 @@ def fail(sentence: str) -> NoReturn:
 def show(table: RenderableType) -> None:
     """Print a table, whose lines wrap on a narrow terminal; nothing if quiet."""
     if not quiet.get():
-        found = _Console()
+        found = _console()
         if not found.is_terminal:
-            found = _Console(width=TABLE_WIDTH, color_system=None)
+            found = _console(width=TABLE_WIDTH, color_system=None)
         elif found.width < TABLE_WIDTH:
-            found = _Console(width=TABLE_WIDTH)
+            found = _console(width=TABLE_WIDTH)
         found.print(table)
+
+
+def _console(**options: Any) -> Console:
+    """A console that raises if the output pipe is closed; rich itself would exit with code 1."""
+    from rich.console import Console  # not needed by a command that only prints lines
+
+    class Raises(Console):
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Raises(**options)
 
 
 def terminal() -> Console | None:
     """Standard error as a console if it is an interactive terminal and not quiet, else ``None``."""
-    found = _Console(stderr=True)
-    interactive = found.is_terminal and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
-    return found if interactive and not quiet.get() else None
+    interactive = sys.stderr.isatty() and sys.stdout.isatty() and os.environ.get("TERM") != "dumb"
+    return _console(stderr=True) if interactive and not quiet.get() else None
 
 
 def check_file(file: Path, option: str = "--out") -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import tyro
 
@@ -30,7 +30,7 @@ def compare(
     json: cli.Flag = False,
     csv: cli.Flag = False,
     sample: cli.OptionalCount = None,
-    from_: Annotated[Path | None, tyro.conf.arg(name="from", metavar="DIR")] = None,
+    from_: Annotated[Optional[Path], tyro.conf.arg(name="from", metavar="DIR")] = None,
 ) -> None:
     """Compare methods on a task; print the table, write report.html, figures and numbers.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import tyro
 
@@ -27,10 +27,10 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.linear_moves import LinearMotion
 from qp_twist.trajectories.program_trajectory import axis_names, check_language
 
-OptionalTask = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
-PointsName = Annotated[str | None, tyro.conf.arg(metavar="joints|poses")]
+OptionalTask = Annotated[Optional[str], tyro.conf.Positional, tyro.conf.arg(metavar="[TASK]")]
+PointsName = Annotated[Optional[str], tyro.conf.arg(metavar="joints|poses")]
 MotionName = Annotated[str, tyro.conf.arg(metavar="joint|linear")]
-Language = Annotated[str | None, tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
+Language = Annotated[Optional[str], tyro.conf.arg(metavar="urscript|rapid|krl|ls|mcap")]
 _OF_PROGRAMS = (
     "--robot, --as-modelled, --external, --motion linear and --force are for programs; a bag has "
     "the model's joints."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from shlex import quote
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Optional
 
 import numpy as np
 import tyro
@@ -17,8 +17,8 @@ from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import ToolpathOptions
 
-Text = Annotated[str | None, tyro.conf.arg(metavar="NAME")]
-Pose = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
+Text = Annotated[Optional[str], tyro.conf.arg(metavar="NAME")]
+Pose = Annotated[Optional[str], tyro.conf.arg(metavar="X,Y,Z[,ROLL_DEG,PITCH_DEG,YAW_DEG]")]
 Files = tyro.conf.UseAppendAction[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE")]]
 Folders = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME=DIR")]]
 Values = tyro.conf.UseAppendAction[Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME:=VALUE")]]
@@ -41,14 +41,14 @@ def new(
     tool: Annotated[str, tyro.conf.arg(metavar="{into,out,FILE}")] = "into",
     place: Pose = None,
     speed: Annotated[float, tyro.conf.arg(metavar="M/S")] = 0.05,
-    angular_speed: Annotated[float | None, tyro.conf.arg(metavar="DEG/S")] = None,
+    angular_speed: Annotated[Optional[float], tyro.conf.arg(metavar="DEG/S")] = None,
     search_time: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     tcp: Pose = None,
     part: cli.OptionalFile = None,
     fixture: Files = (),
-    relative_to: Annotated[str | None, tyro.conf.arg(metavar="BODY")] = None,
+    relative_to: Annotated[Optional[str], tyro.conf.arg(metavar="BODY")] = None,
     tool_at: Pose = None,
-    mesh_units: Annotated[Literal["mm", "m"] | None, tyro.conf.arg(metavar="{mm,m}")] = None,
+    mesh_units: Annotated[Optional[Literal["mm", "m"]], tyro.conf.arg(metavar="{mm,m}")] = None,
     package: Folders = (),
     arg: Values = (),
     controller: Text = None,

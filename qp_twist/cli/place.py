@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Optional
 
 import mink
 import numpy as np
@@ -25,7 +25,7 @@ from qp_twist.studies import BestPlacement, best_placement
 _AROUND = 0.2
 """Half-width of the box around the present placement, if neither is stated, m."""
 
-Corner = Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,RX,RY,RZ]")]
+Corner = Annotated[Optional[str], tyro.conf.arg(metavar="X,Y,Z[,RX,RY,RZ]")]
 
 
 @cli.command
@@ -35,11 +35,11 @@ def place(
     upper: Corner = None,
     objective: Literal["centering", "travel", "margin", "time", "clearance"] = "centering",
     moves: Literal["part", "base"] = "part",
-    body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    body: Annotated[Optional[str], tyro.conf.arg(metavar="NAME")] = None,
     seconds: Annotated[float, tyro.conf.arg(metavar="S")] = 60.0,
     out: cli.Folder = None,
     jobs: cli.Count = 1,
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    scheduler: Annotated[Optional[str], tyro.conf.arg(metavar="ADDRESS")] = None,
     json_: cli.Json = False,
 ) -> None:
     """Search where the part, or the robot's base, should stand; draw a map of the box.

@@ -8,15 +8,6 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from typing import Any
 
-from rich.progress import (
-    BarColumn,
-    Progress,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 from qp_twist.cli.app import quiet, terminal
 from qp_twist.kernel import COMPILED, MACHINE_CODE
 from qp_twist.paths import PathTask
@@ -33,9 +24,11 @@ def progress_bar(total: float) -> Iterator[Report]:
     if console is None:
         yield lambda done, what: None
         return
-    columns = BarColumn(24), TaskProgressColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    text = TextColumn("{task.description}")
-    with Progress(*columns, text, console=console, transient=True) as progress:
+    import rich.progress as of  # here: a pipe has no bar
+
+    columns = of.TaskProgressColumn(), of.TimeElapsedColumn(), of.TimeRemainingColumn()
+    text = of.TextColumn("{task.description}")
+    with of.Progress(of.BarColumn(24), *columns, text, console=console, transient=True) as progress:
         bar = progress.add_task("", total=total)
         yield lambda done, what: progress.update(bar, completed=done, description=what)
 

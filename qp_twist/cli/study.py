@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Optional, cast
 
 import tyro
 
@@ -29,7 +29,7 @@ def study(
     start: Annotated[str, tyro.conf.arg(metavar="HOW")] = "auto",
     certify: bool = True,
     jobs: cli.OptionalCount = None,
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    scheduler: Annotated[Optional[str], tyro.conf.arg(metavar="ADDRESS")] = None,
     json_: cli.Json = False,
 ) -> None:
     """Run methods on many samples of a task; print how often each succeeds, and why it fails.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Optional
 
 import numpy as np
 import tyro
@@ -20,10 +20,10 @@ from qp_twist.studies.part_tolerance import BOX, part_tolerance
 def tolerance(
     task: cli.Task,
     method: cli.MethodName = DEFAULT_METHOD,
-    box: Annotated[str | None, tyro.conf.arg(metavar="X,Y,Z[,RX,RY,RZ]")] = None,
+    box: Annotated[Optional[str], tyro.conf.arg(metavar="X,Y,Z[,RX,RY,RZ]")] = None,
     roll: Literal["free", "held"] = "free",
     samples: cli.Count = 200,
-    body: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
+    body: Annotated[Optional[str], tyro.conf.arg(metavar="NAME")] = None,
     json_: cli.Json = False,
 ) -> None:
     """Say how far the part may be off until the motion along its path can no longer be run.

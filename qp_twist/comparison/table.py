@@ -6,16 +6,14 @@ import csv
 import io
 import math
 from itertools import groupby
-from typing import Any
-
-from rich import box
-from rich.console import Console
-from rich.table import Table as RichTable
-from rich.text import Text
+from typing import TYPE_CHECKING, Any
 
 from qp_twist.comparison.metrics import EXCESSES, tolerances_of, too_near
 from qp_twist.pages.tables import TIME, Cell, Table
 from qp_twist.paths import METHODS, Tolerances
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
 
 _WIDTH = 128
 """Width of the widest table, that with bands, in characters."""
@@ -77,6 +75,10 @@ def _cell(text: str, *, bad: bool) -> Cell:
 
 def rich_table(comparison: dict[str, Any]) -> RichTable:
     """The table for a terminal, from the content of ``comparison.json``."""
+    from rich import box
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
     content = metrics_table(comparison)
     table = RichTable(
         title=Text(
@@ -104,6 +106,8 @@ def rich_table(comparison: dict[str, Any]) -> RichTable:
 
 def plain_table(comparison: dict[str, Any]) -> str:
     """The table without colour, and a note for each method whose status is not ok."""
+    from rich.console import Console
+
     console = Console(file=io.StringIO(), width=_WIDTH, color_system=None, force_terminal=False)
     console.print(rich_table(comparison))
     for line in notes(comparison):

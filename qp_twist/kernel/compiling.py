@@ -18,6 +18,7 @@ import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -163,6 +164,13 @@ class _Turn:
                 cls.file = -1
 
 
+@cache
+def _is_own(file: str) -> bool:
+    """Whether it is one of the sources whose state is known."""
+    source = Path(file).resolve()
+    return source.parent == _SOURCES and source.exists()
+
+
 class _Kept:
     """The machine code of one kernel, a file for each signature; in the place of numba's cache.
 
@@ -172,14 +180,18 @@ class _Kept:
     process compiles.
     """
 
+    _of_all: Any = None
+    """numba's cache of the first kernel: of it only the folder counts, which all have."""
+
     def __init__(self, function: Any, *, apart: bool) -> None:
         self._apart, self.cache_path = apart, ""
         self._of = f"{function.__module__}.{function.__name__}"
         self._numba: Any = None
-        source = Path(function.__code__.co_filename).resolve()
-        own = source.parent == _SOURCES and source.exists()
+        own = _is_own(function.__code__.co_filename)
         with contextlib.suppress(RuntimeError):  # no folder can be written to
-            self._numba = CompileResultCacheImpl(function) if own else None
+            if own and _Kept._of_all is None:
+                _Kept._of_all = CompileResultCacheImpl(function)
+            self._numba = _Kept._of_all if own else None
             self.cache_path = self._numba.locator.get_cache_path() if own else ""
         self._folder = Path(self.cache_path) / f"kernels-{_AT_START}.{_PYTHON}"
 

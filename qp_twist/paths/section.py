@@ -29,7 +29,7 @@ class Section(BaseModel):
     """A table of the file: unknown keys are refused, values are not converted."""
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
+        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True, defer_build=True
     )
 
 
