@@ -14,12 +14,14 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from oracles.ball_cell import FEED, ball_before, write_cell
 
 import qp_twist as qt
 from qp_twist import PathTask, Trajectory
 from qp_twist.cli import main
 from qp_twist.cli.command import COMMANDS
 from qp_twist.cli.command import command as function_of
+from qp_twist.paths import shipped_folder
 
 
 def test_help_names_every_command_and_what_it_does(capsys: pytest.CaptureFixture[str]) -> None:
@@ -107,12 +109,15 @@ def test_run_keeps_the_path_between_the_waypoints_too(
 
 
 def test_run_plans_where_the_default_method_does_not_pass(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Steps pass the clamp only between two waypoints; a plan goes around it."""
-    main(["run", "deburring_cell", "--out", str(tmp_path / "cell.csv")])
+    """Of the ball only x is prescribed: steps end at the box, a plan goes around it."""
+    monkeypatch.chdir(tmp_path)
+    box, along_x = ball_before("box", (0.0, 0.05), (0.1, 0.2)), "{ line = [1, 0, 0] }"
+    write_cell("around", box, -0.5, 0.5, steps=20, linear=along_x, more=FEED)
+    main(["run", "around.toml", "--out", "ball.csv"])
     out = capsys.readouterr().out
-    assert "401 waypoints, qp_planned:" in out
+    assert "21 waypoints, qp_planned:" in out
     assert "\nqp_gradient: does not pass: " in out
     assert out.splitlines()[-1].startswith("passes; ")
 
@@ -142,8 +147,10 @@ def test_a_command_does_not_write_onto_what_it_reads(
 def test_roadmap_draws_one_figure(
     task: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "fig4.png"
-    main(["roadmap", task, "--methods", "minimum_norm,twa", "--out", str(file), "--json"])
+    file, few = tmp_path / "fig4.png", tmp_path / "few.toml"
+    text = (shipped_folder("tasks") / f"{task}.toml").read_text("utf-8").replace("../scenes/", "")
+    few.write_text(text.replace(" = 100 ", " = 10 "), "utf-8")  # steps of an edge
+    main(["roadmap", str(few), "--methods", "minimum_norm,twa", "--out", str(file), "--json"])
     assert file.read_bytes().startswith(b"\x89PNG")
     found = json.loads(capsys.readouterr().out)  # nothing else on standard output
     assert found["file"] == str(file)
@@ -366,9 +373,10 @@ def test_run_says_what_went_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_a_terminal_without_greek_letters_gets_the_table_all_the_same(tmp_path: Path) -> None:
+    words = ["compare", "planar_line", "--methods", "twa", "--out", str(tmp_path)]
+    undrawn = "import qp_twist as qt; qt.Comparison.figures = lambda _: {}; "  # not looked at here
     done = subprocess.run(
-        [sys.executable, "-m", "qp_twist", "compare", "planar_line", "--methods", "twa",
-         "--out", str(tmp_path)],
+        [sys.executable, "-c", f"{undrawn}from qp_twist.cli import main; main({words})"],
         capture_output=True, check=False,
         env={**os.environ, "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii", "LC_ALL": "C"},
     )  # fmt: skip
@@ -377,9 +385,7 @@ def test_a_terminal_without_greek_letters_gets_the_table_all_the_same(tmp_path: 
     assert "½‖W(θ̄ − θ)‖²" in (tmp_path / "table.txt").read_text("utf-8")
 
 
-def test_tasks_and_starts_print_json_and_nothing_else(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_tasks_and_starts_print_json_and_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
     main(["tasks", "--json"])
     listed = json.loads(capsys.readouterr().out)
     assert "planar_line" in {task["task"] for task in listed}

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.ball_cell import FEED, ball_before, write_cell
 from oracles.joint_paths import evenly, joint_path, slider
 from oracles.twists import ALONG_X
 
@@ -110,45 +111,14 @@ def test_a_run_at_the_feed_goes_on_and_says_where_it_left_the_path() -> None:
     assert "first at 6" in status["status"] and "1000 mm at 9" in status["status"]
 
 
-XML = """<mujoco><worldbody>
-  <geom name="wall" type="box" pos="0.6 0 0" size="0.1 1 1"/>
-  <body><joint name="x" type="slide" axis="1 0 0" range="-2 2"/>
-  <geom type="sphere" size="0.001" mass="1" contype="0" conaffinity="0"/>
-  <body><joint name="y" type="slide" axis="0 1 0" range="-2 2"/>
-  <geom name="ball" type="sphere" size="0.02" mass="1"/><site name="tool"/></body></body>
-</worldbody></mujoco>"""
-
-
 def test_the_command_writes_what_was_reached_and_says_where_it_ends(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Along x into a wall, which the ball may come near to 10 mm: at x = 0.47."""
     monkeypatch.chdir(tmp_path)
-    Path("cell.xml").write_text(XML)
+    wall = ball_before("wall", (0.6, 0.0), (0.1, 1.0))
     for name, first in (("wall", 0.0), ("at_once", 0.46)):
-        Path(f"{name}.toml").write_text(
-            f"""title = "A ball before a wall"
-[robot]
-scene = "cell.xml"
-frame = "tool"
-[projector]
-linear = "full"
-angular = "none"
-[path]
-kind = "polyline"
-points = [[{first}, 0, 0], [1.0, 0, 0]]
-steps_per_segment = 5
-[start]
-q = [{first}, 0.0]
-[feed]
-speed = 0.1
-[limits.velocity]
-x = 1.0
-y = 1.0
-[clearance]
-distance = 0.01
-"""
-        )
+        write_cell(name, wall, first, 1.0, steps=5, more=FEED)
     with pytest.raises(SystemExit) as end:
         main(["run", "wall.toml", "--out", "run.json"])
     assert end.value.code == 1

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from oracles.ball_cell import BALL, DISTANCE, ball_before, write_cell
 from oracles.half_space import HalfSpace
 from oracles.joint_paths import joint_path
 
@@ -19,16 +20,9 @@ from qp_twist.cli import main
 
 Array = np.ndarray
 NAMES = ("x", "y")
-BALL, DISTANCE = 0.02, 0.01
 BOX = np.array([0.1, 0.2])
 """Half sizes of the box around (0, 0.6), m."""
-XML = f"""<mujoco><worldbody>
-  <geom name="box" type="box" pos="0 0.6 0" size="{BOX[0]} {BOX[1]} 1"/>
-  <body><joint name="x" type="slide" axis="1 0 0" range="-2 2"/>
-  <geom type="sphere" size="0.001" mass="1" contype="0" conaffinity="0"/>
-  <body><joint name="y" type="slide" axis="0 1 0" range="-2 2"/>
-  <geom name="ball" type="sphere" size="{BALL}" mass="1"/><site name="tool"/></body></body>
-</worldbody></mujoco>"""
+XML = ball_before("box", (0.0, 0.6), BOX)
 LINE = np.column_stack([np.linspace(-0.5, 0.5, 11), np.zeros(11)])
 """The path, below the box."""
 AROUND = np.array([[-0.5, 0.0], [-0.5, 0.6]])
@@ -133,25 +127,7 @@ def test_every_constraint_is_kept_beside_the_path() -> None:
 def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A task file of the ball, and a motion that ends in the box."""
     monkeypatch.chdir(tmp_path)
-    Path("cell.xml").write_text(XML)
-    Path("cell.toml").write_text(
-        f"""title = "A ball below a box"
-[robot]
-scene = "cell.xml"
-frame = "tool"
-[projector]
-linear = "full"
-angular = "none"
-[path]
-kind = "polyline"
-points = [[-0.5, 0, 0], [0.5, 0, 0]]
-steps_per_segment = 10
-[start]
-q = [-0.5, 0.0]
-[clearance]
-distance = {DISTANCE}
-"""
-    )
+    write_cell("cell", XML, -0.5, 0.5, steps=10)
     rows = joined(LINE[:0], np.array([[0.5, 0.6], [0.0, 0.6]]))
     text = "\n".join(f"{k},{x},{y}" for k, (x, y) in enumerate(rows))
     Path("crash.csv").write_text(f"time,x [m],y [m]\n{text}\n")
