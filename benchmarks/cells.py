@@ -41,6 +41,7 @@ import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from oracles.arms import seven_axes
 from oracles.distances import Distances
 from placements import InverseKinematics
 from scipy.spatial import cKDTree
@@ -301,13 +302,7 @@ class Search:
         self.links = [self._links(*two) for two in itertools.pairwise(self.layers)]
 
     def _layer(self, pose: mink.SE3, rolls: Array) -> Layer:
-        grid = self.arm.branches(pose, rolls)
-        change = np.diff(grid, axis=0, append=grid[:1])
-        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
-        fast = (np.abs(change) > STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
-        between = (rolls[1] - rolls[0]) * np.arange(1, 8) / 8.0
-        finer = self.arm.branches(pose, (rolls[fast, None] + between).ravel())
-        q = self.arm.inside_with_turns(np.concatenate([grid, finer]))
+        q = self.arm.layer(pose, rolls, 8)
         turned = np.round(self.arm.centred(q), 9)
         _, first, of = np.unique(turned, axis=0, return_index=True, return_inverse=True)
         return Layer(q, self.ranges.centring(q), q[first], of.ravel())
@@ -605,18 +600,8 @@ WORLDS = ("wall", "corner", "moving")
 SETTINGS = [(mode, limit) for limit in (None, HARDEST) for mode in ("scale", "relax")]
 
 
-def seven_axes(world: str) -> mujoco.MjModel:
+def before(world: str) -> mujoco.MjModel:
     """An arm of seven axes made of capsules, on a floor, and what is in its way."""
-    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
-    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08, 0.07)
-    radii = (0.06, 0.05, 0.05, 0.05, 0.045, 0.03, 0.02)
-    ranges = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
-    opening = "".join(
-        f'<body name="link_{i + 1}" pos="0 0 {heights[i]}">'
-        f'<joint name="a{i + 1}" axis="{axes[i]}" range="-{ranges[i]} {ranges[i]}"/>'
-        f'<geom type="capsule" size="{radii[i]}" fromto="0 0 0 0 0 {heights[i + 1]}"/>'
-        for i in range(7)
-    )
     wall = '<geom name="wall" type="box" size="0.1 1 1" pos="0.55 0 0"/>'
     ways = {
         "wall": wall,
@@ -625,11 +610,8 @@ def seven_axes(world: str) -> mujoco.MjModel:
         "moving": '<body name="obstacle" mocap="true"><geom name="ball" size="0.1"/>'
         '<geom name="block" type="box" size="0.05 0.12 0.03" pos="0 0 0.1"/></body>',
     }
-    return mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
-        f'<geom name="floor" type="plane" size="1 1 1"/>{ways[world]}'
-        f'{opening}<site name="tool" pos="0 0 0.07"/>{"</body>" * 7}</worldbody></mujoco>'
-    )
+    capsule = '<geom type="capsule" size="{radius}" fromto="0 0 0 0 0 {top}"/>'
+    return seven_axes(capsule, f'<geom name="floor" type="plane" size="1 1 1"/>{ways[world]}')
 
 
 class Way(NamedTuple):
@@ -661,7 +643,7 @@ class Way(NamedTuple):
 
 def way(world: str, seed: int) -> Way:
     """A random run in a world; the arm starts inside its ranges and 50 mm clear of everything."""
-    model = seven_axes(world)
+    model = before(world)
     rng = np.random.default_rng([seed, WORLDS.index(world)])
     lower, upper = 0.8 * model.jnt_range.T
     beyond = np.array([0.6, rng.uniform(-0.4, 0.6), rng.uniform(0.2, 0.8)])

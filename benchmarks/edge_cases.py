@@ -28,6 +28,7 @@ import mink
 import mujoco
 import numpy as np
 import numpy.typing as npt
+from oracles.arms import seven_axes
 
 import qp_twist as qt
 
@@ -40,23 +41,9 @@ FLIP = 0.3
 """Speed above which a change of sign counts, rad/s."""
 AT_ONCE = 2000
 """Excursions side by side."""
+APART = '<geom size="0.05" mass="2" contype="0" conaffinity="0"/>'
+"""Links that touch nothing."""
 SCENES = Path(qt.__file__).parents[1] / "scenes"
-
-
-def seven_axes() -> mujoco.MjModel:
-    """An arm of the usual build: shoulder at 0.36, upper arm 0.42, forearm 0.40, wrist 0.15 m."""
-    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
-    heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08)
-    ranges = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
-    opening = "".join(
-        f'<body pos="0 0 {height}"><joint name="a{i + 1}" axis="{axis}" range="-{end} {end}"/>'
-        '<geom size="0.05" mass="2" contype="0" conaffinity="0"/>'
-        for i, (axis, height, end) in enumerate(zip(axes, heights, ranges, strict=True))
-    )
-    return mujoco.MjModel.from_xml_string(
-        '<mujoco><compiler angle="radian" autolimits="true"/><worldbody>'
-        f'{opening}<site name="tool" pos="0 0 0.07"/>{"</body>" * 7}</worldbody></mujoco>'
-    )
 
 
 @dataclass(eq=False)
@@ -89,7 +76,7 @@ def all_arms() -> dict[str, Arm]:
     both = np.tile([0, 0.5, 0, -1.4, 0, 1.2, 0], 2)
     six = np.array([0.0, 0.3, -0.4, 0.0, -0.9, 0.0])
     return {
-        "seven": Arm("seven", seven_axes(), seven, ("tool",), np.array([0, 0, 0.36]), (5,)),
+        "seven": Arm("seven", seven_axes(APART), seven, ("tool",), np.array([0, 0, 0.36]), (5,)),
         "six": Arm("six", deburring.model, six, ("tool",), np.array([0, 0, 0.74]), (4,)),
         "two": Arm("two", two, both, ("left_tool", "right_tool"), np.array([0, 0, 0.34]), (5, 12)),
     }

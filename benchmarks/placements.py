@@ -167,15 +167,15 @@ class InverseKinematics:
             q = q[(q[:, joint] >= lower[joint]) & (q[:, joint] <= upper[joint])]
         return q
 
-    def layer(self, pose: mink.SE3, rolls: Array) -> Array:
+    def layer(self, pose: mink.SE3, rolls: Array, finer: int = 16) -> Array:
         """All in-limit joint positions (k, 6) on a grid of rolls, finer where the joints run."""
         grid = self.branches(pose, rolls)
         change = np.diff(grid, axis=0, append=grid[:1])
         change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
         fast = (np.abs(change) > MAX_STEP / 3.0).any(axis=(1, 2))  # near a straight wrist
-        between = (rolls[1] - rolls[0]) * np.arange(1, 16) / 16.0
-        finer = self.branches(pose, (rolls[fast, None] + between).ravel())
-        return self.inside_with_turns(np.concatenate([grid, finer]))
+        between = (rolls[1] - rolls[0]) * np.arange(1, finer) / finer
+        more = self.branches(pose, (rolls[fast, None] + between).ravel())
+        return self.inside_with_turns(np.concatenate([grid, more]))
 
     def starts(self, pose: mink.SE3, *, roll_is_free: bool = True) -> list[Array]:
         """In-limit joint positions (6,): of each branch the one of least z, the least first."""

@@ -13,15 +13,7 @@ from functools import cached_property
 import mink
 import mujoco
 import numpy as np
-from step_program import (
-    NoReference,
-    Reference,
-    StepProgram,
-    Variant,
-    basis,
-    reference,
-    turn_error,
-)
+from step_program import NoReference, Reference, StepProgram, Variant, basis, reference, turn_error
 
 from qp_twist.checks import Array
 from qp_twist.errors import QpTwistError

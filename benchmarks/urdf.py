@@ -59,12 +59,7 @@ def robot_urdf(model: mujoco.MjModel, sites: Sequence[str], speeds: Array) -> st
 
 
 def _joint(
-    robot: ET.Element,
-    parent: str,
-    origin: Array,
-    screw: Screw,
-    ranges: JointRanges,
-    speeds: Array,
+    robot: ET.Element, parent: str, origin: Array, screw: Screw, ranges: JointRanges, speeds: Array
 ) -> None:
     """Add a joint and the link that it moves; ``origin`` (3,) is that of the parent."""
     link = f"link_{screw.dof}"

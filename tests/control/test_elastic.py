@@ -170,10 +170,7 @@ def test_rows_without_cost_or_price_are_free() -> None:
     free = qt.TwistTask.axis_free("tool", "site")
     free.set_target(case.target, twist=[0.0, 0.0, 0.05, 0.0, 0.0, 0.0])
     plain = case.aimed(mink.FrameTask("tool", "site", 1.0, 1.0))
-    for around, held in (
-        (Around(free, 1e4), free),
-        (Around(plain, [1e4] * 5 + [0.0]), plain),
-    ):
+    for around, held in ((Around(free, 1e4), free), (Around(plain, [1e4] * 5 + [0.0]), plain)):
         step = qt.solve_ik(case.c, [case.posture], DT, "daqp", limits=LIMITS, constraints=[around])
         J, e = held.compute_jacobian(case.c), held.compute_error(case.c)
         assert np.abs((J @ step * DT + e)[:5]).max() < 1e-9

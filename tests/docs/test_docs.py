@@ -34,11 +34,7 @@ from qp_twist.paths import (
 )
 from qp_twist.paths.methods import METHODS, MethodSettings
 from qp_twist.qp import check_solver
-from qp_twist.qp.verification import (
-    BOUND_TOLERANCE,
-    EQUALITY_TOLERANCE,
-    OPTIMALITY_TOLERANCE,
-)
+from qp_twist.qp.verification import BOUND_TOLERANCE, EQUALITY_TOLERANCE, OPTIMALITY_TOLERANCE
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

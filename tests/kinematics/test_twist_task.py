@@ -10,12 +10,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 import pytest
-from oracles.arms import (
-    planar_arm,
-    random_arm,
-    random_configuration,
-    random_direction,
-)
+from oracles.arms import planar_arm, random_arm, random_configuration, random_direction
 from oracles.twists import (
     FRAMES,
     KINDS,

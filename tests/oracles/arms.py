@@ -99,16 +99,18 @@ def seven_axes(
 ) -> mujoco.MjModel:
     """Shoulder at 0.36 m, upper arm 0.42, forearm 0.40, wrist to tool 0.15.
 
-    ``geom`` of each link, {top} for its length, m; ``beside``: what else stands in the world.
+    ``geom`` of each link, {top} for its length and {radius} of a capsule around it, m; ``beside``:
+    what else stands in the world.
     """
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 1", "0 1 0", "0 0 1")
     heights = (0.18, 0.18, 0.21, 0.21, 0.2, 0.2, 0.08)
     ends = (2.96, 2.09, 2.96, 2.09, 2.96, 2.09, 3.05)
+    tops, radii = (*heights[1:], 0.07), (0.06, 0.05, 0.05, 0.05, 0.045, 0.03, 0.02)
     opening = "".join(
         f'<body name="link_{i + 1}" pos="0 0 {height}"><joint name="a{i + 1}" axis="{axis}" '
-        f'range="-{end} {end}"/>{geom.format(top=top)}'
-        for i, (axis, height, end, top) in enumerate(
-            zip(axes, heights, ends, (*heights[1:], 0.07), strict=True)
+        f'range="-{end} {end}"/>{geom.format(top=top, radius=radius)}'
+        for i, (axis, height, end, top, radius) in enumerate(
+            zip(axes, heights, ends, tops, radii, strict=True)
         )
     )
     return _compile(f'{beside}{opening}<site name="{tip}" pos="0 0 0.07"/>{"</body>" * 7}')
