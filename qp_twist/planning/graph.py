@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
-from qp_twist.planning.layer import boxed
+from qp_twist.planning.layer import TURN, Layer, boxed
 
 _ROUNDS = 4
 """Rounds in which only the best edge to each node is validated; then all remaining ones."""
@@ -54,12 +54,70 @@ Valid = Callable[[int, Edges], Mask]
 """Which edges to the next layer are valid, (E,): evaluated for the best edge to each node only."""
 
 
-def edges(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
-    """Edges between configurations q (K, nv) and those at the next waypoint that are a step apart.
+def edges(here: Layer, nodes: Indices, after: Layer, largest_step: Array, period: Array) -> Edges:
+    """Edges from some nodes (K,) of a layer to those of the next that are a step apart.
 
     Both are given by joint, (nv,): the largest step, rad or m, and the ``period``, 2π for joints
     whose whole turns do not matter, 0 for others.
+
+    A hinge with a wide range makes copies of each configuration, which differ by whole turns: 64
+    where six joints turn by 360° to either side. What is a step apart is found without the turns,
+    and each copy is then connected with the one copy that is as far from it. Where a joint may turn
+    by half a turn and more at once, more than one is: its turns are told apart from the beginning.
     """
+    turning = (here.turns.any(axis=0) | after.turns.any(axis=0)) & (largest_step < 0.5 * TURN)
+    if not turning.any():
+        found = _near(here.q[nodes], after.q, largest_step, period)
+        return Edges(nodes[found.start], found.end)
+    start, end = _Unturned.of(here, turning), _Unturned.of(after, turning)
+    most = 1 + max(np.abs(start.turns).max(initial=0), np.abs(end.turns).max(initial=0))
+    # One number for the turns of all joints, with a digit for each, from −most to most.
+    base = 2 * int(most) + 1
+    digits, size = np.zeros(len(turning), dtype=np.intp), base ** int(turning.sum())
+    digits[turning] = base ** np.arange(turning.sum())
+    codes = start.turns @ digits
+    keys = end.which * size + end.turns @ digits
+    order = np.argsort(keys)
+    nodes = nodes[np.lexsort((codes[nodes], start.which[nodes]))]
+    begun, begin, count = np.unique(start.which[nodes], return_index=True, return_counts=True)
+    found = _near(start.q[begun], end.q, largest_step, np.where(turning, TURN, period))
+    turned = np.rint((end.q[found.end] - start.q[begun[found.start]]) / TURN).astype(np.intp)
+    # Each pair for all nodes at its start, and the node where its end has the turns for that.
+    count = count[found.start]
+    skipped = np.cumsum(count) - count
+    node = nodes[np.repeat(begin[found.start] - skipped, count) + np.arange(count.sum())]
+    wanted = np.repeat(found.end * size - turned @ digits, count) + codes[node]
+    place = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(order) - 1)
+    other = order[place]
+    is_there = keys[other] == wanted
+    return Edges(node[is_there], other[is_there])
+
+
+class _Unturned(NamedTuple):
+    """The configurations of a layer without whole turns of some joints.
+
+    ``q`` are they, (B, nv), each of these joints within half a turn of 0; each node of the layer is
+    one of them, ``which`` (K,), with so many ``turns`` of its joints, (K, nv).
+    """
+
+    q: Array
+    which: Indices
+    turns: Indices
+
+    @classmethod
+    def of(cls, layer: Layer, turning: Mask) -> _Unturned:
+        """Those of a layer; turns of joints that are not ``turning`` (nv,) are told apart."""
+        first, which = layer.copies
+        if (layer.turns.any(axis=0) & ~turning).any():
+            told = np.column_stack([which, layer.turns[:, ~turning]])
+            _, first, which = np.unique(told, axis=0, return_index=True, return_inverse=True)
+        turns = np.where(turning, np.rint(layer.q[first] / TURN), 0.0).astype(np.intp)
+        since = layer.turns - layer.turns[first][which]
+        return cls(layer.q[first] - TURN * turns, which, since + turns[which])
+
+
+def _near(q: Array, after: Array, largest_step: Array, period: Array) -> Edges:
+    """Pairs of configurations, (K, nv) and (M, nv), no joint of which is more than a step apart."""
     if not len(q) or not len(after):
         none = np.zeros(0, dtype=np.intp)
         return Edges(none, none)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from qp_twist.checks import Array, Indices
+from qp_twist.checks import Array, Indices, Mask
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
 
@@ -23,6 +24,8 @@ class Layer:
     Attributes:
         q: Configurations inside the limits, including whole turns of the joints, (K, nv).
         branch: Index of each one's branch, (K,).
+        copy_of: Index of a configuration that each is but for whole turns of its joints, (K,): one
+            index for all that have the same pose of all bodies. ``None``: no two do.
         solutions: Number of configurations without limits, whole turns not counted.
         outside: Joints that exclude the waypoint, if no configuration is inside the limits.
         beyond: By how much the configuration that is nearest to fit is outside them then, rad or m,
@@ -39,15 +42,45 @@ class Layer:
     beyond: Array = field(default_factory=lambda: np.zeros(0))
     bands: tuple[str, ...] = ()
     nearby: bool = False
+    copy_of: Indices | None = None
 
     @classmethod
     def alone(cls, q: Array) -> Layer:
         """The layer of one configuration (nv,)."""
         return cls(q[None], np.full(1, -1), 1)
 
+    def of(self, nodes: Indices | Mask) -> Layer:
+        """With some of its configurations."""
+        copy_of = None if self.copy_of is None else self.copy_of[nodes]
+        return replace(self, q=self.q[nodes], branch=self.branch[nodes], copy_of=copy_of)
+
+    def joined(self, q: Array, branch: Indices) -> Layer:
+        """With further configurations (E, nv) and their branches (E,)."""
+        copy_of = self.copy_of
+        if copy_of is not None:
+            copy_of = np.append(copy_of, copy_of.max(initial=-1) + 1 + np.arange(len(q)))
+        every = np.vstack([self.q, q])
+        return replace(self, q=every, branch=np.append(self.branch, branch), copy_of=copy_of)
+
     def emptied(self, bands: tuple[str, ...]) -> Layer:
         """Without its configurations, which these bands exclude."""
-        return replace(self, q=self.q[:0], branch=self.branch[:0], bands=bands)
+        return replace(self.of(np.zeros(0, dtype=np.intp)), bands=bands)
+
+    @cached_property
+    def copies(self) -> tuple[Indices, Indices]:
+        """The first of each configuration's copies, (B,), and which of these each is of, (K,)."""
+        if self.copy_of is None:
+            each = np.arange(len(self.q))
+            return each, each
+        _, first, which = np.unique(self.copy_of, return_index=True, return_inverse=True)
+        return first, which
+
+    @cached_property
+    def turns(self) -> Indices:
+        """Whole turns of each joint from the first copy, (K, nv)."""
+        first, which = self.copies
+        turns: Indices = np.rint((self.q - self.q[first][which]) / TURN).astype(np.intp)
+        return turns
 
 
 def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
@@ -64,7 +97,7 @@ def inside_limits(q: Array, branch: Indices, ranges: JointRanges) -> Layer:
             q, which = np.concatenate([q - turn, q, q + turn]), np.tile(which, 3)
         keep = (q[:, joint] >= ranges.lower[joint]) & (q[:, joint] <= ranges.upper[joint])
         q, which = q[keep], which[keep]
-    layer = Layer(q, branch[which], len(every))
+    layer = Layer(q, branch[which], len(every), copy_of=which)
     if len(q) or not len(every):
         return layer
     beyond = -ranges.room(every)

@@ -229,9 +229,8 @@ class LevelSearch:
     def _connections(self, number: int, alive: Indices) -> Edges:
         level, grid = self.level, self.level.grid
         self.progress(f"{grid}: steps", (number + 1) / len(level.layers))
-        q, after = level.layers[number].q[alive], level.layers[number + 1].q
-        found = edges(q, after, self._steps[number] + grid.joints, self.problem.period)
-        return Edges(alive[found.start], found.end)
+        here, after = level.layers[number : number + 2]
+        return edges(here, alive, after, self._steps[number] + grid.joints, self.problem.period)
 
     def _edge_cost(self, number: int, edge: Edges) -> Array:
         layers = self.level.layers

@@ -208,7 +208,7 @@ class Levels:
         self.found: dict[int, Layer] = {}
         self._progress = progress
         self._made: dict[tuple[float, bytes, tuple[int, ...]], list[Layer]] = {}
-        #: Of configurations of layers: 1 where they keep the clearance, 0 where not, or unknown.
+        #: Of the first copies in layers: 1 where they keep the clearance, 0 where not, or unknown.
         self._clear: dict[Layer, np.ndarray] = {}
 
     def selected(self, stage: SearchStage, steps: Array) -> list[int]:
@@ -271,11 +271,15 @@ class Levels:
         """
         if not problem.has_clearance:
             return np.ones(len(nodes), dtype=bool)
-        unknown = np.full(len(layer.q), _UNKNOWN, dtype=np.int8)
+        first, which = layer.copies
+        unknown = np.full(len(first), _UNKNOWN, dtype=np.int8)
         known = self._clear.setdefault(layer, unknown)
-        new = nodes[known[nodes] == _UNKNOWN]
-        known[new] = problem.clear(layer.q[new])
-        clear: Mask = known[nodes] == 1
+        which = which[nodes]
+        asked = np.zeros(len(first), dtype=bool)
+        asked[which] = True
+        new = np.flatnonzero(asked & (known == _UNKNOWN))
+        known[new] = problem.clear(layer.q[first[new]])
+        clear: Mask = known[which] == 1
         return clear
 
     def is_blocked(self, problem: Problem, layer: Layer) -> bool:
@@ -292,8 +296,7 @@ class Levels:
         limits = self.problem.limits
         if not limits.ranges.inside(q).all() or not self.problem.rows.hard.inside(q, at).all():
             return layer
-        branch = np.append(layer.branch, -1)
-        return Layer(np.vstack([layer.q, q]), branch, layer.solutions + 1)
+        return replace(layer.joined(q, np.full(1, -1)), solutions=layer.solutions + 1)
 
     @cached_property
     def _from_start(self) -> Array:

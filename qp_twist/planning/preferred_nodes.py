@@ -35,9 +35,7 @@ def with_preferred(problem: Problem, level: Level) -> Level:
     counts = [len(own) for own in chosen]
     q = _descended(problem, begun, np.repeat(level.waypoints, counts))
     layers = [
-        replace(
-            layer, q=np.vstack([layer.q, more]), branch=np.append(layer.branch, layer.branch[own])
-        )
+        layer.joined(more, layer.branch[own])
         for layer, own, more in zip(
             level.layers, chosen, np.split(q, np.cumsum(counts)[:-1]), strict=True
         )

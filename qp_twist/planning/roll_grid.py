@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from qp_twist.checks import Array, Mask
@@ -100,7 +98,7 @@ class RollGrid:
         layer = inside_limits(found[row, branch], branch, self.ranges)
         if self.hard.constraints:
             kept = self.hard.inside(layer.q, np.full(len(layer.q), index))
-            layer = replace(layer, q=layer.q[kept], branch=layer.branch[kept])
+            layer = layer.of(kept)
         if self.hard and not len(layer.q):
             return empty_layer(found[reached], self.ranges, self.hard, index)
         return layer

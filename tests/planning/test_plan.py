@@ -24,7 +24,7 @@ from scipy.spatial import KDTree
 import qp_twist as qt
 from qp_twist.kinematics import SerialChain, frame_jacobian, frame_pose
 from qp_twist.planning import RollMap
-from qp_twist.planning.graph import Edges, cheapest_path
+from qp_twist.planning.graph import Edges, cheapest_path, edges
 from qp_twist.planning.layer import inside_limits
 from qp_twist.planning.manifold_net import ManifoldNet
 from qp_twist.planning.objective import Objective
@@ -129,6 +129,41 @@ def _cost(link: Edges, cost: Array, asked: Edges) -> Array:
 
 
 # ---------------------------------------------------------------- layers
+
+
+@given(SEEDS, st.floats(0.1, 4.0), st.booleans())
+@settings(max_examples=60)
+def test_edges_between_copies_are_those_of_all_pairs(seed: int, step: float, endless: bool) -> None:
+    rng, turn = np.random.default_rng(seed), 2.0 * np.pi
+    ends = rng.choice([0.9, 1.0, 1.3, 2.0, 3.5], 3) * np.pi
+    ranges = [f'range="{-end} {end}"' for end in ends]
+    ranges[0] = "" if endless else ranges[0]
+    joints = "".join(f'<joint name="j{k}" axis="0 0 1" {r}/>' for k, r in enumerate(ranges))
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><compiler angle='radian' autolimits='true'/><worldbody><body>"
+        f"{joints}<geom size='0.1' mass='1'/></body></worldbody></mujoco>"
+    )
+    limits = qt.JointRanges.of(model)
+    # Some are as far from 0 as a joint may be, where a half turn is rounded to either side.
+    layers = [
+        inside_limits(
+            np.where(rng.random((9, 3)) < 0.2, np.pi, rng.uniform(-np.pi, np.pi, (9, 3))),
+            np.arange(9), limits,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    layers[1] = layers[1].joined(layers[0].q[:2] + 0.05, np.zeros(len(layers[0].q[:2]), int))
+    here, after = layers
+    nodes = rng.permutation(len(here.q))[: rng.integers(len(here.q) + 1)]
+    largest, period = step * rng.uniform(0.5, 1.0, 3), np.where([endless, False, False], turn, 0.0)
+    largest = np.where(period > 0.0, np.minimum(largest, np.pi), largest)
+    found = edges(here, nodes, after, largest, period)
+    apart = after.q[None] - here.q[nodes, None]
+    apart -= period * np.round(apart / turn)
+    start, end = np.nonzero((np.abs(apart) <= largest).all(axis=2))
+    assert sorted(zip(found.start, found.end, strict=True)) == sorted(
+        zip(nodes[start], end, strict=True)
+    )
 
 
 def test_all_turns_inside_the_limits_are_found() -> None:
