@@ -120,7 +120,7 @@ def test_the_command_writes_what_was_reached_and_says_where_it_ends(
     for name, first in (("wall", 0.0), ("at_once", 0.46)):
         write_cell(name, wall, first, 1.0, steps=5, more=FEED)
     with pytest.raises(SystemExit) as end:
-        main(["run", "wall.toml", "--out", "run.json"])
+        main(["run", "wall.toml", "--method", "qp_gradient", "--out", "run.json"])
     assert end.value.code == 1
     said = capsys.readouterr()
     assert "ends at waypoint 3 of 6" in said.err
