@@ -100,7 +100,9 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     times = [_speed(speed.linear) if speed else _time(seconds) for speed, seconds in speeds]
     words = ["L" if each else "J" for each in moves.straight or [0] * count]
     circles = moves.circles or [None] * count
-    ends = [f"CNT{share}" if share else "FINE" for share in (100.0 * shares).astype(int).tolist()]
+    ends = [
+        f"CNT{share}" if share else "FINE" for share in np.rint(100.0 * shares).astype(int).tolist()
+    ]
     targets = moves.targets or [None] * (count + 1)
 
     def point(angles: list[float], target: Target | None) -> str:
@@ -617,6 +619,7 @@ LS = Dialect(
     of_parts=_GROUP, period=0.008, points=("joints", "poses"), circles=("space",),
     speeds=tuple(_FEEDS[unit] for unit in _UNITS),
     to_fill_in=("PAYLOAD[...]",), frames_to_fill_in=("UTOOL_NUM=...", "UFRAME_NUM=..."),
+    rounding=lambda shares, _: np.floor(100.0 * shares + 1e-9) / 100.0,
     states_frames=False, parts=_PARTS, tool_text=lambda tcp: ", ".join(_pose_texts(tcp)),
 )  # fmt: skip
 """TP programs. The period is that of the controller's interpolation (ITP): 8 ms (that of Fanuc's

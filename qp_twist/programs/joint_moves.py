@@ -229,10 +229,10 @@ class JointMoves:
 
     @property
     def in_times(self) -> Mask:
-        """Which moves are joint moves in a time that the program states, (N − 1,)."""
-        none = (None,) * (len(self.angles) - 1)
-        of = zip(self.straight or none, self.speeds or none, strict=True)
-        return np.array([not straight and speed is None for straight, speed in of])
+        """Which moves are in a time that the program states, (N − 1,)."""
+        return np.array(
+            [speed is None for speed in self.speeds or (None,) * (len(self.angles) - 1)]
+        )
 
     @property
     def points(self) -> int:
@@ -291,6 +291,8 @@ class Dialect(NamedTuple):
         parts: Of straight moves on a part that moves (``"positioner joints"``, ``"positioner
             poses"``, ``"hand joints"``), if they are written: what a person has to compare.
         circles: How the tool may be made to turn on circles, if they are written.
+        rounding: Of shares of half moves from which on points are rounded, and of these halves, m,
+            the shares that are printed.
         tool_text: The pose of a tool in the flange, as headers state it.
         two_angles: Whether its controllers may swing an axis of the tool and turn about it, instead
             of turning about one axis.
@@ -323,6 +325,7 @@ class Dialect(NamedTuple):
     two_angles: bool = False
     parts: Mapping[str, str] = MappingProxyType({})
     circles: tuple[Turning, ...] = ()
+    rounding: Callable[[Array, Array], Array] = lambda shares, _: shares
     tool_text: Callable[[mink.SE3], str] = str
 
     def external_names(self, axes: Sequence[tuple[str, bool]]) -> tuple[str, ...]:

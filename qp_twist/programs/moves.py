@@ -227,6 +227,8 @@ class Course(Moves):
         """Stay at the last point."""
         if not 0.0 <= seconds < math.inf:
             raise InvalidInput(f"a wait of {seconds:g} s; expected a finite time.", line=line)
+        if self._points:  # whose zone no controller rounds
+            self.rests()
         if self._points and seconds > 0.0:
             at, target = list(self._points[-1]), self._targets[-1]
             self.joint(JointMove(line, at, None, seconds, target=target))
@@ -352,7 +354,7 @@ class Course(Moves):
             zones=tuple(self._zones) if any(self._zones) else (),
             accelerations=tuple(self._accelerations) if any(self._accelerations) else (),
             numbers={what: ", ".join(each) for what, each in self._numbers.items()},
-            tcps=tuple(self._tcps) if any(self._tcps) else (), rests=tuple(self._rests),
+            tcps=tuple(self._tcps) if any(self._tcps) else (), rests=tuple(sorted({*self._rests})),
             lines=tuple(self._lines),
         )  # fmt: skip
 

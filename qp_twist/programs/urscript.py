@@ -21,6 +21,7 @@ from typing import Any
 import mink
 import numpy as np
 
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import (
     AXES,
@@ -170,15 +171,21 @@ def _encode(name: str, moves: JointMoves, header: tuple[str, ...]) -> dict[str, 
     return {f"{name}{URSCRIPT.suffix}": "\n".join([*lines, "end", ""])}
 
 
+def _rounding(shares: Array, halves: Array) -> Array:
+    """The shares of blend radii."""
+    radii = _MICRO * np.floor(np.minimum(_BLEND, shares) * halves / _MICRO + 1e-9)
+    return np.divide(radii, halves, out=np.zeros_like(shares), where=halves > 0.0)
+
+
 def _words_of(moves: JointMoves, times: Sequence[str]) -> list[tuple[str, str]]:
     """Of each move its word, and its arguments behind the joint positions."""
     assert moves.halves is not None and moves.shares is not None and moves.straight is not None
-    radii = _MICRO * np.floor(np.minimum(_BLEND, moves.shares) * moves.halves / _MICRO)
+    radii = moves.shares * moves.halves
     found = []
     for k, speed in enumerate(moves.speeds):
         a = moves.accelerations[k + 1]
         how = f"a={a:.6g}, v={speed.linear:.6f}" if speed else f"t={times[k]}"
-        blend = f", r={radii[k + 1]:.6f}" if radii[k + 1] else ""
+        blend = f", r={radii[k + 1]:.6f}" if moves.shares[k + 1] else ""
         word = "movep" if moves.constant[k] else "movel" if moves.straight[k] else "movej"
         if moves.circles and moves.circles[k]:
             word, blend = "movec", f"{blend}, mode=0"
@@ -523,6 +530,7 @@ URSCRIPT = Dialect(
     True, 64, "a function's name", _encode, _execute, _stopped, points=("joints",),
     speeds=(_MICRO,), constant=_ACCELERATION, numbered=False, circles=("space",),
     to_fill_in=("set_tcp(p[...])", "set_target_payload(...)"), tool_text=_tool_text,
+    rounding=_rounding,
 )  # fmt: skip
 """URScript. At 1 rad/s a time that is 1e-9 s off changes the acceleration of a move of 3 ms by 1e-4
 rad/s²; with 11 digits it is a hundredth of what `check` counts as rounding."""

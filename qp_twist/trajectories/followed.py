@@ -16,7 +16,7 @@ from qp_twist.robots import ControllerArm, ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
 from qp_twist.trajectories.rest_to_rest import RestToRest
-from qp_twist.trajectories.within_limits import Ramp, Way, at_rests
+from qp_twist.trajectories.within_limits import Ramp, Way, at_rests, travel
 
 _SHORTEST = 1e-12
 """Time, s, of a move to where the robot is."""
@@ -53,8 +53,8 @@ class Followed(NamedTuple):
         corners: Of the tool at the points; ``None`` if no point is rounded, or no tool is known.
         ramps: Joint accelerations on the moves to the points while their speeds change as the
             program states it, (N, n); ``None`` if it states no acceleration.
-        at_rests: The least accelerations of joints on the joint moves in stated times to the
-            points, from rest or to rest, (N, n); 0 of other moves. ``None`` without times.
+        at_rests: The least accelerations of joints on the moves in stated times to the points,
+            from rest or to rest, (N, n); 0 of other moves. ``None`` without times.
         short: Lines of moves that do not come to their speed as the program states it.
     """
 
@@ -111,11 +111,11 @@ def followed(
                 share, more = _along(tool, joints.arm, move, begin, end, target, circle)
                 if (speed := _stated(moves, k)) and durations is not None:
                     durations[k - 1] = speed.seconds(move.length, move.turn)
+            elif target is not None and k and target is targets[k - 1]:  # a wait
+                more = at[:, order]
             elif target is not None:
-                there, near = q[k, order], at[0, order][tool.own] if k else None
-                pose = tool.at_reference(_in_world(tool, joints.arm, target), np.nan_to_num(there))
-                there[tool.own] = _arm(joints.arm).joints_at(pose, target.configuration, near)
-                more = there[None]
+                near = at[0, order][tool.own] if k else None
+                more = _at_pose(tool, joints.arm, target, q[k, order], near)[None]
         except InvalidInput as error:
             place = line or (target.line if target else None) or error.line
             raise NotFollowed(error.sentence, k - 1, place) from error
@@ -135,7 +135,7 @@ def followed(
         corners = Corners.of(tool, found[points][:, order], tool_moves[1:])
     ways = [Way(*each) for each in zip(shares, rows, strict=True)]
     ramps, short = _ramps(moves, ways, tool_moves, durations)
-    rested = _at_rests(moves, found[points], durations)
+    rested = _at_rests(moves, ways, durations)
     return Followed(found, _times(durations, shares), points, corners, ramps, rested, short)
 
 
@@ -148,13 +148,14 @@ def _times(durations: Array | None, shares: Sequence[Array]) -> Array | None:
     return np.concatenate([[0.0], *(begin + share * seconds for begin, seconds, share in of)])
 
 
-def _at_rests(moves: JointMoves, q: Array, durations: Array | None) -> Array | None:
-    """What joint moves to points q (N, n) need, likewise; the robot rests before and behind all."""
+def _at_rests(moves: JointMoves, ways: Sequence[Way], durations: Array | None) -> Array | None:
+    """What the ways to points (N) need, likewise; the robot rests before and behind all."""
     if durations is None:
         return None
-    rests = np.isin(np.arange(len(q)), [0, *moves.rests, len(q) - 1])
+    rests = np.isin(np.arange(len(ways)), [0, *moves.rests, len(ways) - 1])
     ends = (rests[:-1].astype(int) + rests[1:]) * moves.in_times
-    return np.pad(at_rests(np.diff(q, axis=0), durations, ends), ((1, 0), (0, 0)))
+    needed = at_rests(travel(ways[0].q[-1], ways[1:]), durations, ends)
+    return np.pad(needed, ((1, 0), (0, 0)))
 
 
 def _from_rest(
@@ -273,6 +274,15 @@ def _along(
         if target is not None and target.configuration and not elsewhere:
             _arm(arm).check_configuration(rows[-1, tool.own], target.configuration)
     return shares[1:], rows[1:]
+
+
+def _at_pose(
+    tool: ToolChain, arm: ControllerArm | None, target: Target, there: Array, near: Array | None
+) -> Array:
+    """Joint positions (n,) at a target, with external axes as they are ``there``."""
+    pose = tool.at_reference(_in_world(tool, arm, target), np.nan_to_num(there))
+    there[tool.own] = _arm(arm).joints_at(pose, target.configuration, near)
+    return there
 
 
 def _first(poses: Poses) -> Poses:

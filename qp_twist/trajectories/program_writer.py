@@ -99,7 +99,8 @@ class ProgramWriter:
         columns = zip(names[AXES:], joints.external, strict=True)
         external = tuple(ExternalColumn(name, axis.unit) for name, axis in columns)
         planned = JointMoves(scale * joints.shown(rows.q), durations, rates, external=external)
-        line = kept.line and kept.line._replace(shares=self._less(kept.line.shares))
+        line = kept.line
+        line = line and line._replace(shares=self._less(line.shares, line.halves))
         around = {int(np.searchsorted(kept.at, k)): each for k, each in self._around.items()}
         calls = [k for k, found in around.items() if any(each.call for each in found)]
         moves, longer = self._timed(planned, line, calls)
@@ -213,20 +214,26 @@ class ProgramWriter:
         if line is None:
             corners = Corners.of(joints.tool, q, [None] * (len(q) - 1))
             within = task_rows(task), task.tolerances
-            shares = self._less(rounded_shares(corners, *within, dialect.zone))
-            planned = replace(planned, shares=shares)
+            shares, halves = (
+                rounded_shares(corners, *within, dialect.zone),
+                np.pad(corners.halves, 1),
+            )
+            planned = replace(planned, shares=self._less(shares, halves))
             if dialect.cubic and planned.velocities is not None:
                 return written(planned), 0.0
         ways = [Way.to(each) for each in q[1:]] if line is None else [x.way for x in line.moves]
         limits = JointLimits.of(task, joints.tool.names, ramps=dialect.constant > 0.0)
         return within_limits(planned, q[0], ways, limits, written, calls)
 
-    def _less(self, shares: Array) -> Array:
-        """As much rounding (N,) as a check left; none where points are rounded from a zone on."""
+    def _less(self, shares: Array, halves: Array) -> Array:
+        """As much rounding (N,) as a check left, in the digits that are printed.
+
+        It is none where points are rounded from a zone on.
+        """
         by = self._rounded
-        if by is None or len(by) != len(shares):
-            return shares
-        return shares * (by == 1.0) if np.isfinite(self._dialect.zone) else shares * by
+        if by is not None and len(by) == len(shares):
+            shares = shares * (by == 1.0 if np.isfinite(self._dialect.zone) else by)
+        return self._dialect.rounding(shares, halves)
 
 
 def _with_around(

@@ -65,20 +65,29 @@ class Ramp(NamedTuple):
         return cls(rates.max(axis=0) / length, steady)
 
 
+def travel(begin: Array, ways: Sequence[Way]) -> Array:
+    """How far joints go on each of the ways from joint positions (n,) on, (M, n)."""
+    begins = [begin, *(way.q[-1] for way in ways[:-1])]
+    of = zip(begins, ways, strict=True)
+    return np.array(
+        [np.abs(np.diff(way.q, axis=0, prepend=at[None])).sum(axis=0) for at, way in of]
+    )
+
+
 def at_rests(travel: Array, durations: Array, ends: Array) -> Array:
-    """The least accelerations (M, n) that joint moves need which begin or end at rest.
+    """The least accelerations (M, n) that moves need which begin or end at rest.
 
     With |q̈| ≤ a a joint goes at most a T²/2 in a time T from rest, whatever its speed at the end;
     to rest again at most that of T/2 twice, a T²/4. So it needs 2 D/T², and 4 D/T² from rest to
     rest.
 
     Args:
-        travel: How far joints go, D, (M, n).
+        travel: How far joints go on their ways, D, there and back, (M, n).
         durations: T, s, (M,).
         ends: At how many of its ends each move is at rest, (M,); of 0, nothing is known.
     """
     per_way = np.divide(2.0 * ends, durations**2, out=np.zeros(len(ends)), where=ends > 0)
-    needed: Array = np.abs(travel) * per_way[:, None]
+    needed: Array = travel * per_way[:, None]
     return needed
 
 
@@ -107,7 +116,7 @@ class JointLimits(NamedTuple):
 
         A move that takes λ times as long has 1/λ of its speeds and 1/λ² of its accelerations; at a
         point, where the controller has half of both moves to change the speed, both take longer.
-        ``ends``: at how many of its ends each joint move is at rest, (M,), and 0 of others.
+        ``ends``: at how many of its ends each move in a stated time is at rest, (M,); 0 of others.
         """
         counts = np.array([len(way.q) for way in ways])
         owner = np.repeat(np.arange(len(ways)), counts)
@@ -123,8 +132,7 @@ class JointLimits(NamedTuple):
             for moves in (owner[:-1], owner[1:]):  # the same but at points
                 np.maximum.at(found, moves, np.sqrt(most))
         if ends is not None:
-            travel = np.diff([begin, *(way.q[-1] for way in ways)], axis=0)
-            needed = at_rests(travel, durations, ends) / self.acceleration
+            needed = at_rests(travel(begin, ways), durations, ends) / self.acceleration
             np.maximum(found, np.sqrt(needed.max(axis=1)), out=found)
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from functools import cache
 from pathlib import Path
@@ -194,6 +195,47 @@ def test_a_blend_that_overlaps_leaves_its_point_out(tmp_path: Path) -> None:
     check = checked("Universal Robots UR5e", *text_of("Universal Robots UR5e", "r=0.5"), tmp_path)
     found = [each for each in check.findings if each.name == "position where points are rounded"]
     assert not check.passes and found[0].value >= 1e3 * LEG * np.sqrt(0.5)
+
+
+STOPS = {
+    "ABB IRB 120": ("z200", "WaitTime 0.5;", {"v50": r"v1000\T:=0.4"}),
+    "Fanuc LR Mate 200iD": ("CNT100", "   3:WAIT .50(sec) ;", {"50mm/sec": "0.4sec"}),
+    "Universal Robots UR5e": ("r=0.009", "sleep(0.5)", {"v=0.05": "t=0.4"}),
+    "KUKA KR 16-2": ("C_DIS", "WAIT SEC 0.5", {}),
+}
+"""A zone, a wait, and how a straight move states its time instead, if it does."""
+
+
+@pytest.mark.parametrize("waits", [False, True])
+@pytest.mark.parametrize("name", STOPS)
+def test_a_wait_behind_a_point_is_a_stop_and_moves_need_their_times(
+    name: str, waits: bool, tmp_path: Path
+) -> None:
+    """From rest a joint needs 2 D/T², to rest 4 D/T²; D of the two legs, from its own poses."""
+    zone, wait, timed = STOPS[name]
+    kuka = name.startswith("KUKA")
+    text, suffix = (krl_text(zone, ""), ".src") if kuka else text_of(name, zone)
+    for speed, seconds in timed.items():
+        text = text.replace(speed, seconds)
+    lines = text.split("\n")
+    corner = 1 + next(k for k, each in enumerate(lines) if re.search("MoveL|:L|movel|LIN", each))
+    if waits:
+        lines[corner] = lines[corner].replace("3:", "4:")  # of LS
+        lines.insert(corner, wait)
+    (path := tmp_path / f"other{suffix}").write_text("\n".join(lines))
+    task, joints, theta = cell(name)
+    limited = dataclasses.replace(task, acceleration_limits=np.full(6, 3.0))
+    rows = read_trajectory(path, None, joints)
+    assert rows.points is not None
+    assert [*rows.points].index(rows.stops[1]) == (1 if waits else 2)
+    found = [
+        each for each in check_trajectory(rows, limited).findings
+        if each.name == "accelerations at stops, at least"
+    ]  # fmt: skip
+    way = np.abs(np.diff(joints.positions(theta), axis=0)).max()  # of joints that do not turn back
+    assert [each.value for each in found] == [
+        pytest.approx(100.0 / 3.0 * (4.0 if waits else 2.0) * way / 0.4**2, rel=1e-6) for _ in timed
+    ]
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles.joint_paths import joint_path
 from oracles.program_cells import POSTURES, Job, job_of, measured
 from oracles.program_simulator import Controller, Motion, read
 
-from qp_twist.trajectories import write_checked
+import qp_twist as qt
+from qp_twist.trajectories import TimedPath, joints_of, write_checked
 from qp_twist.trajectories.linear_moves import LinearMotion
 
 Array = np.ndarray
@@ -99,3 +102,23 @@ def test_where_printed_speeds_are_rounded_up_joints_keep_their_ramps(tmp_path: P
     check, _ = write_checked(job.rows, path, job.task, job.joints, linear=LINEAR)
     (found,) = (each for each in check.findings if each.name == "accelerations stated (a)")
     assert found.passes and found.value > 99.9  # the limit is met
+
+
+def test_a_point_that_is_rounded_by_less_than_is_printed_is_a_stop(tmp_path: Path) -> None:
+    """Axis 6 turns there and back: of CNT, whole percents of half a move, 0.5 % is FINE."""
+    job = job_of("Fanuc LR Mate 200iD", length=0.1, count=3)
+    q = np.repeat(job.task.start[None], 3, axis=0)
+    q[1, 5] += np.radians(10.0)
+    turns = qt.TwistProjector(linear=qt.Projector.none(), angular=qt.Projector.full())
+    path_task = joint_path(job.task.model, q, np.array([0.0, 1.0, 1.0]), projector=turns).path_task
+    # A joint that goes D in T needs 2 D/T² from rest, 0.35 rad/s², and 4 D/T² from rest to rest.
+    limited = dataclasses.replace(path_task, acceleration_limits=np.full(6, 0.5))
+    rows = TimedPath(job.rows.joint_names, q, np.arange(3.0))
+    joints = joints_of(limited, rows.joint_names, robot=job.cell.name)
+    check, written = write_checked(rows, path := tmp_path / "turns.ls", limited, joints)
+    assert written and check.passes, check.verdict
+    text = path.read_text()
+    times = [int(each) for each in re.findall(r"(\d+)msec", text)]
+    assert text.count("FINE") == 3 and "CNT" not in text
+    needed = 4.0 * np.radians(10.0) / (1e-3 * np.array(times)) ** 2
+    assert 0.9 * 0.5 < needed.max() <= 0.5
