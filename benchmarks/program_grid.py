@@ -8,23 +8,33 @@ the configuration that the program states.
 
 Points and times say nothing of accelerations between them. They are judged on a smooth curve
 through the points at the program's times, scipy's spline of degree five, at rest where the program
-stops; those of the motion file, from which the program is made, on its own polynomials.
+stops; those of the motion file, from which the program is made, on its own polynomials. A spline
+overshoots where jerks jump. So *least* is what the points ask for, by linear programs: the least
+share of the limits of acceleration and jerk within which some motion passes all of them, to half of
+the last digit that is printed, at the program's times.
 Limits are the data sheet's speeds, full speed within 0.25 s and full acceleration within 50 ms.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 import tempfile
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from oracles.data_sheets import SHEETS, data_of
 from oracles.program_cells import LENGTH, Job, job_of, measured
+from oracles.program_rows import DECIMALS
 from oracles.program_simulator import Controller, Motion, Move, read
+from scipy import sparse
 from scipy.interpolate import BPoly, BSpline, make_interp_spline
+from scipy.optimize import linprog
 
+from qp_twist.checks import Array
 from qp_twist.errors import InvalidInput
+from qp_twist.programs import DIALECTS
 from qp_twist.trajectories import write_checked
 from qp_twist.trajectories.linear_moves import LinearMotion
 
@@ -44,13 +54,18 @@ ROBOTS = (
 MOTIONS = ("joint", "joints", "poses")
 HEADINGS = (
     "points per m", "off the path, mm", "axis, °", "speed, %", "acceleration, %", "jerk, %",
+    "least, %",
 )  # fmt: skip
+_UNIT = 0.01
+"""Of times in the linear programs, s, so that their numbers are near 1."""
+_PARTS = 3
+"""Of a move, on each of which the jerk is constant."""
 
 
 def grid() -> None:
     """Print the table; in each cell joint moves, straight ones to joints, and to poses."""
-    print(f"| robot | | {' | '.join(HEADINGS)} | of the file: acceleration, jerk, % |")
-    print("| :-- | :-- | :-- | :-- | :-- | :-- | :-- | :-- | :-- |")
+    print(f"| robot | | {' | '.join(HEADINGS)} | file: acceleration, jerk, % |")
+    print(f"| {' | '.join([':--'] * (3 + len(HEADINGS)))} |")
     with tempfile.TemporaryDirectory() as folder:
         for name, extra in ROBOTS:
             job = job_of(name, extra)
@@ -84,17 +99,20 @@ def cell(job: Job, extra: str, motion: str, folder: Path) -> tuple[str, ...]:
         known = move.data and name in SHEETS
         assert not known or data_of(name, theta) == move.data, "another configuration"
     found = measured(job, motion_of)
-    acceleration, jerk = through_points(job, motion_of, program.moves)
+    shares = through_points(job, motion_of, program.moves)
     return (
         f"{len(program.moves) / LENGTH:.0f}", f"{1e3 * found.off_path:.3f}",
         f"{np.degrees(found.off_axis):.4f}", f"{100.0 * found.speed:.0f}",
-        f"{100.0 * acceleration:.0f}", f"{100.0 * jerk:.0f}",
+        *(f"{100.0 * share:.0f}" for share in shares),
     )  # fmt: skip
 
 
-def through_points(job: Job, motion: Motion, moves: list[Move]) -> tuple[float, float]:
-    """Largest shares of the limits of acceleration and jerk on splines through the points."""
-    at, found = np.array(motion.corners), list[tuple[float, float]]()
+def through_points(job: Job, motion: Motion, moves: list[Move]) -> Array:
+    """Largest shares of the limits of acceleration and jerk on splines through the points.
+
+    And the largest of the least shares of both.
+    """
+    at, found = np.array(motion.corners), list[tuple[float, float, float]]()
     rest = [(order, np.zeros(motion.q.shape[1])) for order in (1, 2)]
     through = [move.zone * move.share > 0.0 or move.rates is not None for move in moves]
     if job.suffix == ".src":  # one spline through the points of all joint moves
@@ -103,9 +121,53 @@ def through_points(job: Job, motion: Motion, moves: list[Move]) -> tuple[float, 
     for first, last in itertools.pairwise(sorted({0, *stops, len(moves) - 1})):
         points = at[first : last + 1]
         spline = make_interp_spline(motion.times[points], motion.q[points], 5, bc_type=(rest, rest))
-        found.append(_used(job, spline, *motion.times[points[[0, -1]]]))
-    acceleration, jerk = np.max(found, axis=0)
-    return acceleration, jerk
+        least = _least(job, motion.times[points], motion.q[points])
+        found.append((*_used(job, spline, *motion.times[points[[0, -1]]]), least))
+    return np.asarray(np.max(found, axis=0))
+
+
+def _least(job: Job, times: Array, q: Array) -> float:
+    """The least share of the limits within which joints pass points (K, n), from rest to rest."""
+    dialect = next(each for each in DIALECTS.values() if each.suffix == job.suffix)
+    half = 0.5 * 10.0 ** -DECIMALS[dialect.name][0]
+    slides = job.cell.model.jnt_type == mujoco.mjtJoint.mjJNT_SLIDE
+    digits = half * np.where(slides, 1e-3, 1.0 if dialect.unit == "rad" else np.radians(1.0))
+    of = zip(q.T, digits, job.limits.acceleration, job.limits.jerk, strict=True)  # type: ignore[arg-type]
+    return max(_least_share(times, *each) for each in of)
+
+
+def _least_share(times: Array, q: Array, digit: float, acceleration: float, jerk: float) -> float:
+    """Likewise of one joint, (K,), which may be a digit beside each point.
+
+    Unknown are position, speed and acceleration where pieces of constant jerk meet, in units of
+    ``_UNIT`` and the limit of jerk, these jerks, and the share.
+    """
+    places = np.arange(_PARTS * (len(times) - 1) + 1) / _PARTS
+    h = np.diff(np.interp(places, np.arange(len(times)), times)) / _UNIT
+    n, unit = len(h), jerk * _UNIT**3
+    here, changes = sparse.eye(n, n + 1), sparse.eye(n, n + 1, 1) - sparse.eye(n, n + 1)
+    by = [sparse.diags(-(h**k) / math.factorial(k)) for k in range(4)]
+    none = sparse.csr_matrix((n, 1))
+    follow = sparse.bmat([
+        [changes, by[1] @ here, by[2] @ here, by[3], none],
+        [None, changes, by[1] @ here, by[2], None],
+        [None, None, changes, by[1], None],
+    ])  # fmt: skip
+    limited = sparse.eye(2 * n + 1)
+    most = np.append(np.full(n + 1, acceleration * _UNIT**2 / unit), np.ones(n))[:, None]
+    pad = sparse.csr_matrix((2 * n + 1, 2 * n + 2))
+    within = sparse.bmat([[pad, limited, -most], [pad, -limited, -most]])
+    low, high = np.full((2, 4 * n + 4), [[-np.inf], [np.inf]])
+    low[: n + 1 : _PARTS], high[: n + 1 : _PARTS] = (
+        (q - q[0] - digit) / unit,
+        (q - q[0] + digit) / unit,
+    )
+    for at in (n + 1, 2 * n + 1, 2 * n + 2, 3 * n + 2):  # at rest
+        low[at] = high[at] = 0.0
+    cost, bounds = np.append(np.zeros(4 * n + 3), 1.0), np.column_stack([low, high])
+    of = cost, within, np.zeros(4 * n + 2), follow, np.zeros(3 * n), bounds
+    solved = (linprog(*of, method=method) for method in ("highs-ipm", "highs-ds"))
+    return next(float(found.fun) for found in solved if found.status == 0)
 
 
 def of_file(job: Job) -> tuple[float, float]:

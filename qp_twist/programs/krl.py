@@ -532,7 +532,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 
 
 KRL = Dialect(
-    "krl", "KRL", ".src", "deg", 4, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
+    "krl", "KRL", ".src", "deg", 5, 5, tuple(f"A{k}" for k in range(1, AXES + 1)),
     False, 24, "the name after DEF", _encode, _execute,
     external=tuple(f"E{k}" for k in range(1, 7)), period=0.012,
     to_fill_in=("$LOAD=LOAD_DATA[...]",),

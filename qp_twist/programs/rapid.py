@@ -399,7 +399,7 @@ def _execute(moves: Moves, lines: Sequence[str], stem: str, beside: Beside) -> l
 
 
 RAPID = Dialect(
-    "rapid", "RAPID", ".mod", "deg", 4, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
+    "rapid", "RAPID", ".mod", "deg", 5, 5, tuple(f"rax_{k}" for k in range(1, AXES + 1)),
     False, 32 - len(_PREFIX), f"the module's; its procedure is {_PREFIX}NAME", _encode, _execute,
     external=EXTERNAL, period=0.004,
     to_fill_in=("GripLoad ...;",), frames_to_fill_in=("the tool of the moves, tool0",),

@@ -244,7 +244,8 @@ def _with_speeds(
     for unit in dialect.speeds:
         found = unit * np.minimum(np.round(ways / durations / unit), np.floor(ways / least / unit))
         # A circle of URScript has no time, so that the finest unit has to do.
-        fits = (found >= (1.0 - PACE) * ways / durations) | (
+        within = PACE if unit == min(dialect.speeds) else ROUNDED_UP
+        fits = (found >= (1.0 - within) * ways / durations) | (
             round_ & (unit == min(dialect.speeds)) & (found > 0.0)
         )
         speeds = np.where(np.isnan(speeds) & fits, found, speeds)

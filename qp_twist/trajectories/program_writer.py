@@ -32,7 +32,7 @@ from qp_twist.trajectories.linear_moves import (
 )
 from qp_twist.trajectories.program_findings import beyond_limits, kept_rounding
 from qp_twist.trajectories.program_trajectory import axis_names, check_language
-from qp_twist.trajectories.spaced_rows import spaced
+from qp_twist.trajectories.spaced_rows import spaced, until_whole
 from qp_twist.trajectories.timed_path import TimedPath
 from qp_twist.trajectories.within_limits import JointLimits, Way, within_limits
 
@@ -167,7 +167,9 @@ class ProgramWriter:
                                "straight one, or not within their limits")  # fmt: skip
         if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
             of = None if line is not None else self._task  # straight moves keep their points
-            times, tick = rows.times, 10.0**-dialect.time_decimals
+            tick = 10.0**-dialect.time_decimals
+            rows = rows if self._task is None else until_whole(rows, tick)
+            times = rows.motion.times
             rows, left_out, longer, points, moved = spaced(rows, dialect.period, tick, of, held)
             at = np.interp(points, times, at)
             if left_out or longer:

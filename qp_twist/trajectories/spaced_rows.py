@@ -17,8 +17,8 @@ _SHARE = 0.2
 """Share of the tolerances by which the tool may be moved where a row is left out. Rows between
 waypoints and rounded corners use half of them; digits that are cut off, a twentieth (six angles of
 0.5e-4° at 1 m are 5 µm)."""
-_SLOWER = 0.005
-"""Share by which a rounded time may make a move slower: a tool counts as slow from 2 % on."""
+_BESIDE = 0.005
+"""Share of a period from which on a point beside a row counts as one between rows."""
 _ROUNDING = 1e-9
 """Rounding of times that are added and subtracted, s."""
 
@@ -37,6 +37,22 @@ class Spaced(NamedTuple):
     moved: int
 
 
+def until_whole(rows: TimedPath, tick: float) -> TimedPath:
+    """The same motion, slower by so little that it takes whole ticks, s.
+
+    A last move that alone ends later would not be the end of the planned ramp to rest.
+    """
+    assert rows.times is not None
+    seconds = float(rows.times[-1] - rows.times[0])
+    slower = tick * np.ceil((seconds - _ROUNDING) / tick) / seconds
+    times = rows.times[0] + slower * (rows.times - rows.times[0])
+    rates, changes = rows.velocities, rows.accelerations
+    return replace(
+        rows, times=times, velocities=None if rates is None else rates / slower,
+        accelerations=None if changes is None else changes / slower**2,
+    )  # fmt: skip
+
+
 def spaced(
     rows: TimedPath,
     period: float,
@@ -47,9 +63,10 @@ def spaced(
     """Points of the motion no closer to each other than a period, s, as straight joint moves.
 
     A row is left out if the tool passes within a fifth of the task's tolerances of where it was. A
-    point is then a little behind a row, whole ticks after the one before, where a time that is
-    rounded up would make its move slower by more than 0.5 %. Without a task all rows are points. A
-    move that remains too short takes a period: slower, on the same path.
+    point is then less than a tick behind a row, whole ticks after the one before: where the planned
+    motion is at the printed times, since times that are rounded change accelerations and jerks.
+    Without a task all rows are points. A move that remains too short takes a period: slower, on the
+    same path.
 
     Args:
         rows: With times.
@@ -66,7 +83,8 @@ def spaced(
     durations = np.diff(at)
     least = np.maximum(durations, period)
     longer = int((least > durations + _ROUNDING).sum())
-    moved = int((~np.isin(at, rows.times)).sum())
+    after = np.searchsorted(rows.times, at + _ROUNDING) - 1
+    moved = int((at - rows.times[after] > _BESIDE * period).sum())
     if not longer and np.array_equal(at, rows.times):
         return Spaced(rows, 0, 0, at, 0)
     times = rows.times[0] + np.append(0.0, np.cumsum(least))
@@ -107,8 +125,7 @@ def _points(rows: TimedPath, period: float, tick: float, path_task: PathTask, he
             row += 1
         end = float(times[row])
         whole = begin + tick * np.ceil((end - begin - _ROUNDING) / tick)
-        slower = whole - end > _SLOWER * (end - begin)
-        if slower and whole < times[last] - _ROUNDING and stays(begin, whole):
+        if end < whole - _ROUNDING < times[last] - 2.0 * _ROUNDING and stays(begin, whole):
             end, row = whole, int(np.searchsorted(times, whole + _ROUNDING)) - 1
         if len(at) > 1 and end - begin < period - _ROUNDING and stays(at[-2], end):
             del at[-1]  # a move that cannot lead farther begins earlier

@@ -9,7 +9,7 @@ BY_PROGRAM: dict[str, list[KnownRobot]] = {}
 for _robot in KNOWN_ROBOTS:
     if _robot.program:
         BY_PROGRAM.setdefault(_robot.program, []).append(_robot)
-DECIMALS = {"urscript": (10, 11), "rapid": (4, 5), "krl": (4, 5), "ls": (4, 3)}
+DECIMALS = {"urscript": (10, 11), "rapid": (5, 5), "krl": (5, 5), "ls": (4, 3)}
 """Digits after the point that a language prints: of angles in its unit, of times in s."""
 
 
