@@ -5,6 +5,7 @@
     python benchmarks/timing.py [timing_jumps] [--write]
     python benchmarks/timing.py [timing_roll] [--write]
     python benchmarks/timing.py [timing_seam] [--write]
+    python benchmarks/timing.py [timing_constant] [--tasks NAME,FILE.toml,…] [--write]
 
 *timing*: shipped tasks at 20 times their feed, and random paths of six joints, each as one curve
 through its rows. toppra (limits of speed and acceleration, the same curve, as many grid points as
@@ -23,7 +24,7 @@ feed, by MuJoCo, nine tenths of it and the largest, which is at corners; and the
 
 *timing_seam*: a weld seam, where a pipe meets a wider one, at 200 mm/s, by a tool of free roll: the
 part of the path at that speed, within the default limits of jerk, too, without and with a constant
-feed; and the dips of the latter.
+feed; and the dips of the latter. *timing_constant*: likewise of tasks, at their own feed.
 
 Needs toppra and ruckig (``pip install toppra ruckig``).
 """
@@ -77,6 +78,7 @@ TASKS = ("deburring", "deburring_bands", "dome_seams", "turn_tilt", "part_in_han
 FASTER = 20.0
 """Times the feed: the joints' limits count everywhere."""
 LOOKS = 20
+TASKS_OF_ROLL = "deburring,dome_seams"
 SEAMS = {
     "Fanuc M-20iA": (-20.0, 20.0, -10.0, -60.0, 40.0, 170.0),
     "Universal Robots UR10e": (-100.0, -120.0, 90.0, -50.0, 70.0, -150.0),
@@ -313,12 +315,11 @@ def _seam(arm: Mounted, radius: float, wide: float, points: int) -> qt.PathTask:
     return arm.task("seam", waypoints, np.append(0.0, ways / 0.2))
 
 
-def timing_seam() -> str:
-    """The part of a weld seam at its speed, without and with a constant feed."""
+def _at_speed(tasks: dict[str, qt.PathTask]) -> str:
+    """The part of paths at their speed, without and with a constant feed."""
     rows = []
-    for name, theta in SEAMS.items():
-        task = _seam(mounted(name, theta), 0.05, 0.08, 151)
-        speeds = []
+    for name, task in tasks.items():
+        speeds, times = [], []
         with tempfile.TemporaryDirectory() as folder:
             for constant in (False, True):
                 run = run_task(
@@ -327,14 +328,31 @@ def timing_seam() -> str:
                     pathlib.Path(folder) / "m.csv",
                 )
                 assert run.check is not None and run.check.speed is not None
+                assert run.check.passes, run.check.verdict
                 speeds.append(run.check.speed)
+                times.append(float(run.check.motion.times[-1]))
         dips = "; ".join(map(str, speeds[1].longest_dips[:3]))
-        shares = [f"{100.0 * speed.at_speed:.1f} %" for speed in speeds]
+        shares = [
+            f"{100.0 * speed.at_speed:.1f} %, {seconds:.2f} s"
+            for speed, seconds in zip(speeds, times, strict=True)
+        ]
         rows.append((name, *shares, len(speeds[1].dips), dips))
-    return markdown_table(["seam", "without", "constant", "dips", "the longest"], rows)
+    return markdown_table(["path", "without", "constant", "dips", "the longest"], rows)
 
 
-def timing_roll(tasks: str = "deburring,dome_seams") -> str:
+def timing_seam() -> str:
+    """A weld seam of two robots."""
+    return _at_speed(
+        {name: _seam(mounted(name, theta), 0.05, 0.08, 151) for name, theta in SEAMS.items()}
+    )
+
+
+def timing_constant(tasks: str = TASKS_OF_ROLL) -> str:
+    """Shipped tasks, or task files."""
+    return _at_speed({name: qt.load_task(name) for name in tasks.split(",")})
+
+
+def timing_roll(tasks: str = TASKS_OF_ROLL) -> str:
     """Smoothness of the roll without and with a constant feed, and the times."""
     rows = []
     for name, faster in itertools.product(tasks.split(","), (1.0, FASTER)):
@@ -361,5 +379,6 @@ if __name__ == "__main__":
     parts = {
         "timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps,
         "timing_roll": timing_roll, "timing_seam": timing_seam,
+        "timing_constant": timing_constant,
     }  # fmt: skip
-    raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3))
+    raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3, tasks=TASKS_OF_ROLL))
