@@ -109,8 +109,9 @@ class Dialect:
         # "t;x,y,z;q": two commas in a field are no decimal marks.
         if ";" in marks and any(f.count(",") > 1 for line in lines for f in line.split(";")):
             dialects.append(cls(";,", "."))
-        best = max(dialects, key=lambda dialect: dialect._score(lines, least))
-        if best._score(lines, least)[0] == 0:
+        scores = [dialect._score(lines, least) for dialect in dialects]
+        best = dialects[scores.index(max(scores))]
+        if max(scores)[0] == 0:
             count = {1: "a number", 3: "three numbers"}.get(least, f"{least} numbers")
             raise InvalidInput(
                 f"no line has {count}; {expected}, separated by commas, semicolons, tabs or blanks."
@@ -156,13 +157,13 @@ class Dialect:
 
     def number(self, field: str) -> float | None:
         """The number in a field, NaN and infinity included; ``None`` for text."""
-        field = field.replace("\u2212", "-")
-        grouped = _GROUPED.fullmatch(field)
-        if grouped and grouped[2] == self.decimal:
+        field, plain = field.replace("\u2212", "-"), _POINT if self.decimal == "." else _COMMA
+        if not plain.fullmatch(field):
+            grouped = _GROUPED.fullmatch(field)
+            if not grouped or grouped[2] != self.decimal:
+                return float("nan") if _NOT_FINITE.fullmatch(field) else None
             field = field.replace(grouped[1], "")
-        if (_POINT if self.decimal == "." else _COMMA).fullmatch(field):
-            return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
-        return float("nan") if _NOT_FINITE.fullmatch(field) else None
+        return float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
 
 
 def of_lines(numbers: Sequence[int]) -> str:

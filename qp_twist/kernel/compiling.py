@@ -165,6 +165,12 @@ class _Turn:
 
 
 @cache
+def _processor(codegen: Any) -> Any:
+    """What machine code depends on besides its sources; LLVM looks at the processor every time."""
+    return codegen.magic_tuple()
+
+
+@cache
 def _is_own(file: str) -> bool:
     """Whether it is one of the sources whose state is known."""
     source = Path(file).resolve()
@@ -196,7 +202,7 @@ class _Kept:
         self._folder = Path(self.cache_path) / f"kernels-{_AT_START}.{_PYTHON}"
 
     def _file(self, signature: Any, codegen: Any) -> Path:
-        key = hashlib.sha256(repr((signature, codegen.magic_tuple())).encode()).hexdigest()[:16]
+        key = hashlib.sha256(repr((signature, _processor(codegen))).encode()).hexdigest()[:16]
         return self._folder / f"{self._of.rpartition('kernel.')[2]}.{key}.nbc"
 
     def _calls(self, result: Any, others: tuple[_Call, ...]) -> tuple[_Call, ...]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -226,9 +228,9 @@ class JointMotion:
         """Positions in Bernstein form, (d + 1, K, nv), from the nearer end: both are as stored."""
         steps = self._speeds[:, piece] * (self._spans[piece] / self.degree)[:, None]
         half = (self.degree + 1) // 2
-        first = np.cumsum(np.concatenate([self.q[None, piece], steps[: half - 1]]), axis=0)
-        last = np.cumsum(np.concatenate([self.q[None, piece + 1], -steps[: half - 1 : -1]]), axis=0)
-        return np.concatenate([first, last[::-1]])
+        first = [*accumulate([self.q[piece], *steps[: half - 1]])]
+        last = [*accumulate([self.q[piece + 1], *-steps[: half - 1 : -1]])]
+        return np.array([*first, *last[::-1]])
 
     def _places(self, when: Array) -> tuple[Indices, Array]:
         """Index of the piece at each time, (K,), and how much of it is over, (K, 1)."""
@@ -244,10 +246,16 @@ def _largest(curve: Array, places: Sequence[Array]) -> Array:
 
 
 def _value(curve: Array, u: Array) -> Array:
-    """Bernstein polynomials (m + 1, K, nv) at u, (K, 1) or (K, nv), by de Casteljau's algorithm."""
-    while len(curve) > 1:
-        curve = (1.0 - u) * curve[:-1] + u * curve[1:]
-    return np.asarray(curve[0])
+    """Bernstein polynomials (m + 1, K, nv) at u, (K, 1) or (K, nv).
+
+    Horner's scheme in u and 1 − u: c₀ (1 − u)ᵐ + … + (m over k) cₖ uᵏ (1 − u)ᵐ⁻ᵏ + … + cₘ uᵐ.
+    """
+    degree = len(curve) - 1
+    value, power, left = curve[0], np.ones_like(u), 1.0 - u
+    for k in range(1, degree + 1):
+        power = power * u
+        value = value * left + math.comb(degree, k) * power * curve[k]
+    return np.asarray(value)
 
 
 def _zeros(curve: Array) -> Array:
