@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from qp_twist.checks import finite_array
 from qp_twist.constraints import MotionLimit
-from qp_twist.control import Controller, Step
+from qp_twist.control import Controller, Status, Step
 from qp_twist.following.resolver import secondary_objectives
 from qp_twist.kinematics import JointRanges, TwistTask
 from qp_twist.paths import METHODS, MethodSettings, PathTask
@@ -111,6 +111,7 @@ class LiveArm:
             axis_error=float(np.linalg.norm(error[3:])),
             sigma_min=0.0 if step is None else step.sigma_min,
             binding=() if step is None else tuple(map(str, step.binding)), sentence=sentence,
+            solved=step is not None and step.status is Status.SOLVED,
         )  # fmt: skip
 
     def _method_settings(self, settings: PageSettings) -> MethodSettings:

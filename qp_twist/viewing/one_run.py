@@ -37,6 +37,7 @@ class Moment:
         sigma_min: Smallest singular value of the task rows.
         binding: The active limits, by name.
         sentence: Status of the step; empty for a waypoint, whose run has a status.
+        solved: Whether the step is as desired; likewise.
     """
 
     q: Array
@@ -49,6 +50,7 @@ class Moment:
     sigma_min: float = 0.0
     binding: tuple[str, ...] = ()
     sentence: str = ""
+    solved: bool = True
 
     @classmethod
     def at(cls, path_task: PathTask, q: Array, target: mink.SE3, **others: Any) -> Moment:

@@ -191,8 +191,7 @@ class Session:
         with self.lock:
             name = self.settings.method
             if self.arm is not None:
-                wrong = not moment.sentence.startswith("solved")
-                return f"in the hand, by {self.arm.method}: {moment.sentence}", wrong
+                return f"in the hand, by {self.arm.method}: {moment.sentence}", not moment.solved
             if self.problem:
                 return f"{name}: no run: {self.problem}", True
             if (computing := self.computing) is not None:
