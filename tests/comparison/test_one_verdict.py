@@ -13,6 +13,7 @@ import qp_twist as qt
 from qp_twist.cli import main
 from qp_twist.comparison.findings import MethodRun
 from qp_twist.comparison.metrics import metrics
+from qp_twist.pages.motion_charts import motion_charts
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.studies.judge import Judge
 from qp_twist.trajectories import TimedPath, run_task
@@ -77,10 +78,14 @@ def test_rows_pass_in_all_or_in_none(case: int) -> None:
     run = run_of(case)
     names = qt.JointRanges.of(task.model).names
     ranges = qt.JointRanges.of(task.model)
-    checked = kept_at_waypoints(
-        qt.check_trajectory(TimedPath(names, ranges.positions(run.q)), task), task
-    )
+    check = qt.check_trajectory(TimedPath(names, ranges.positions(run.q)), task)
+    checked = kept_at_waypoints(check, task)
     assert run.passes == checked
+    # The report marks its curves as the findings that they show.
+    marks = {chart.of: chart.passes for chart in motion_charts(task, check)}
+    shown = [finding for finding in check.findings if finding.name in marks]
+    assert len(shown) >= 3
+    assert all(marks[finding.name] == finding.passes for finding in shown)
     assert (run.kept == len(task.waypoints)) == (not run.verdict.off.any())
     numbers = metrics(run)
     words = ("leaves the limits", "off the path", "outside a", "ends at", "diverged")
@@ -121,7 +126,7 @@ def test_a_file_has_the_verdict_of_its_run_in_every_command(
     assert qt.check_trajectory(done.timed or done.rows, task).passes == passes
 
 
-@pytest.mark.parametrize("case", [0, 3, 8])
+@pytest.mark.parametrize("case", CASES)
 def test_the_live_page_says_what_a_comparison_says(case: int) -> None:
     task = task_of(case)
     shown = run_once(task, PageSettings.of(task, "qp_gradient"))

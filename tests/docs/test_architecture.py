@@ -79,6 +79,7 @@ def test_no_hint_searches_the_words_of_an_error() -> None:
     searches = re.compile(
         r"in str\(error\)|str\(error\)\.(?:startswith|endswith|replace|removeprefix)"
         r'|str\(error\)\.partition\("[^\\]|re\.\w+\([^)]*str\(error\)'
+        r"|\.(?:sentence|message|verdict)\.(?:startswith|endswith|find|partition)"
     )
     found = [
         f"{file.name}: {line.strip()}"

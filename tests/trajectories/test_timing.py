@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import mink
 import mujoco
@@ -22,6 +23,7 @@ from qp_twist.kernel.speed_kernel import reachable
 from qp_twist.kinematics import JointRanges
 from qp_twist.referee import (
     MotionLimits,
+    examine,
     motion_limits,
     with_default_accelerations,
     with_default_jerks,
@@ -224,16 +226,21 @@ def test_what_rounds_by_samples_keep_is_proven_to_be_kept(method: str, smooth: b
     assert max(timed.errors.position.at.max(), timed.errors.axis.at.max()) < 1e-7
 
 
-def test_a_result_never_makes_another_task(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_result_makes_no_task_and_is_judged_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     task = qt.load_task("deburring")
     made: list[qt.PathTask] = []
     monkeypatch.setattr(qt.PathTask, "__post_init__", made.append)
+    judge = Mock(wraps=examine)
+    monkeypatch.setattr("qp_twist.trajectories.check.examine", judge)
     done = run_task(task, "qp_gradient", tmp_path / "run.csv")
     assert done.passes
     assert done.timed is not None
     assert len(done.timed.q) > len(done.trajectory.q) == 401
     assert done.timed.trajectory.path_task is task
     assert made == []
+    assert judge.call_count == 1
 
 
 # ---------------------------------------------------------------- whose limits
