@@ -854,15 +854,9 @@ def step_times(made: Way, blocks: int, limit: float | None, *, stopped: bool) ->
 
 PARTS = {f.__name__: f for f in (random_cells, crowded_cells, walls, wall_times)}
 OPTIONS: dict[str, Any] = {
-    "keep": "",
-    "cells": 20,
-    "first": 0,
-    "every": 10,
-    "roll_step": 2.0,
-    "jobs": 1,
-    "runs": 5,
+    "keep": "", "cells": 20, "first": 0, "every": 10, "roll_step": 2.0, "jobs": 1, "runs": 5,
     "blocks": 12,
-}
+}  # fmt: skip
 
 if __name__ == "__main__":
     raise SystemExit(command(__doc__, PARTS, **OPTIONS))

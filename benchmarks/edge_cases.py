@@ -676,15 +676,9 @@ PAGES = {
     "edge_exceptions": exceptions_page,
 }
 OPTIONS: dict[str, Any] = {
-    "arms": "seven,six,two",
-    "only": "",
-    "solver": "",
-    "figure": "",
-    "runs": 40,
-    "soft_runs": 40,
-    "first": 0,
-    "jobs": 0,
-}
+    "arms": "seven,six,two", "only": "", "solver": "", "figure": "", "runs": 40, "soft_runs": 40,
+    "first": 0, "jobs": 0,
+}  # fmt: skip
 
 if __name__ == "__main__":
     raise SystemExit(command(__doc__, PAGES, **OPTIONS))

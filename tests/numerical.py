@@ -4,15 +4,8 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 FOLDERS = (
-    "geometry",
-    "kinematics",
-    "constraints",
-    "closed_form",
-    "qp",
-    "kernel",
-    "control",
-    "referee",
-)
+    "geometry", "kinematics", "constraints", "closed_form", "qp", "kernel", "control", "referee",
+)  # fmt: skip
 """Folders whose tests are marked ``numerical``. The others are about files, pages, pictures and
 commands, or about motions along whole paths, which take minutes and are made of the steps that
 these test; a module of theirs that is numerical says so by ``pytestmark``, and a test here that is

@@ -97,6 +97,9 @@ def assigned(name: str, value: Any) -> None:
     setattr(qt.Controller(MODEL, [task()]), name, value)
 
 
+CONTROLLER = (
+    "model", "tasks", "secondary", "secondary_space", "limits", "solver", "on_infeasible", "metric",
+)  # fmt: skip
 CALLS: dict[str, Callable[[Any], Any]] = {
     "Projector(kind)": lambda x: qt.Projector(x, np.eye(3)),
     "Projector(basis)": lambda x: qt.Projector(qt.Projector.full().kind, x),
@@ -177,19 +180,7 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "MotionLimit.note": qt.MotionLimit(MODEL).note,
     "DisplacementWindow(q_ref)": used(DisplacementWindow, "q_ref", "limits", half_width=np.ones(6)),
     "DisplacementWindow(half_width)": used(DisplacementWindow, "half_width", "limits", q_ref=WISH),
-    **{
-        f"Controller({name})": (lambda x, name=name: step(**{name: x}))
-        for name in (
-            "model",
-            "tasks",
-            "secondary",
-            "secondary_space",
-            "limits",
-            "solver",
-            "on_infeasible",
-            "metric",
-        )
-    },
+    **{f"Controller({name})": (lambda x, name=name: step(**{name: x})) for name in CONTROLLER},
     **{
         f"Controller({name}=[…])": (lambda x, name=name: step(**{name: [x]}))
         for name in ("tasks", "secondary", "limits")

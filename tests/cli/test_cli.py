@@ -56,15 +56,9 @@ def test_tasks_lists_every_file_with_a_line(capsys: pytest.CaptureFixture[str]) 
     main(["tasks"])
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == [
-        "approach_contact_retreat",
-        "deburring",
-        "deburring_bands",
-        "deburring_cell",
-        "dome_seams",
-        "part_in_hand",
-        "planar_line",
-        "turn_tilt",
-    ]
+        "approach_contact_retreat", "deburring", "deburring_bands", "deburring_cell", "dome_seams",
+        "part_in_hand", "planar_line", "turn_tilt",
+    ]  # fmt: skip
     assert all(len(line.split()) > 5 for line in lines)
 
 

@@ -195,21 +195,9 @@ def offset(rng: np.random.Generator, kind: str, backwards: bool) -> mujoco.MjMod
     return arm_of(joints, rng.uniform(-0.2, 0.2, 3))
 
 
-KINDS = st.sampled_from(
-    [
-        "srs",
-        "rail",
-        "table",
-        "six",
-        "panda",
-        "fetch",
-        "lift",
-        "UR5e",
-        "CRX-10iA",
-        "xArm6",
-        "Rizon 4",
-    ]
-)
+KINDS = st.sampled_from([
+    "srs", "rail", "table", "six", "panda", "fetch", "lift", "UR5e", "CRX-10iA", "xArm6", "Rizon 4",
+])  # fmt: skip
 
 
 def model_of(kind: str, rng: np.random.Generator) -> mujoco.MjModel:
