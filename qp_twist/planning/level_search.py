@@ -215,7 +215,7 @@ class LevelSearch:
         if preferred is None:
             return []
         layers = zip(self.level.layers, self.level.waypoints, strict=True)
-        return [preferred.values(layer.q, np.full(len(layer.q), at)) for layer, at in layers]
+        return [preferred.of_layer(layer, at) for layer, at in layers]
 
     @cached_property
     def _steps(self) -> list[Array]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import scipy  # which loads its parts when they are first used
 
@@ -128,14 +130,14 @@ class ManifoldNet:
         """Those of q (K, nv) that are not too close to each other."""
         if not len(q):
             return q
+        close = self.seeds.tree(q).query_pairs(_THIN, output_type="ndarray")  # each once, i < j
+        close = close[np.argsort(close[:, 0], kind="stable")]
+        begin = np.searchsorted(close[:, 0], np.arange(len(q) + 1)).tolist()
         taken = np.zeros(len(q), dtype=bool)
-        kept = []
-        neighbours = self.seeds.tree(q).query_ball_point(self.seeds.scaled(q), _THIN)
-        for number, near in enumerate(neighbours):
+        for number, (first, last) in enumerate(itertools.pairwise(begin)):
             if not taken[number]:
-                kept.append(number)
-                taken[near] = True
-        return q[kept]
+                taken[close[first:last, 1]] = True
+        return q[~taken]
 
     def _covered(self, q: Array, net: scipy.spatial.KDTree) -> Mask:
         """Which of q (K, nv) are too close to a node of the net, (K,)."""

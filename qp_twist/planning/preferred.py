@@ -13,7 +13,7 @@ from qp_twist.kinematics import FramePair, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.paths.orientation import tangents
 from qp_twist.paths.preference import ROLL, VALUES, Preference
-from qp_twist.planning.layer import wound
+from qp_twist.planning.layer import Layer, wound
 
 _Z = np.array([0.0, 0.0, 1.0])
 _LISTED = 4
@@ -71,6 +71,11 @@ class PreferredPoses:
     def values(self, q: Array, at: Indices) -> Array:
         """Lead, tilt and roll of configurations q (K, nv) at waypoints (K,), rad, (K, 3)."""
         return self._values(self._pair(*self.chain.poses(q), at), at)
+
+    def of_layer(self, layer: Layer, waypoint: int) -> Array:
+        """The same of a layer's configurations (K, nv), asked once for copies by whole turns."""
+        first, which = layer.copies
+        return self.values(layer.q[first], np.full(len(first), waypoint))[which]
 
     def costs(self, values: Array, at: Indices) -> Array:
         """Cost of values (K, 3) at waypoints (K,), without that of the roll's changes, (K,)."""

@@ -29,7 +29,8 @@ def with_preferred(problem: Problem, level: Level) -> Level:
         return level
     chosen = []
     for layer, at in zip(level.layers, level.waypoints, strict=True):
-        cost = _cost(problem, layer.q, np.full(len(layer.q), at))
+        costs = preferred.costs(preferred.of_layer(layer, at), np.full(len(layer.q), at))
+        cost = problem.objective.centering * problem.objective.ranges.centring(layer.q) + costs
         chosen.append(np.argsort(cost)[:_BEST])
     begun = np.concatenate([layer.q[own] for layer, own in zip(level.layers, chosen, strict=True)])
     counts = [len(own) for own in chosen]

@@ -157,7 +157,8 @@ def best_placement(
             of the task's ``[study.placement]``, if there is one. What else is in the scene stays.
         about: The point of the part about which it is turned, m, (3,); ``None``: that of
             ``[study.placement]``, else the middle of the path. A base turns about its own origin.
-        seconds: Time for the search, s; it ends with the whole plan that then runs.
+        seconds: Time for the search, s; it ends with the whole plan that then runs, and after
+            eight places at least, ``2 * jobs`` if these are more.
         jobs: Processes for the points all over the box. More than one need the extra ``study``.
         scheduler: Address of a Dask scheduler, whose workers are used instead.
         progress: Called with the current phase and its share done.
