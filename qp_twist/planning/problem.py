@@ -382,6 +382,8 @@ class Problem:
 
     def unwound(self, difference: Array) -> Array:
         """Differences of configurations (…, nv), modulo whole turns that do not matter."""
+        if not self.period.any():
+            return difference
         unwound: Array = difference - self.period * np.round(difference / TURN)
         return unwound
 
