@@ -8,7 +8,7 @@ import numpy as np
 
 from qp_twist.paths import in_joint_moves
 from qp_twist.planning.layer import Layer
-from qp_twist.planning.level_search import ABOUT, LevelSearch
+from qp_twist.planning.level_search import ABOUT, CloserLooks, LevelSearch
 from qp_twist.planning.levels import COARSE, Grid, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.problem import Problem
@@ -42,7 +42,7 @@ class FewestCuts:
 
     def __init__(self, problem: Problem, progress: Progress) -> None:
         self.problem, self._progress = problem, progress
-        self._levels, steps = Levels(problem.free, progress), problem.limits.steps
+        self._levels, steps = Levels(problem, progress), problem.limits.steps
         self._stage = COARSE if problem.freedom >= COVERED else _GRID
         task = problem.path_task
         self._moves, ends = in_joint_moves(task), np.array(task.joint_moves, dtype=np.intp)
@@ -75,8 +75,9 @@ class FewestCuts:
             # A stretch has two waypoints at least: between layers there are others, or it has two.
             alone = ~np.append(near, at[-1] == last) | ~np.append(at[0] == 0, near)
             search = LevelSearch(
-                self.problem, self._levels, level, True, self._stage.most, {}, self._progress
-            )
+                self.problem, self._levels, level, True, self._stage.most, CloserLooks({}, set()),
+                self._progress,
+            )  # fmt: skip
             prices = np.where(moves, 0.0, np.where(barred, np.inf, 1.0))
             way = search.interrupted(prices, moves | blocked, alone)
             if len(way.nodes) < len(waypoints):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,15 @@ _LOOSE = {"rad": np.radians([3.0, 1.0]), "m": np.array([5e-3, 1e-3])}
 """Violation of a band allowed along an edge of the grid: the programs smooth the path later."""
 
 
+class CloserLooks(NamedTuple):
+    """Where edges are evaluated more closely than all are: what searches have found out by then."""
+
+    shares: dict[int, tuple[float, ...]]
+    """Shares of intervals at which they are, in place of the same few of each."""
+    asked: set[int]
+    """Waypoints before the intervals in which they are asked whether they stay on the path."""
+
+
 @dataclass(frozen=True, eq=False)
 class LevelSearch:
     """A search of the best path through a level.
@@ -42,8 +52,8 @@ class LevelSearch:
     limits. Nodes and edges are checked when a path reaches them.
 
     ``strict``: the price is that of a feasible path, not of the best one. ``most`` is the largest
-    motion of a joint from layer to layer, rad or m; ``shares`` are those at which the edges of some
-    intervals are evaluated; ``progress`` is called with the current phase and its share done.
+    motion of a joint from layer to layer, rad or m; ``closer`` says where edges are evaluated more
+    closely, and is added to; ``progress`` is called with the current phase and its share done.
     """
 
     problem: Problem
@@ -51,7 +61,7 @@ class LevelSearch:
     level: Level
     strict: bool
     most: float
-    shares: Mapping[int, Sequence[float]]
+    closer: CloserLooks
     progress: Progress
 
     def best(self, known: float, within: Sequence[float] = _WITHIN) -> LayerPath:
@@ -66,9 +76,9 @@ class LevelSearch:
             if on_path is None or len(way.nodes) < len(self.level.layers):
                 return way
             left = self._leaving(way, on_path)
-            if on_path.asked.issuperset(left):
+            if self.closer.asked.issuperset(left):
                 return way
-            on_path.asked.update(k for at in left for k in range(at - around, at + around + 1))
+            self.closer.asked.update(k for at in left for k in range(at - around, at + around + 1))
             around *= 2
 
     def _leaving(self, way: LayerPath, on_path: OnThePath) -> list[int]:
@@ -275,9 +285,9 @@ class LevelSearch:
         hard, on_path = self.problem.rows.hard, self.problem.limits.on_path
         begin = self.level.layers[number].q[edge.start]
         end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
-        where, shares = np.full(len(begin), at), self.shares.get(at, SHARES)
+        where, shares = np.full(len(begin), at), self.closer.shares.get(at, SHARES)
         kept = hard.kept_between(begin, end, where, self._loose, shares)
-        if on_path is not None and at in on_path.asked:
+        if on_path is not None and at in self.closer.asked:
             kept[kept] = on_path.kept(begin[kept], end[kept], where[kept], self._loose)
         return kept
 
@@ -297,7 +307,7 @@ def search_windows(
     path: JudgedPath,
     violated: Indices,
     strict: bool,
-    shares: Mapping[int, Sequence[float]],
+    closer: CloserLooks,
     progress: Progress,
 ) -> Array | None:
     """The path with others on the finest grid around some waypoints; ``None`` if one has none."""
@@ -315,7 +325,7 @@ def search_windows(
         level = replace(level, layers=layers)
         if level.has_gaps:
             return None
-        way = LevelSearch(problem, levels, level, strict, np.inf, shares, progress).best(
+        way = LevelSearch(problem, levels, level, strict, np.inf, closer, progress).best(
             -np.inf if problem.objective.margin else np.inf,
             _DETOUR if problem.has_clearance else _WITHIN,
         )

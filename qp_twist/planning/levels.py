@@ -88,14 +88,17 @@ class Grid:
 class Roadmap:
     """The layers of a path on a ``grid``, made on request.
 
-    ``arm`` is the closed-form inverse kinematics, if the robot has one.
+    ``arm`` is the closed-form inverse kinematics, if the robot has one; ``kept`` are the rows
+    with the clearance (:class:`~qp_twist.planning.manifold_net.ManifoldNet`).
     """
 
-    def __init__(self, path_task: PathTask, rows: PathRows, grid: Grid) -> None:
+    def __init__(
+        self, path_task: PathTask, rows: PathRows, grid: Grid, kept: PathRows | None = None
+    ) -> None:
         self.path_task, self.rows, self.grid = path_task, rows, grid
         self.ranges = JointRanges.of(path_task.model)
         self.arm = closed_form_arm(path_task)
-        self._net = ManifoldNet(path_task, rows, grid.joints)
+        self._net = ManifoldNet(path_task, rows, grid.joints, kept=kept)
         self._rolls = (
             None if self.arm is None else RollGrid(path_task, self.arm, grid.roll, grid.joints)
         )
@@ -198,13 +201,14 @@ class Level:
 
 
 class Levels:
-    """The levels of a problem without clearance, and what is known of their clearance.
+    """The levels of a problem without its clearance, and what is known of their clearance.
 
     ``found`` has layers of waypoints whose layers on coarser grids are empty.
     """
 
     def __init__(self, problem: Problem, progress: Progress) -> None:
-        self.problem = problem
+        self.problem = problem.free
+        self._kept = problem.rows if problem.has_clearance else None
         self.found: dict[int, Layer] = {}
         self._progress = progress
         self._made: dict[tuple[float, bytes, tuple[int, ...]], list[Layer]] = {}
@@ -236,7 +240,7 @@ class Levels:
     def at(self, stage: SearchStage, steps: Array, waypoints: list[int]) -> Level:
         """The level of a stage at some waypoints."""
         grid, start = self.grid(stage, steps), self.problem.start
-        roadmap = Roadmap(self.problem.path_task, self.problem.rows, grid)
+        roadmap = Roadmap(self.problem.path_task, self.problem.rows, grid, self._kept)
         key = (grid.roll, grid.joints.tobytes(), tuple(waypoints))
         if key not in self._made:
             layers = roadmap.layers(

@@ -33,6 +33,9 @@ _MOST = 20_000
 """Largest number of nodes of a waypoint."""
 _SAMPLED, _CORRECTED = 3000, 500
 """The same with more than two free degrees; with hard bands, too, into which each is corrected."""
+_ENOUGH, _DRAWS = 500, 20
+"""Number of configurations of such a layer that keep the clearance, if so many are found; and
+largest number of draws for it, which take 3 ms each."""
 
 
 class ManifoldNet:
@@ -41,16 +44,24 @@ class ManifoldNet:
     :class:`~qp_twist.planning.seeds.Seeds` are corrected onto the task and into its bands, with
     those of the previous layer. Where they do not cover the manifolds, a net grows from them in
     steps along the null space until it meets itself or a limit; with more than two free degrees,
-    for which it would be too large, the layer has the most central of them.
+    for which it would be too large, the layer has the most central of them. With ``kept``, the rows
+    with a clearance, some of these keep that: what a table leaves of its own tilt may not be near
+    the middle of its range, and so narrow that Newton's method alone leads out of it.
 
     ``spacing`` (nv,) is the distance between neighbours that differ in one joint only, rad or m: in
     joints divided by it neighbours are one apart.
     """
 
     def __init__(
-        self, path_task: PathTask, rows: PathRows, spacing: float | Array, *, seeds: int = SEEDS
+        self,
+        path_task: PathTask,
+        rows: PathRows,
+        spacing: float | Array,
+        *,
+        seeds: int = SEEDS,
+        kept: PathRows | None = None,
     ) -> None:
-        self.rows, self._count = rows, seeds
+        self.rows, self._count, self._kept = rows, seeds, kept
         self.spacing: Array = np.broadcast_to(spacing, path_task.model.nv).astype(np.float64)
         self.ranges = JointRanges.of(path_task.model)
         self.seeds = Seeds(path_task, rows, self.spacing, np.random.default_rng(0))
@@ -61,13 +72,15 @@ class ManifoldNet:
         Without ``grow`` only those of the seeds: whether there are any, and why not.
         """
         freedom = int(self.rows.freedom[index])
-        seeds, covered = self._begun(index, freedom, before), self.seeds.cover(index)
+        carried = self._carried(before if freedom > COVERED else None, index)
+        seeds = self._begun(index, freedom, before, len(carried))
+        covered = self.seeds.cover(index)
         lower, upper = self.ranges.lower, self.ranges.upper
         inset = np.minimum(_INSET * (upper - lower), 0.01)
         for _ in range(1 + _AGAIN):
             q, arrived = self.rows.correct(seeds, np.full(len(seeds), index))
             q = centred(q[arrived], self.ranges)
-            nodes, _ = self._brought_inside(q, index)
+            nodes = np.vstack([carried, self._brought_inside(q, index)[0]])
             if len(nodes):
                 break
             # The next seeds are those at the nearest place inside the limits, and others.
@@ -82,13 +95,23 @@ class ManifoldNet:
         elif freedom > COVERED:
             # The same order in every layer, so that a configuration that is carried over stays.
             most = _CORRECTED if self.rows.hard else _SAMPLED
-            nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")[:most]]
+            nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")]
+            if len(nodes) > most:
+                first = self._keeping(nodes, index)[: most // 2]
+                others = np.delete(np.arange(len(nodes)), first)
+                nodes = nodes[np.append(first, others)[:most]]
         return inside_limits(nodes, self.pieces(nodes), self.ranges)
 
-    def _begun(self, index: int, freedom: int, before: Layer | None) -> Array:
-        """Where a layer begins, (K, nv)."""
+    def _begun(self, index: int, freedom: int, before: Layer | None, known: int) -> Array:
+        """Where a layer begins, (K, nv); so many configurations are ``known`` that are clear."""
         solved = centred(self.seeds.solved(index), self.ranges)
         inside = self.ranges.inside(solved)
+        if freedom > COVERED and self.seeds.arms and self._kept is not None:
+            for _ in range(_DRAWS):
+                if known + len(self._keeping(solved[inside], index)) >= _ENOUGH:
+                    break
+                solved = np.vstack([solved, centred(self.seeds.solved(index), self.ranges)])
+                inside = self.ranges.inside(solved)
         if inside.any():
             solved = solved[inside]
         # What a narrow passage, or speed limits, leave of one layer goes on in the next.
@@ -101,6 +124,28 @@ class ManifoldNet:
         few = freedom <= COVERED or self.rows.hard
         count = self._count if few else _SCATTERED if not self.seeds.arms else 0
         return np.concatenate([*begun, solved, self.seeds.random(count)])
+
+    def _keeping(self, q: Array, index: int) -> Indices:
+        """Indices of the first of q (K, nv) that keep the clearance at a waypoint: enough."""
+        found = np.zeros(0, dtype=np.intp)
+        if self._kept is None:
+            return found
+        for part in np.array_split(np.arange(len(q)), 1 + len(q) // _ENOUGH):
+            keeps = self._kept.hard.inside(q[part], np.full(len(part), index))
+            found = np.append(found, part[keeps])
+            if len(found) >= _ENOUGH:
+                break
+        return found
+
+    def _carried(self, before: Layer | None, index: int) -> Array:
+        """Configurations of the layer before that keep the clearance, led on inside it."""
+        if before is None or self._kept is None:
+            return np.zeros((0, len(self.spacing)))
+        q = before.q[(before.q == centred(before.q, self.ranges)).all(axis=1)]  # without turns
+        q = q[self._keeping(q, index)]
+        box = (np.broadcast_to(end, q.shape) for end in (self.ranges.lower, self.ranges.upper))
+        q, arrived = self._kept.correct_within(q, np.full(len(q), index), *box)
+        return q[arrived]
 
     def _grown(self, nodes: Array, index: int, freedom: int) -> Array:
         directions = _directions(freedom)

@@ -144,6 +144,12 @@ class Objective:
         pace = Pace.of_run(path_task)
         return replace(less, time=1.0 / float(pace.feed.sum()), pace=pace)
 
+    @property
+    def at_full_speed(self) -> Objective:
+        """The objective with times that speed limits and feed alone need."""
+        pace = self.pace and replace(self.pace, acceleration=np.full_like(self.joints, np.inf))
+        return replace(self, pace=pace)
+
     def value(self, q: Array) -> float:
         """Value of a joint path q (N, nv): mean z, degrees, seconds, or their weighted sum."""
         if self.margin:

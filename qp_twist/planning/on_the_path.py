@@ -59,8 +59,6 @@ class OnThePath:
 
     def __init__(self, path_task: PathTask) -> None:
         self._ranges = JointRanges.of(path_task.model)
-        #: Waypoints before the intervals in which a search asks edges: where one has left the path.
-        self.asked: set[int] = set()
         self._rows = lru_cache(_KEPT)(lambda s: PathRows(path_task, np.frombuffer(s)))
 
     def margins(self, q: Array, at: Indices, share: Array) -> tuple[Array, Indices]:

@@ -288,9 +288,12 @@ def make_plan(
     says, timed = progress or (lambda what, share: None), path_task.durations is not None
     problem = Problem(path_task, rows, limits(slow_down=bool(goal.time)), goal, first)
     slower = limits if paced and timed and not slow_down and not goal.time else None
-    found = PlanSearch(problem, runs, says, slower).run()
+    # Where a slower motion may follow, the speed is a reason that needs no other search.
+    may_slow = slow_down and timed and not goal.time
+    search = PlanSearch(problem, runs, says, slower, may_slow=may_slow)
+    found = search.run()
     at_feed: Certificate | None = None
-    if slow_down and timed and not goal.time and _may_be_speed(found):
+    if may_slow and _may_be_speed(found):
         at_feed = found.certificate
         slowed = replace(
             problem, limits=limits(slow_down=True), objective=goal.slowed(path_task), stated=goal
@@ -299,6 +302,8 @@ def make_plan(
         if found.path is None:
             note = f"nor was one found that is slower: {found.certificate.reason}"
             found = replace(found, certificate=replace(at_feed, note=note))
+        elif Pace.stated(path_task).slowest(found.path.q, ranges.names)[0] == 1.0:  # it is kept
+            found = search.near(found)
     path, certificate = found.path, found.certificate
     if path is not None and timed:
         factor, where = Pace.stated(path_task).slowest(path.q, ranges.names)

@@ -22,7 +22,13 @@ from qp_twist.planning.graph import LayerPath
 from qp_twist.planning.impossible import find_impossible, prove_gaps
 from qp_twist.planning.kept_paths import KeptPaths
 from qp_twist.planning.layer import Layer, forbidding_bands
-from qp_twist.planning.level_search import ABOUT, STRICTNESS, LevelSearch, search_windows
+from qp_twist.planning.level_search import (
+    ABOUT,
+    STRICTNESS,
+    CloserLooks,
+    LevelSearch,
+    search_windows,
+)
 from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
@@ -104,20 +110,25 @@ class PlanSearch:
         runs: Trials = lambda path_task, start: [],
         progress: Progress = lambda what, share: None,
         slower: Slower | None = None,
+        *,
+        may_slow: bool = False,
     ) -> None:
         """Prepare.
 
         ``runs`` returns the paths of other methods, ``slower`` the constraints of a slower path, to
-        see whether its speed alone prevents a motion.
+        see whether its speed alone prevents a motion. ``may_slow``: a slower motion is searched if
+        none is found, so that the reason is not looked for without the clearance, nor on finer
+        grids where layers are samples, which prove nothing.
         """
         self.problem, self.runs, self.slower, self.progress = problem, runs, slower, progress
-        self.levels, self._kept = Levels(problem.free, progress), KeptPaths(problem)
+        self._may_slow = may_slow
+        self.levels, self._kept = Levels(problem, progress), KeptPaths(problem)
         #: The last level without gaps.
         self._level: Level | None = None
         #: First and last waypoints of stretches that no path passes on a coarser grid.
         self._ends: list[tuple[int, int]] = []
-        #: Shares of intervals in which a strict path violated a constraint, of its edges.
-        self._shares: dict[int, tuple[float, ...]] = {}
+        #: Where a strict path violated a constraint between waypoints, or left the task's path.
+        self._closer = CloserLooks({}, set())
 
     def run(self) -> SearchResult:
         """Search the best motion.
@@ -128,7 +139,7 @@ class PlanSearch:
         """
         try:
             result = self._searched(self.problem)
-            if result.path is None and self.problem.has_clearance:
+            if result.path is None and self.problem.has_clearance and not self._may_slow:
                 proven = result.certificate.covered
                 free = result if proven else self._searched(self.problem.free)
                 if free.path is None:  # the clearance is not the reason
@@ -147,19 +158,27 @@ class PlanSearch:
         except KeyboardInterrupt:  # the result itself is known
             return result
 
+    def near(self, found: SearchResult) -> SearchResult:
+        """The best motion near one that was found with other limits, or that if there is none."""
+        path = found.path and self._smooth(self.problem, found.path.q)
+        if path is None or not path.feasible:
+            return found
+        again = self._on_path(self.problem, replace(found, path=path))
+        return found if again.path is None else again
+
     def _on_path(self, problem: Problem, found: SearchResult) -> SearchResult:
         """What was found, or another motion if its joints do not stay on the path in between."""
         if found.path is None:
             return found
-        on_path, jumps = OnThePath(problem.path_task), False
-        asked = replace(problem, limits=replace(problem.limits, on_path=on_path))
+        on_path = OnThePath(problem.path_task)
+        asked, jumps = replace(problem, limits=replace(problem.limits, on_path=on_path)), False
         try:
             beyond = asked.limits.beyond_between(found.path.q)[0].max(axis=1)
             left = np.flatnonzero(beyond > 0.0)
             if not len(left):
                 return found
             jumps = bool(np.isinf(beyond).any())
-            on_path.asked.update(left.tolist())
+            self._closer.asked.update(left.tolist())
             ways = [
                 partial(_kept_on_path, self, asked, found, found.path, left),
                 partial(self._searched, asked),
@@ -182,7 +201,8 @@ class PlanSearch:
         best: JudgedPath | None = None
         for trial in () if problem.start is None else self._tried(problem, problem.start):
             best = self._kept.better(best, trial)
-        for stage in (COARSE, *STAGES) if problem.freedom >= COVERED else STAGES:
+        stages = (COARSE, *STAGES) if problem.freedom >= COVERED else STAGES
+        for stage in stages[:1] if self._may_slow and problem.freedom > COVERED else stages:
             found = self._stage(problem, stage, best)
             best = self._kept.better(best, found.path)
             if found.ends or (found.path is not None and not _is_long_detour(problem, found)):
@@ -227,7 +247,7 @@ class PlanSearch:
             search = self._search(problem, level, stage, strict=attempt > 0)
             way = search.best(_attainable(problem, best))
             if len(way.nodes) < len(level.layers):
-                if self._shares and nearest is not None:  # its violation says more
+                if self._closer.shares and nearest is not None:  # its violation says more
                     break
                 return self._ended(problem, level, way, best)
             if way.nodes == before:  # what failed
@@ -272,7 +292,7 @@ class PlanSearch:
         self, problem: Problem, level: Level, stage: SearchStage, *, strict: bool
     ) -> LevelSearch:
         return LevelSearch(
-            problem, self.levels, level, strict, stage.most, self._shares, self.progress
+            problem, self.levels, level, strict, stage.most, self._closer, self.progress
         )
 
     def _ended(
@@ -328,8 +348,9 @@ class PlanSearch:
         An obstacle's corner passes between the shares at which all edges are evaluated.
         """
         beyond, share = problem.limits.beyond_between(path)
+        shares = self._closer.shares
         for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
-            self._shares[at] = (float(share[at]), *self._shares.get(at, CLOSE))
+            shares[at] = (float(share[at]), *shares.get(at, CLOSE))
 
     def _mended(self, problem: Problem, path: JudgedPath) -> JudgedPath | None:
         """Search the path again on the finest grid around the waypoints where it violates limits.
@@ -339,7 +360,7 @@ class PlanSearch:
         """
         best, at = None, problem.limits.violated(path.q)
         for strict in (True, False) if problem.has_clearance else (False,):
-            q = search_windows(problem, self.levels, path, at, strict, self._shares, self.progress)
+            q = search_windows(problem, self.levels, path, at, strict, self._closer, self.progress)
             found = None if q is None else self._smooth(problem, q)
             if found is not None and found.feasible:
                 return found
@@ -406,7 +427,8 @@ def _kept_on_path(
     Programs may lead back to where it does: then it is the grid's. None if that leaves it, too, or
     costs more than a search of everything is worth.
     """
-    q = search_windows(problem, search.levels, path, left + 1, True, {}, search.progress)
+    asked = search._closer._replace(shares={})
+    q = search_windows(problem, search.levels, path, left + 1, True, asked, search.progress)
     for found in () if q is None else (search._smooth(problem, q), problem.judged(q)):
         beyond = problem.limits.beyond_between(found.q)[0]
         if found.feasible and _alike(found.value, path.value) and not (beyond > 0.0).any():
@@ -495,7 +517,7 @@ def _is_long_detour(problem: Problem, found: _Found) -> bool:
     """
     if found.path is None or not problem.has_clearance:
         return False
-    value = found.path.value
+    value = problem.objective.at_full_speed.value(found.path.q)  # which is the grid's measure
     is_better = problem.objective.better(found.of_grid, value)
     return is_better and not _alike(value, found.of_grid, _DETOUR)
 

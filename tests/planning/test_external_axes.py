@@ -119,15 +119,16 @@ def test_a_waypoint_beyond_the_length_of_the_arm_is_named() -> None:
     assert plan.certificate.waypoints == (21,)
 
 
-def on_a_table() -> qt.PathTask:
+def on_a_table(leans: float = 0.0) -> qt.PathTask:
     """A quarter of the deburring run in 9 waypoints, the part on a table that turns and tilts.
 
-    The path stands still in the plate, so the plate is the world of this scene.
+    The path stands still in the plate, so the plate is the world of this scene. Balls touch unless
+    the table ``leans`` so far, rad.
     """
     task = qt.load_task("deburring")
     none = np.full(8, np.inf)
     return dataclasses.replace(
-        task, model=arm_that_moves(), waypoints=task.waypoints[:97:12], flipped_waypoints=None,
+        task, model=arm_that_moves(leans), waypoints=task.waypoints[:97:12], flipped_waypoints=None,
         durations=None, start=np.append([0.0, 0.0], task.start), velocity_limits=none,
         acceleration_limits=none,
     )  # fmt: skip
@@ -194,3 +195,19 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
     alone = float(np.mean([ranges.centring(layer).min() for layer in layers]))
     assert plan.bound <= min(alone, plan.value) + 1e-12
     assert plan.bound >= 0.97 * alone
+
+
+def test_a_table_that_has_to_lean_to_the_end_of_its_range_does() -> None:
+    """Only the last 3° of 60° are clear: a sample of all configurations had next to none there."""
+    leans = math.radians(57.0)
+    task = on_a_table(leans)
+    balls = [task.model.geom(f"ball_of_{name}").id for name in ("world", "base")]
+    clearance = qt.Clearance(task.model, 0.005, pairs=[balls])
+    task = dataclasses.replace(task, constraints=(clearance,))
+    q, tool = qt.plan(task, max_step_deg=15.0, seeds=()).motion(), tool_in_the_cell(task)
+    assert np.abs(np.diff(q, axis=0)).max() <= math.radians(15.0) + 1e-9
+    # The balls' middles are a metre from the table's, on either side of the angle that it leans.
+    apart = 2.0 * (np.sin(0.5 * np.abs(q[:, 1])) - math.sin(0.5 * leans))
+    assert apart.min() >= 0.005 - 1e-8
+    for row, waypoint in zip(q, task.waypoints, strict=True):
+        assert np.abs(tool(row)[0] - waypoint.translation()).max() < 1e-8

@@ -15,6 +15,7 @@ from qp_twist.planning.objective import Objective
 from qp_twist.planning.pace import Pace
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import Problem, motion_limits
+from qp_twist.planning.search import PlanSearch, SearchResult
 from qp_twist.planning.smooth import refine
 
 SPEED, ACCELERATION = np.array([1.0, 1.5, 2.0]), np.array([4.0, 6.0, 8.0])
@@ -140,6 +141,21 @@ def test_a_plan_that_keeps_the_feed_is_the_same_whether_or_not_it_might_be_slowe
     plain, free = (qt.plan(task, seeds=(), slow_down=slow_down) for slow_down in (False, True))
     assert np.array_equal(plain.motion(), free.motion()) and not free.is_slower
     assert "slower" not in str(free.certificate)
+
+
+@pytest.mark.parametrize("feed", [0.5, 0.01])
+def test_what_keeps_the_feed_after_all_becomes_the_best_near_it(feed: float) -> None:
+    task, ranges = line(11, feed), qt.JointRanges.of(qt.load_task("planar_line").model)
+    goal, rows = Objective.of(ranges, "centering"), PathRows(task)
+    problem = Problem(task, rows, motion_limits(task, ranges, None, rows.hard), goal)
+    fastest = qt.plan(task, "time", seeds=())
+    found = SearchResult(problem.judged(fastest.motion()), fastest.certificate)
+    near = PlanSearch(problem).near(found)
+    if feed < 0.1:  # too fast for every motion
+        assert near is found
+    else:
+        assert near.path is not None and near.path.feasible
+        assert near.path.value <= 1.001 * qt.plan(task, seeds=()).value < found.path.value
 
 
 def test_a_waypoint_out_of_reach_is_named_whatever_the_speed() -> None:
