@@ -52,7 +52,7 @@ class Motions:
 
     def begin_curve(self) -> None:
         """Begin another curve: where the tool is, is not known."""
-        self.out.begin_curve()
+        self.out.rows.begin_curve()
         self.last = self.heading = self.arcs.begun = self.arcs.ended = None
 
     def start(self, word: str) -> Array:

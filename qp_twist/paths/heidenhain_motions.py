@@ -141,7 +141,7 @@ class Motions(MachineTool):
             return
         self.target(block)
         self.last = None
-        self.out.begin_curve()
+        self.out.rows.begin_curve()
         if len(self.at) == 3:
             self.straight({}, {}, cut=True)
 

@@ -119,7 +119,7 @@ class MachineTool:
         """The tool goes to an unknown place along some axes: another curve begins there."""
         self._forget(axes)
         self.last = None
-        self.out.begin_curve()
+        self.out.rows.begin_curve()
 
     def _forget(self, axes: Iterable[str]) -> None:
         self.gone.update(axes)
@@ -274,7 +274,7 @@ class MachineTool:
         if straight and (unknown or from_nowhere):
             self.out.note("cuts are left out while it is not known where the tool comes from")
         if straight and unknown:
-            self.out.begin_curve()
+            self.out.rows.begin_curve()
         elif cut and missing and moves and not unread:
             for name in sorted(missing):
                 self.assume_zero(name, word or "G1")

@@ -67,7 +67,7 @@ class RobotPath(Moves):
         if pose is None:
             self._waiting, self._at = [], None
             self._elsewhere.append(line)
-            self.out.begin_curve()
+            self.out.rows.begin_curve()
         else:
             name, pose = self._expressed(pose)
             self._waiting.append((line, name, pose))
@@ -171,7 +171,7 @@ class RobotPath(Moves):
             if frame == name:
                 self._add(at, [waiting], rapid=True)
             else:
-                self.out.begin_curve()
+                self.out.rows.begin_curve()
                 self._at = None
         self._waiting = []
         return pose

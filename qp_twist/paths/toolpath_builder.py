@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -139,6 +140,93 @@ class Feeds:
         return self._value * (self.turns_per_minute if self.per_turn else 1.0) / 60.0
 
 
+class Rows(list[Row]):
+    """The motions of a program in their order.
+
+    Attributes:
+        begins: Whether the next point begins another curve: the motion to it is not known.
+        rapids: How many are rapid, those included that lead to where the tool is.
+        arcs: How many arcs were divided into chords.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begins = False
+        self.rapids = self.arcs = self._points = 0
+
+    def begin_curve(self) -> None:
+        """The next point begins another curve."""
+        self.begins = bool(self)
+
+    def add(self, row: Row) -> None:
+        """Add the points of a motion, unless it is rapid and the tool is there.
+
+        Raises:
+            TooManyPoints: If there are more than :data:`~qp_twist.paths.arcs.MOST_POINTS`.
+        """
+        self.rapids += row.rapid
+        last = self[-1] if self else None
+        if row.rapid and not self.begins and last and last.rapid and _same_place(row, last):
+            return
+        self._points += len(row.positions)
+        if self._points > MOST_POINTS:
+            raise TooManyPoints(
+                f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
+                "included; divide it into several files"
+            )
+        if len(row.positions):
+            self.append(row)
+            self.begins = False
+
+    def curves(self) -> list[PointsOfCurve]:
+        """The curves between rapid motions."""
+        if not self:
+            return []
+        counts = [len(row.positions) for row in self]
+        directions = chain.from_iterable(chain.from_iterable(row.directions for row in self))
+        points = Points(
+            np.concatenate([row.positions for row in self]),
+            np.fromiter(directions, np.float64).reshape(sum(counts), -1),
+            np.repeat([row.line for row in self], counts),
+            np.repeat([row.feed for row in self], counts),
+        )
+        names = [row.name for row in self for _ in row.directions]
+        begins = np.zeros(len(names), dtype=bool)
+        begins[np.cumsum([0, *counts[:-1]])] = [row.begins for row in self]
+        return curves_between_rapids(
+            points, names, np.repeat([row.rapid for row in self], counts), begins
+        )
+
+
+class Remarks:
+    """What a program says beside its motions, for the notes on the toolpath.
+
+    Attributes:
+        passed: How often each word that moves nothing is in it.
+        process: The statements about the process.
+        noted: Lines of each note, and whether it is on what was left out.
+    """
+
+    def __init__(self) -> None:
+        self.passed = Counter[str]()
+        self.process: list[ProcessWord] = []
+        self.noted: dict[tuple[str, bool], list[int]] = {}
+
+    def notes(self, *, left_out: bool) -> list[str]:
+        """The notes on what was assumed, or on what was left out."""
+        return [what.replace("{}", of_lines(lines)) if "{}" in what
+                else f"{what} ({of_lines(lines)})."
+                for (what, left), lines in self.noted.items() if left == left_out]  # fmt: skip
+
+    def words(self, said: str, pattern: str, *, matching: bool) -> list[str]:
+        """A note on the words that moved nothing, those that match a pattern or the others."""
+        found = [(word, count) for word, count in self.passed.items()
+                 if bool(re.fullmatch(pattern, word)) == matching]  # fmt: skip
+        words = [word if count == 1 else f"{word} ({count})" for word, count in found]
+        count = times(sum(count for _, count in found))
+        return [f"{said} ({count}): {', '.join(words)}."] if words else []
+
+
 class ProgramBuilder:
     """A toolpath as it is read, line by line, from the program of a machine tool.
 
@@ -154,18 +242,12 @@ class ProgramBuilder:
             )
         self.options, self.words = options, words
         self.problems, self.feeds = Problems(), Feeds()
+        self.rows, self.remarks = Rows(), Remarks()
         self.line = 0
         self.unit: LengthUnit | None = None
         self._likely: tuple[LengthUnit, str] | None = None
         self.name = ""
-        self.rows: list[Row] = []
-        self._count = 0
-        self._begins = False
         self._frame: object = None
-        self._passed: dict[str, list[int]] = {}
-        self._process: list[ProcessWord] = []
-        self._notes: dict[tuple[str, bool], list[int]] = {}
-        self._rapids = self._arcs = 0
 
     @contextmanager
     def at(self, line: int) -> Iterator[None]:
@@ -189,21 +271,16 @@ class ProgramBuilder:
 
     def pass_over(self, word: str, text: str = "") -> None:
         """Count a word that moves nothing; the statement is kept if it is about the process."""
-        self._passed.setdefault(word, []).append(self.line)
+        self.remarks.passed[word] += 1
         if PROCESS.match(word):
             last = self.rows[-1] if self.rows else None
             end = () if last is None else tuple(last.positions[-1].tolist())
             after = 0 if last is None else last.line
-            self._process.append(ProcessWord(self.line, text or word, after, end))
+            self.remarks.process.append(ProcessWord(self.line, text or word, after, end))
 
     def note(self, what: str, *, left_out: bool = False) -> None:
         """What was assumed in this line, or left out; ``{}`` in the text is replaced by lines."""
-        self._notes.setdefault((what, left_out), []).append(self.line)
-
-    def _noted(self, *, left_out: bool) -> list[str]:
-        return [what.replace("{}", of_lines(lines)) if "{}" in what
-                else f"{what} ({of_lines(lines)})."
-                for (what, left), lines in self._notes.items() if left == left_out]  # fmt: skip
+        self.remarks.noted.setdefault((what, left_out), []).append(self.line)
 
     def set_frame(self, word: str, frame: object) -> None:
         """The file states the frame of the points that follow: its own, or a work offset."""
@@ -255,10 +332,6 @@ class ProgramBuilder:
             self.unit = "mm"
         return LENGTHS[self.length_unit]
 
-    def begin_curve(self) -> None:
-        """The next point begins another curve: the motion to it is not known."""
-        self._begins = bool(self.rows)
-
     def add(
         self, points: Sequence[Array], directions: Sequence[Sequence[float]], *, rapid: bool
     ) -> None:
@@ -268,33 +341,14 @@ class ProgramBuilder:
             TooManyPoints: If there are more than :data:`~qp_twist.paths.arcs.MOST_POINTS`.
         """
         feed = math.nan if rapid else self.feeds.now()
-        self._rapids += rapid
-        last = self.rows[-1] if self.rows else None
-        if (
-            rapid
-            and not self._begins
-            and last
-            and last.rapid
-            and _same_place(points, directions, last)
-        ):
-            return  # the tool is there
-        self._count += len(points)
-        if self._count > MOST_POINTS:
-            raise TooManyPoints(
-                f"the file has more than {MOST_POINTS} points, those of divided arcs and turns "
-                "included; divide it into several files"
-            )
-        if len(points):
-            row = Row(
-                np.asarray(points), directions, self.line, feed, rapid, self._begins, self.name
-            )
-            self.rows.append(row)
-            self._begins = False
+        self.rows.add(
+            Row(np.asarray(points), directions, self.line, feed, rapid, self.rows.begins, self.name)
+        )
 
     def divide_arc(self, arc: Arc) -> tuple[Array, Array]:
         """The ends of an arc's chords, and their shares of its angle."""
         points = arc.points(self.options.arc_error)
-        self._arcs += 1
+        self.rows.arcs += 1
         return points
 
     def toolpath(
@@ -311,7 +365,7 @@ class ProgramBuilder:
         Raises:
             InvalidInput: If there are problems, or nothing is cut.
         """
-        curves = self._curves()
+        curves = self.rows.curves()
         if not curves:
             self.problems.refuse()
             nothing = "there is no motion to a point with all coordinates in it."
@@ -322,31 +376,14 @@ class ProgramBuilder:
             self.problems,
             assumptions=[*self._assumptions(has_axis=has_axis, sense=sense), *assumptions],
             passed_over=[
-                *self._words("passed over, since they move nothing", applied=False),
-                *self._noted(left_out=True),
+                *self.remarks.words(
+                    "passed over, since they move nothing", self.words.applied, matching=False
+                ),
+                *self.remarks.notes(left_out=True),
             ],
             unit=self.length_unit if self.rows else "m", unit_in_file=self.unit is not None,
         )  # fmt: skip
-        return replace(found, words=tuple(self._process))
-
-    def _curves(self) -> list[PointsOfCurve]:
-        rows = self.rows
-        if not rows:
-            return []
-        counts = [len(row.positions) for row in rows]
-        directions = chain.from_iterable(chain.from_iterable(row.directions for row in rows))
-        points = Points(
-            np.concatenate([row.positions for row in rows]),
-            np.fromiter(directions, np.float64).reshape(sum(counts), -1),
-            np.repeat([row.line for row in rows], counts),
-            np.repeat([row.feed for row in rows], counts),
-        )
-        names = [row.name for row in rows for _ in row.directions]
-        begins = np.zeros(len(names), dtype=bool)
-        begins[np.cumsum([0, *counts[:-1]])] = [row.begins for row in rows]
-        return curves_between_rapids(
-            points, names, np.repeat([row.rapid for row in rows], counts), begins
-        )
+        return replace(found, words=tuple(self.remarks.process))
 
     def _assumptions(self, *, has_axis: bool, sense: str) -> Iterator[str]:
         """What was assumed about units, axes, rapid motions, arcs and words."""
@@ -359,35 +396,28 @@ class ProgramBuilder:
             raise InvalidInput("the file states no tool axes; leave it out.", key="axes_point")
         if not options.orientation and not has_axis:
             yield "no tool axis is stated; (0, 0, 1) is taken, as on a machine of three axes."
-        if self._rapids:
+        if self.rows.rapids:
             yield (
-                f'{self.words.rapid} ({times(self._rapids)}): with rapids = "keep" in [path] the '
-                "tool goes these ways at the speed of [feed]; otherwise [path.approach], "
+                f'{self.words.rapid} ({times(self.rows.rapids)}): with rapids = "keep" in [path] '
+                "the tool goes these ways at the speed of [feed]; otherwise [path.approach], "
                 "[path.retreat] and [path.transfer] lead it from curve to curve."
             )
-        yield from self._noted(left_out=False)
-        if self._arcs:
+        yield from self.remarks.notes(left_out=False)
+        if self.rows.arcs:
             error = 1e3 * options.arc_error
             yield (
-                f"arcs ({times(self._arcs)}){sense}: chords within {error:g} mm of them "
+                f"arcs ({times(self.rows.arcs)}){sense}: chords within {error:g} mm of them "
                 "(arc_error)."
             )
-        yield from self._words("words that change what follows are applied", applied=True)
-
-    def _words(self, said: str, *, applied: bool) -> list[str]:
-        """A note on words that move nothing, or that count for the motions behind them."""
-        found = [(word, len(lines)) for word, lines in self._passed.items()
-                 if bool(re.fullmatch(self.words.applied, word)) == applied]  # fmt: skip
-        words = [word if count == 1 else f"{word} ({count})" for word, count in found]
-        count = times(sum(count for _, count in found))
-        return [f"{said} ({count}): {', '.join(words)}."] if words else []
+        said = "words that change what follows are applied"
+        yield from self.remarks.words(said, self.words.applied, matching=True)
 
 
-def _same_place(points: Sequence[Array], directions: Sequence[Sequence[float]], last: Row) -> bool:
-    """Whether a motion leads to where the tool is."""
+def _same_place(row: Row, last: Row) -> bool:
+    """Whether a motion leads to where the tool is after the last one."""
     place, turned = last.positions[-1], last.directions[-1]
-    return all(direction == turned for direction in directions) and all(
-        math.dist(point, place) < SAME_POINT for point in points
+    return all(direction == turned for direction in row.directions) and all(
+        math.dist(point, place) < SAME_POINT for point in row.positions
     )
 
 
