@@ -58,11 +58,11 @@ class Controls:
         # Where the run plays or a key moved on, and nowhere else: viser sets the slider's value
         # before its callback sets the session, and what is written in between would undo it.
         with self._session.lock:
-            index = int(self._session.index)
+            index = int(self._session.playback.index)
             if index != self._slid:
                 self._slid = index
                 _set(self.path.slider, index + 1)
-        playing, play = self._session.playing, self.path.play
+        playing, play = self._session.playback.playing, self.path.play
         label = "Pause" if playing else "Play"
         if play.label != label:
             play.label = label
@@ -88,9 +88,9 @@ class Controls:
         hint = "keys N (next) and B (back)"
         slider = gui.add_slider("Waypoint", 1, max(2, count), 1, initial_value=1, hint=hint)
         _on(slider, self._slide)
-        initial, hint = int(session.speed), "waypoints per second"
+        initial, hint = int(session.playback.speed), "waypoints per second"
         speed = gui.add_slider("Speed [1/s]", 1, 200, 1, initial_value=initial, hint=hint)
-        _on(speed, lambda value: setattr(session, "speed", float(value)))
+        _on(speed, lambda value: setattr(session.playback, "speed", float(value)))
         return SimpleNamespace(play=play, slider=slider, speed=speed)
 
     def _add_method(self, gui: viser.GuiApi) -> SimpleNamespace:
@@ -152,8 +152,8 @@ class Controls:
         session = self._session
         commands: list[tuple[str, Any, Callable[[], None]]] = [
             ("Play or pause", "P", self._toggle_play),
-            ("Next waypoint", "N", lambda: self._seek(int(session.index) + 1)),
-            ("Waypoint before", "B", lambda: self._seek(int(session.index) - 1)),
+            ("Next waypoint", "N", lambda: self._seek(int(session.playback.index) + 1)),
+            ("Waypoint before", "B", lambda: self._seek(int(session.playback.index) - 1)),
             ("Limits on or off", "L", self._toggle_limits),
             ("Drag the tool, or back to the path", "T", self._toggle_hand),
         ]
@@ -185,15 +185,16 @@ class Controls:
     def _slide(self, value: int) -> None:
         with self._session.lock:
             self._seek(value - 1)
-            self._slid = int(self._session.index)
+            self._slid = int(self._session.playback.index)
 
     def _seek(self, index: int) -> None:
-        self._session.playing = False
+        self._session.playback.playing = False
         self._session.seek(index)
 
     def _toggle_play(self) -> None:
         if self._session.arm is None:
-            self._session.playing = not self._session.playing
+            playback = self._session.playback
+            playback.playing = not playback.playing
 
     def _toggle_limits(self) -> None:
         if not self.method.limits.disabled:

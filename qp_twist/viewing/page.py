@@ -68,7 +68,7 @@ class Page:
 
     def _show(self, moment: Moment) -> None:
         task, run = self.session.task, self.session.run  # another thread may replace them
-        waypoint = task.waypoints[int(self.session.index)]
+        waypoint = task.waypoints[int(self.session.playback.index)]
         with self.server.atomic():
             placed = self._changed("task", task)
             if placed:

@@ -22,6 +22,28 @@ DEBOUNCE_S = 0.3
 """Delay, s, between the last move of the workpiece and the computation of its run."""
 
 
+@dataclasses.dataclass
+class Playback:
+    """The waypoint that is shown, and how the run is played.
+
+    Attributes:
+        index: The waypoint, from 0; fractional while the run plays.
+        playing: Whether the run is being played.
+        speed: Waypoints per second.
+    """
+
+    index: float = 0.0
+    playing: bool = False
+    speed: float = 30.0
+
+    def advance(self, dt: float, last: int) -> None:
+        """Play on for ``dt`` seconds; behind the last waypoint begin again."""
+        if self.playing:
+            self.index += self.speed * dt
+            if self.index > last:
+                self.index = 0.0
+
+
 class Session:
     """The state behind the page, independent of the browser.
 
@@ -33,9 +55,7 @@ class Session:
         settings: The user's settings.
         run: The run that is shown. While a new one is computed this is the previous one; ``None``
             before the first, and if the settings have no run.
-        index: The waypoint that is shown, from 0; fractional while the run plays.
-        playing: Whether the run is being played.
-        speed: Waypoints per second.
+        playback: The waypoint that is shown, and how the run is played.
         arm: The arm that the user drags; ``None`` while a run is shown.
         problem: Why the settings have no run; empty if they have one.
     """
@@ -47,7 +67,7 @@ class Session:
         self.settings = settings
         self.runs = Runs()
         self.run: Run | None = None
-        self.index, self.playing, self.speed = 0.0, False, 30.0
+        self.playback = Playback()
         self.arm: LiveArm | None = None
         self.problem = ""
         self._on_infeasible: Literal["scale", "relax"] = "scale"
@@ -121,7 +141,7 @@ class Session:
     def grasp(self) -> mink.SE3:
         """Start to drag the arm from the configuration that is shown; return its frame's pose."""
         with self.lock:
-            self.playing = False
+            self.playback.playing = False
             self.arm = self._arm_at(self.moment().q)
             return self.arm.pose
 
@@ -157,7 +177,7 @@ class Session:
     def seek(self, index: float) -> None:
         """Show a waypoint, from 0."""
         with self.lock:
-            self.index = float(np.clip(index, 0, len(self.task.waypoints) - 1))
+            self.playback.index = float(np.clip(index, 0, len(self.task.waypoints) - 1))
 
     def tick(self, dt: float) -> Moment:
         """Advance by ``dt`` seconds and return what to show."""
@@ -170,13 +190,11 @@ class Session:
                 self.problem, self.run = found, None
             elif found is not None:
                 self.run = found
-                self.index = min(self.index, len(found.trace) - 1.0)
+                self.playback.index = min(self.playback.index, len(found.trace) - 1.0)
             if self.arm is not None:
                 return self.arm.step()
-            if self.playing and self.run is not None:
-                self.index += self.speed * dt
-                if self.index > len(self.run.trace) - 1:
-                    self.index = 0.0
+            if self.run is not None:
+                self.playback.advance(dt, len(self.run.trace) - 1)
             return self.moment()
 
     def moment(self) -> Moment:
@@ -184,7 +202,7 @@ class Session:
         with self.lock:
             if self.run is None:
                 return Moment.at(self.base, self.base.start, self.base.waypoints[0])
-            return self.run.moment(int(self.index))
+            return self.run.moment(int(self.playback.index))
 
     def status(self, moment: Moment) -> tuple[str, bool]:
         """A sentence about the moment that is shown, and whether something is wrong."""

@@ -248,7 +248,7 @@ def test_a_page_from_another_port_cannot_reach_the_live_page(page, tmp_path, cap
         assert opened.errors == []
         opened.page.get_by_role("slider").first.focus()
         until = time.monotonic() + 20.0
-        while page.session.index == 0 and time.monotonic() < until:
+        while page.session.playback.index == 0 and time.monotonic() < until:
             opened.page.keyboard.press("ArrowRight")  # the page may not listen yet
             opened.page.wait_for_timeout(1000)
-        assert page.session.index >= 1
+        assert page.session.playback.index >= 1

@@ -205,14 +205,14 @@ def run_of(session):
 
 
 def test_playing_moves_on_by_the_speed_and_begins_again(session):
-    session.playing, session.speed = True, 4.0
+    session.playback.playing, session.playback.speed = True, 4.0
     session.tick(0.5)
-    assert session.index == pytest.approx(2.0)
+    assert session.playback.index == pytest.approx(2.0)
     assert np.array_equal(session.moment().q, session.run.trajectory.q[2])
     session.seek(100)
-    assert session.index == 10
+    assert session.playback.index == 10
     session.tick(0.5)
-    assert session.index == 0.0
+    assert session.playback.index == 0.0
 
 
 def test_a_changed_setting_gives_another_run_and_the_first_one_comes_back(session):
