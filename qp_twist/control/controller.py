@@ -25,8 +25,8 @@ from qp_twist.control.step_settings import (
     TIE_BREAK,
     UNSEEN_WEIGHT,
     StepSettings,
-    checked_levels,
     checked_limits,
+    checked_tasks,
 )
 from qp_twist.errors import InvalidInput
 from qp_twist.kernel import COMPILED
@@ -129,11 +129,7 @@ class Controller(StepSettings):
             mink.InvalidFrame: If the model lacks a task's frame.
         """
         instance("model", model, mujoco.MjModel)
-        self._levels = checked_levels(model, tasks, levels)
-        self._soft_tasks = tuple(task for task in tasks if not isinstance(task, TwistTask))
-        items = [item for level in self._levels for item in level]
-        self._tasks = tuple(item for item in items if not isinstance(item, mink.Limit))
-        self._twist_tasks = tuple(task for task in self._tasks if isinstance(task, TwistTask))
+        self._by_kind = checked_tasks(model, tasks, levels)
         super().__init__(model)
         self.secondary = secondary
         own = [PositionLimit(model), *couplings_of(model)] if limits is None else limits
@@ -154,22 +150,22 @@ class Controller(StepSettings):
     @property
     def levels(self) -> tuple[tuple[LevelItem, ...], ...]:
         """The priority levels."""
-        return self._levels
+        return self._by_kind.levels
 
     @property
     def tasks(self) -> tuple[mink.tasks.BaseTask, ...]:
         """The tasks of all levels."""
-        return self._tasks
+        return self._by_kind.of_levels
 
     @property
     def twist_tasks(self) -> tuple[TwistTask, ...]:
         """The TwistTasks among them."""
-        return self._twist_tasks
+        return self._by_kind.twist
 
     @property
     def soft_tasks(self) -> tuple[mink.tasks.BaseTask, ...]:
         """The tasks that add a cost."""
-        return self._soft_tasks
+        return self._by_kind.soft
 
     def step(
         self,

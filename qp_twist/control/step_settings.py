@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import mink
 import mujoco
@@ -111,12 +111,28 @@ class StepSettings(Revised):
         self._singularity = given if given >= SMALLEST_SINGULARITY else 0.0
 
 
-def checked_levels(
+class TasksByKind(NamedTuple):
+    """The tasks of a controller, which stay the same, by what they add to a step.
+
+    Attributes:
+        levels: The strict priorities, most important first: tasks and limits.
+        of_levels: The tasks among them.
+        twist: The TwistTasks among these.
+        soft: The tasks that add a cost.
+    """
+
+    levels: tuple[tuple[LevelItem, ...], ...]
+    of_levels: tuple[mink.tasks.BaseTask, ...]
+    twist: tuple[TwistTask, ...]
+    soft: tuple[mink.tasks.BaseTask, ...]
+
+
+def checked_tasks(
     model: mujoco.MjModel,
     tasks: Sequence[mink.tasks.BaseTask],
     levels: Sequence[Sequence[LevelItem]] | None,
-) -> tuple[tuple[LevelItem, ...], ...]:
-    """The priority levels of a controller, for good."""
+) -> TasksByKind:
+    """The tasks of a controller from its arguments."""
     twist_tasks = tuple(task for task in _sequence("tasks", tasks) if isinstance(task, TwistTask))
     stated: tuple[tuple[LevelItem, ...], ...] = (twist_tasks,)
     if levels is not None:
@@ -144,7 +160,13 @@ def checked_levels(
     for item in items:
         if isinstance(item, TwistTask):
             frame_pose(probe, item.frame_name, item.frame_type)
-    return stated
+    of_levels = tuple(item for item in items if not isinstance(item, mink.Limit))
+    return TasksByKind(
+        stated,
+        of_levels,
+        tuple(task for task in of_levels if isinstance(task, TwistTask)),
+        tuple(task for task in tasks if not isinstance(task, TwistTask)),
+    )
 
 
 def all_of(model: mujoco.MjModel, name: str, expected: type, items: Any) -> Sequence[Any]:
