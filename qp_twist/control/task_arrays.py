@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import mink
 import mujoco
@@ -19,6 +20,18 @@ from qp_twist.kinematics.compiled_rows import kinds_of, shape_of
 from qp_twist.kinematics.frame import frame_id
 from qp_twist.kinematics.serial_chain import dofs_above
 from qp_twist.kinematics.twist_task import AT_REST
+
+
+class _Frame(NamedTuple):
+    """The frame that a task controls: its name or id as stated, its type, and its id."""
+
+    name: str | int
+    type: str
+    id: int
+
+    def controlled_by(self, task: TwistTask) -> bool:
+        """Whether it still is the frame of the task."""
+        return (task.frame_name, task.frame_type) == self[:2]
 
 
 class TaskArrays:
@@ -39,8 +52,8 @@ class TaskArrays:
     ) -> None:
         """Write the task with this number, whose rows begin at ``first``."""
         self.task, self._number, self._arrays = task, number, s
-        self._projector, self._frame = task.projector, (task.frame_name, task.frame_type)
-        self._index = frame_id(model, *self._frame)
+        stated = task.frame_name, task.frame_type
+        self._projector, self._frame = task.projector, _Frame(*stated, frame_id(model, *stated))
         self.rows = slice(first, first + task.projector.rank)
         self.in_python = not rows_known(task)
         self.revision, self._moves = -1, True
@@ -53,7 +66,7 @@ class TaskArrays:
             s.kinds[number] = task.projector.rank, 0, FROM_PYTHON
             return
         s.kinds[number] = kinds_of(task.projector)
-        ranges, dofs = JointRanges.of(model), dofs_above(model, *self._frame)
+        ranges, dofs = JointRanges.of(model), dofs_above(model, *stated)
         if (ranges.qpos[dofs] < 0).any():
             self.jacobian_in_python, s.links[number] = True, PYTHON_JACOBIAN
             return
@@ -66,7 +79,7 @@ class TaskArrays:
         if (
             task.projector is not self._projector
             or rows_known(task) is self.in_python
-            or (task.frame_name, task.frame_type) != self._frame
+            or not self._frame.controlled_by(task)
         ):
             return False
         self._arrays.shapes[self._number, 24:] = _step_sizes(task)
@@ -89,16 +102,17 @@ class TaskArrays:
 
     def bind(self, data: mujoco.MjData) -> None:
         """Write where the frame's pose is in MuJoCo's data, which have to stay alive."""
-        kind, at = self._frame[1], 3 + 2 * self._number
-        for attribute in (mink.FRAME_TO_XMAT_ATTR[kind], mink.FRAME_TO_POS_ATTR[kind]):
-            self._arrays.sources[at] = address(getattr(data, attribute)[self._index])
-            at += 1
+        frame, at = self._frame, 3 + 2 * self._number
+        self._arrays.sources[at : at + 2] = [
+            address(getattr(data, of[frame.type])[frame.id])
+            for of in (mink.FRAME_TO_XMAT_ATTR, mink.FRAME_TO_POS_ATTR)
+        ]
 
     def write_jacobian(self, configuration: mink.Configuration) -> None:
         """Write the frame's world-aligned Jacobian, as MuJoCo computes it."""
-        model, data = configuration.model, configuration.data
+        model, data, frame = configuration.model, configuration.data, self._frame
         J = np.empty((6, model.nv))
-        mink.FRAME_TO_JAC_FUNC[self._frame[1]](model, data, J[:3], J[3:], self._index)
+        mink.FRAME_TO_JAC_FUNC[frame.type](model, data, J[:3], J[3:], frame.id)
         self._arrays.jacobians[self._number, :, : model.nv] = J
 
     def evaluate(
