@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,37 @@ _SHORT = 1e-12
 """Square of a length below which it counts as zero, m² or rad²."""
 _PROBE = 1e-6
 """Displacement of the differences for the derivative of the progress, m and rad."""
+
+
+class _Way(NamedTuple):
+    """The waypoints' poses, and the displacements from each to the next.
+
+    Attributes:
+        R: Rotations, (N, 3, 3).
+        p: Positions, m, (N, 3).
+        step: Displacements of the position, m, (N − 1, 3).
+        turn: Rotation vectors in world axes, rad, (N − 1, 3).
+    """
+
+    R: Array
+    p: Array
+    step: Array
+    turn: Array
+
+
+class _Lines(NamedTuple):
+    """Lines x₀ + λw on which progress λ = (x − x₀)·w/‖w‖² is measured.
+
+    x is the origin in straight intervals, m, and in arcs the vectors that turn with the frame;
+    columns that an interval does not need are 0.
+
+    Attributes:
+        begin: x₀, (N − 1, 9).
+        along: w, (N − 1, 9).
+    """
+
+    begin: Array
+    along: Array
 
 
 class Intervals:
@@ -45,38 +77,39 @@ class Intervals:
 
     def __init__(self, R_d: Array, p_d: Array, rows: Sequence[TwistProjector]) -> None:
         self.projectors, self.which = distinct_projectors(rows)
-        self._R, self._p = R_d, p_d
-        self._step = p_d[1:] - p_d[:-1]
-        turn = R_d[1:] @ R_d[:-1].transpose(0, 2, 1)
-        self._turn = rotation_vector(turn)
-        self.lengths = np.linalg.norm(self._step, axis=1)
-        self.turns = np.linalg.norm(self._turn, axis=1)
-        count = len(self.lengths)
-        self._linear, self._angular = np.zeros((count, 3)), np.zeros((count, 3))
+        turn = rotation_vector(R_d[1:] @ R_d[:-1].transpose(0, 2, 1))
+        self._way = _Way(R_d, p_d, p_d[1:] - p_d[:-1], turn)
+        self.lengths = np.linalg.norm(self._way.step, axis=1)
+        self.turns = np.linalg.norm(turn, axis=1)
+        count = len(turn)
         self.straight, self._arc = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-        self._origin, self._chord = np.zeros((count, 9)), np.zeros((count, 9))
-        self._moves = np.zeros(count, dtype=bool)
+        self._lines = _Lines(np.zeros((count, 9)), np.zeros((count, 9)))
+        # Whether the linear rows measure progress, and the length of the interval in the rows that
+        # do, m or rad.
+        self._moves, self._extent = np.zeros(count, dtype=bool), np.zeros(count)
         for number, projector in enumerate(self.projectors):
             here = np.flatnonzero(self.which == number)
             first, last = (R_d[here], p_d[here]), (R_d[here + 1], p_d[here + 1])
-            errors = resolved_twist_error(*first, *last, projector)[1]
+            turned = resolved_twist_error(*first, *last, projector)[1][:, 3:]
             # The rows at the first waypoint, in any frame.
             basis = projector.linear.basis
             if projector.frame != "world":
                 basis = R_d[here] @ basis
-            seen = np.swapaxes(basis, -1, -2) @ self._step[here][:, :, None]
-            self._linear[here] = (basis @ seen)[:, :, 0]
-            self._angular[here] = errors[:, 3:]
-            moves = (self._linear[here] ** 2).sum(axis=1) > _SHORT
+            seen = np.swapaxes(basis, -1, -2) @ self._way.step[here][:, :, None]
+            w = (basis @ seen)[:, :, 0]
+            moves = (w**2).sum(axis=1) > _SHORT
             self._moves[here] = moves
-            whole = projector.linear.kind is ProjectorKind.FULL
-            self.straight[here] = moves & (whole or projector.frame != "body")
+            self._extent[here] = np.linalg.norm(np.where(moves[:, None], w, turned), axis=1)
+            if projector.linear.kind is ProjectorKind.FULL or projector.frame != "body":
+                on = here[moves]
+                self.straight[on] = True
+                self._lines.begin[on, :3], self._lines.along[on, :3] = p_d[on], w[moves]
             if projector.angular.kind in (ProjectorKind.FULL, ProjectorKind.PLANE):
-                x = self._turning(projector, R_d[here])
-                self._origin[here] = x
-                self._chord[here] = self._turning(projector, R_d[here + 1]) - x
-                turned = (errors[:, 3:] ** 2).sum(axis=1) > _SHORT
-                self._arc[here] = ~moves & turned
+                on = here[~moves & ((turned**2).sum(axis=1) > _SHORT)]
+                self._arc[on] = True
+                x = self._turning(projector, R_d[on])
+                self._lines.begin[on] = x
+                self._lines.along[on] = self._turning(projector, R_d[on + 1]) - x
 
     @property
     def by_rate(self) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
@@ -85,8 +118,9 @@ class Intervals:
 
     def at(self, interval: Indices, share: Array) -> tuple[Array, Array]:
         """Rotations (K, 3, 3) and positions (K, 3) at shares of intervals, (K,)."""
-        turned = rotation_matrix(share[:, None] * self._turn[interval])
-        return turned @ self._R[interval], self._p[interval] + share[:, None] * self._step[interval]
+        way, share = self._way, share[:, None]
+        turned = rotation_matrix(share * way.turn[interval])
+        return turned @ way.R[interval], way.p[interval] + share * way.step[interval]
 
     def progress(self, R: Array, p: Array, interval: Indices, even: Array) -> tuple[Array, Array]:
         """Progress of poses along intervals: raw (share of the chord, not clipped), and λ, (K,).
@@ -95,15 +129,16 @@ class Intervals:
         """
         raw = even.copy()
         straight, arc = self.straight[interval], self._arc[interval]
+        begin, along = self._lines
         if straight.any():
             on = interval[straight]
-            raw[straight] = _along(p[straight] - self._p[on], self._linear[on])
+            raw[straight] = _along(p[straight] - begin[on, :3], along[on, :3])
         for number, projector in enumerate(self.projectors):
             here = np.flatnonzero(self.which[interval] == number)
             bent = here[arc[here]]
             if len(bent):
-                x = self._turning(projector, R[bent]) - self._origin[interval[bent]]
-                raw[bent] = _along(x, self._chord[interval[bent]])
+                x = self._turning(projector, R[bent]) - begin[interval[bent]]
+                raw[bent] = _along(x, along[interval[bent]])
             rest = here[~straight[here] & ~arc[here]]
             if len(rest):
                 raw[rest] = self._by_errors(projector, R[rest], p[rest], interval[rest], even[rest])
@@ -124,7 +159,7 @@ class Intervals:
 
     def velocity(self, interval: Indices) -> Array:
         """Twist (linear, angular) of the target with λ, world axes, m and rad, (K, 6)."""
-        return np.hstack([self._step[interval], self._turn[interval]])
+        return np.hstack([self._way.step[interval], self._way.turn[interval]])
 
     def share(self, interval: Indices, raw: Array) -> Array:
         """λ in [0, 1] from raw progress; converts a chord's share to its arc's; monotonic, (K,)."""
@@ -144,9 +179,8 @@ class Intervals:
             bend: Bound of the second derivative of its origin, m.
         """
         straight, arc = self.straight[interval], self._arc[interval]
-        of_line = np.where(straight, np.linalg.norm(self._linear[interval], axis=1), 1.0)
-        of_arc = np.where(arc, np.linalg.norm(self._chord[interval], axis=1), 1.0)
-        return np.where(straight, bend / of_line, np.where(arc, curl / of_arc, 0.0)) / 8.0
+        length = np.where(straight | arc, np.linalg.norm(self._lines.along[interval], axis=1), 1.0)
+        return np.where(straight, bend, np.where(arc, curl, 0.0)) / length / 8.0
 
     def steepest(
         self, interval: Indices, ends: tuple[Array, Array], curve: Array, moved: tuple[Array, Array]
@@ -162,7 +196,7 @@ class Intervals:
         slope = np.abs(ends[1] - ends[0]) + 4.0 * curve  # ‖x″‖/2 more than the chord's
         arc = self._arc[interval]
         slope = np.where(arc, slope * self._of_arc(interval, ends, curve)[0], slope)
-        length = self._length(interval)
+        length = self._extent[interval]
         rest = np.divide(
             np.where(self._moves[interval], *moved),
             length,
@@ -206,15 +240,7 @@ class Intervals:
     def within(self, tolerances: tuple[float, float]) -> Array:
         """The share of each interval that task errors within the tolerances can add, (N − 1,)."""
         error = np.where(self._moves, *tolerances)
-        length = np.maximum(self._length(np.arange(len(error))), _SHORT)
-        return 2.0 * error / length
-
-    def _length(self, interval: Indices) -> Array:
-        """Length of intervals in the rows that measure progress, m or rad, (K,)."""
-        linear, angular = (
-            np.linalg.norm(part[interval], axis=1) for part in (self._linear, self._angular)
-        )
-        return np.asarray(np.where(self._moves[interval], linear, angular))
+        return np.asarray(2.0 * error / np.maximum(self._extent, _SHORT))
 
     @staticmethod
     def _turning(projector: TwistProjector, R: Array) -> Array:
@@ -232,7 +258,7 @@ class Intervals:
     ) -> Array:
         """Progress from the task errors to both waypoints, for rows that turn with the body."""
         ends = [
-            resolved_twist_error(R, p, self._R[k], self._p[k], projector)[1]
+            resolved_twist_error(R, p, self._way.R[k], self._way.p[k], projector)[1]
             for k in (interval, interval + 1)
         ]
         raw = even.copy()
