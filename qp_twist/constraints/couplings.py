@@ -41,7 +41,6 @@ class JointCouplings(Constraint):
         second: That of the second one, (C,); the first again if there is none.
         start: Their positions at ``qpos0``, rad or m, (C, 2).
         coefficients: :math:`c_0 \dots c_4`, (C, 5).
-        joints: Name of the joint of each degree of freedom.
     """
 
     kind = "coupling"
@@ -80,7 +79,6 @@ class JointCouplings(Constraint):
             for one, two, by_itself in zip(self.first, self.second, alone, strict=True)
         )
         self.units = tuple(ranges.units[dof] for dof in self.first)
-        self.joints = ranges.names
         self._ranges, self._reference = ranges, model.qpos0.copy()
         self._each = np.arange(len(self.names))
         # Coefficients of p and its derivatives, without powers that no coupling has.
@@ -93,6 +91,11 @@ class JointCouplings(Constraint):
                 f"model: the coupling of {broken} has coefficients that are no numbers; check "
                 "polycoef in the scene's <equality>."
             )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Name of the joint of each degree of freedom."""
+        return self._ranges.names
 
     @property
     def curved(self) -> Mask:
