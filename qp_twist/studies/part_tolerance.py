@@ -348,37 +348,77 @@ def _unprovable(trajectory: Trajectory) -> str:
     return ""
 
 
-class _Proof:
-    """Radii of the solutions near all rows of a motion, for boxes of displacements."""
+class _NearbyRows:
+    """Rows h(q, x) of the path near a motion's rows q₀, with A their Jacobian and C its inverse.
 
-    def __init__(self, trajectory: Trajectory, place: Placing, widths: Array) -> None:
-        task = trajectory.path_task
-        self._task, self._q, self._widths, self._place = task, trajectory.q, widths, place
-        self._ranges = JointRanges.of(task.model)
-        self._chain = SerialChain.of(task.model, task.frame_name, task.frame_type)
-        self._hinge = np.array([not screw.slides for screw in self._chain.screws])
-        self._dofs = [screw.dof for screw in self._chain.screws]
-        self._reference = np.array([screw.reference for screw in self._chain.screws])
-        rotations, positions, J = self._chain.poses_and_jacobians(self._q)
-        arms = positions - place.about
-        self._arm = np.linalg.norm(arms, axis=1)
-        rows, turned, self._factor = _angular_rows(trajectory.path.projectors, rotations, J[:, 3:])
+    Attributes:
+        by_part: CL, displacements of the joints with the part's, (N, nv, 6).
+        across: Norms of C's parts for the positions and for the directions, (2, N, nv).
+        left: ‖1 − AC‖, which is rounding where the rows are independent, (N,).
+        factor: Of the bound of the directions' change, (N,).
+        arm: Distance of the tool from the point about which the part is turned, m, (N,).
+        errors: ‖h(q₀, 0)‖ of the positions, m, and of the directions, rad, (N,) each.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, frames: tuple[Array, Array, Array], about: Array
+    ) -> None:
+        """The rows of a motion with these frames, for a part that is turned about a point, m."""
+        rotations, positions, J = frames
+        arms = positions - about
+        rows, turned, self.factor = _angular_rows(trajectory.path.projectors, rotations, J[:, 3:])
         A = np.concatenate([J[:, :3], rows], axis=1)
-        across = np.linalg.pinv(A)
-        # 1 − AC, which is rounding where the rows are independent.
+        C = np.linalg.pinv(A)
         held = np.linalg.norm(turned, axis=2) > 0.5
         one = np.concatenate([np.ones_like(held), held], axis=1)[:, :, None] * np.eye(6)
-        self._left = np.linalg.norm(one - A @ across, axis=(1, 2))
+        self.left = np.linalg.norm(one - A @ C, axis=(1, 2))
         # How the rows change with a shift and a turn of the part: those of p − p_d by φ × arm.
         of_part = np.zeros((len(A), 6, 6))
         of_part[:, :3, :3] = np.eye(3)
         of_part[:, :3, 3:] = cross(np.eye(3), arms[:, None]).swapaxes(1, 2)
         of_part[:, 3:, 3:] = turned
-        self._by_part = across @ of_part
-        self._across = np.linalg.norm(across.reshape(len(A), -1, 2, 3), axis=3).transpose(2, 0, 1)
+        self.by_part = C @ of_part
+        self.across = np.linalg.norm(C.reshape(len(A), -1, 2, 3), axis=3).transpose(2, 0, 1)
+        self.arm = np.linalg.norm(arms, axis=1)
+        self.errors = trajectory.position_error, trajectory.axis_error
+
+
+class _NearbyChain:
+    """Bounds of how a chain turns and bends where its joints are off a motion's rows (N, nq)."""
+
+    def __init__(self, chain: SerialChain, q: Array, J: Array) -> None:
+        self._chain, self._dofs = chain, [screw.dof for screw in chain.screws]
+        self._hinge = np.array([not screw.slides for screw in chain.screws])
+        reference = np.array([screw.reference for screw in chain.screws])
+        self._extent = np.abs(q[:, self._dofs] - reference)
         self._levers = np.linalg.norm(J[:, :3][:, :, self._dofs], axis=1)
         self._levers[:, ~self._hinge] = 1.0
-        self._errors = trajectory.position_error, trajectory.axis_error
+
+    def turn_and_curl(self, off: Array) -> tuple[Array, Array]:
+        """The frame's turn, rad, and Σ_jl |∂²p/∂q_j∂q_l| d_j d_l, m, (N,) each (LeverArms).
+
+        ``off`` (N, nv) is d, what the joints are off at most.
+        """
+        moves = off[:, self._dofs]
+        own = np.where(self._hinge, moves, 0.0)
+        before = 2.0 * np.cumsum(own, axis=1) - own
+        # Levers as at the row, and what they may change.
+        far = self._chain.levers(self._extent + moves)
+        after = np.cumsum((far * moves)[:, ::-1], axis=1)[:, ::-1] - far * moves
+        levers = np.minimum(far, self._levers + far * (before + own) / 2.0 + after)
+        return own.sum(axis=1), (levers * moves * before).sum(axis=1)
+
+
+class _Proof:
+    """Radii of the solutions near all rows of a motion, for boxes of displacements."""
+
+    def __init__(self, trajectory: Trajectory, place: Placing, widths: Array) -> None:
+        self._task, self._q, self._widths = trajectory.path_task, trajectory.q, widths
+        self._place, self._ranges = place, JointRanges.of(self._task.model)
+        chain = SerialChain.of(self._task.model, self._task.frame_name, self._task.frame_type)
+        frames = chain.poses_and_jacobians(self._q)
+        self._rows = _NearbyRows(trajectory, frames, place.about)
+        self._chain = _NearbyChain(chain, self._q, frames[2])
 
     def fails(self, multiple: float) -> str:
         """What is not proven at a multiple of the box, in words; empty if all is."""
@@ -393,32 +433,24 @@ class _Proof:
 
     def _deviations(self, box: Array) -> Array | None:
         """Bounds of |q − q₀| at each row, (N, nv); ``None`` if the radii do not converge."""
-        position_error, axis_error = self._errors
-        angle = float(np.linalg.norm(box[3:]))
-        linear = np.abs(self._by_part) @ box
+        rows, angle = self._rows, float(np.linalg.norm(box[3:]))
+        position_error, axis_error = rows.errors
+        linear = np.abs(rows.by_part) @ box
         # What exp(φ) adds to 1 + [φ], of the arm from where the part is turned and of an axis.
         rest = 0.5 * angle**2
-        least = rest * self._arm + position_error + _ROUNDING, rest + axis_error + _ROUNDING
+        least = rest * rows.arm + position_error + _ROUNDING, rest + axis_error + _ROUNDING
         radii = least
         for _ in range(_ITERATIONS):
             wide = [1.01 * radius for radius in radii]
             off: Array = (
-                linear + self._across[0] * wide[0][:, None] + self._across[1] * wide[1][:, None]
+                linear + rows.across[0] * wide[0][:, None] + rows.across[1] * wide[1][:, None]
             )
-            moves = off[:, self._dofs]
-            own = np.where(self._hinge, moves, 0.0)
-            turns = own.sum(axis=1)
+            turns, curl = self._chain.turn_and_curl(off)
             angles = turns + angle + axis_error
             if not angles.max() < 1.0:  # NaN, too: the rows also vanish at the opposite axis
                 return None
-            # Σ_jl |∂²p/∂q_j∂q_l| d_j d_l (LeverArms), with levers as at q₀ and what they may change
-            before = 2.0 * np.cumsum(own, axis=1) - own
-            far = self._chain.levers(np.abs(self._q[:, self._dofs] - self._reference) + moves)
-            after = np.cumsum((far * moves)[:, ::-1], axis=1)[:, ::-1] - far * moves
-            levers = np.minimum(far, self._levers + far * (before + own) / 2.0 + after)
-            curl = (levers * moves * before).sum(axis=1)
-            lost = self._left * (wide[0] + wide[1])
-            found = least[0] + curl + lost, least[1] + self._factor * turns * angles + lost
+            lost = rows.left * (wide[0] + wide[1])
+            found = least[0] + curl + lost, least[1] + rows.factor * turns * angles + lost
             if all((a <= b).all() for a, b in zip(found, wide, strict=True)):
                 return off
             radii = np.maximum(radii[0], found[0]), np.maximum(radii[1], found[1])
