@@ -37,12 +37,7 @@ class HardConstraints:
     Attributes:
         names: Name of each of the k margins in messages.
         units: ``"rad"`` or ``"m"`` of each.
-        between_allowed: Largest violation between waypoints of each, rad or m, (k,).
         halves: Half the width of each range, rad or m, (k,); ∞ for constraints.
-        lazy: Whether programs evaluate margins between waypoints only where one was violated:
-            with clearances only, which take longer than all else.
-        cuts: Whether a constraint may cut a self-motion manifold into pieces: any but couplings,
-            which a search keeps as equality rows (:class:`~qp_twist.planning.path_rows.PathRows`).
     """
 
     def __init__(
@@ -57,10 +52,6 @@ class HardConstraints:
         hard = [(k, band) for k, band in enumerate(path_task.bands) if band.weight is None]
         self.bands: tuple[ToleranceBand, ...] = tuple(band for _, band in hard)
         self.constraints = tuple(c for c in path_task.stated_constraints if c.names)
-        self.cuts = bool(self.bands) or not all(
-            isinstance(constraint, JointCouplings) for constraint in self.constraints
-        )
-        self.lazy = not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
         names, units, widths = [], [], []
         for k, band in hard:
             several = len(band.ranges) > 1
@@ -76,11 +67,10 @@ class HardConstraints:
             names += [f"{label}, {name}" for name in constraint.names]
             units += constraint.units
         self.names, self.units = tuple(names), tuple(units)
-        self.between_allowed: Array = np.array([BETWEEN[unit] for unit in units])
         self.halves: Array = np.array(widths + [np.inf] * (len(names) - len(widths)))
         if not self:
             return
-        path = path or path_task.at()
+        self._path = path = path or path_task.at()
         for projector in {id(T): T for T in path.projectors}.values():
             check_bands(path_task.name, self.bands, projector)
         for name, half in zip(self.names, self.halves, strict=True):
@@ -89,7 +79,6 @@ class HardConstraints:
                     f"{path_task.name}: {name} is narrower than {NARROWEST:g} rad or m; hold that "
                     "direction by the projector, or widen the band."
                 )
-        self._rotations, self._positions = path.rotations, path.positions
         self._intervals = Intervals(path.rotations, path.positions, fewer_rows(path.projectors))
         self._fixed: Mask = np.zeros((len(path.projectors), len(names)), dtype=bool)
         for fixed, T in zip(self._fixed, path.projectors, strict=True):
@@ -97,6 +86,25 @@ class HardConstraints:
 
     def __len__(self) -> int:
         return len(self.bands) + len(self.constraints)
+
+    @property
+    def between_allowed(self) -> Array:
+        """The violation of each margin that is allowed between waypoints, rad or m, (k,)."""
+        return np.array([BETWEEN[unit] for unit in self.units])
+
+    @property
+    def cuts(self) -> bool:
+        """Whether a constraint may cut a self-motion manifold into pieces: any but couplings.
+
+        A search keeps these as equality rows (:class:`~qp_twist.planning.path_rows.PathRows`).
+        """
+        return bool(self.bands) or not all(isinstance(c, JointCouplings) for c in self.constraints)
+
+    @property
+    def lazy(self) -> bool:
+        """Whether programs evaluate margins between waypoints only where one was violated."""
+        # Only clearances take longer than all else.
+        return not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
 
     def margins(self, q: Array, at: Indices) -> Array:
         """Margins (K, k) of configurations q (K, nv) at waypoints (K,), rad or m.
@@ -298,4 +306,4 @@ class HardConstraints:
 
     def _pair(self, rotations: Array, positions: Array, at: Indices) -> FramePair:
         """Frames and their waypoints, at rest."""
-        return FramePair(rotations, positions, self._rotations[at], self._positions[at])
+        return FramePair(rotations, positions, self._path.rotations[at], self._path.positions[at])
