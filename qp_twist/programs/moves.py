@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import mink
 import numpy as np
@@ -31,6 +31,9 @@ _LISTED = 12
 """Kinds of statements that a note lists."""
 Kind = Literal["passed", "setting", "speed", "pause"]
 """Statements that do not move the robot: others, of tool, base or load, of speeds, waits."""
+
+
+_Value = TypeVar("_Value")
 
 
 class JointMove(NamedTuple):
@@ -117,6 +120,22 @@ class Moves:
         """What was taken for granted, once."""
 
 
+class _Point(NamedTuple):
+    """A point to which a program moves.
+
+    Attributes:
+        angles: What the controller shows there; NaN where only its pose is known.
+        move: The move to it.
+        zone: How it is rounded, if it is.
+        external: Positions of the external axes, by name.
+    """
+
+    angles: list[float]
+    move: JointMove
+    zone: Zone | None
+    external: Mapping[str, float]
+
+
 class Course(Moves):
     """Points and times of a program's joint moves.
 
@@ -130,34 +149,23 @@ class Course(Moves):
         """``calls``: procedures that switch the process, and which the program may lack."""
         super().__init__()
         self._calls = {name.lower() for name in calls}
-        self._called: dict[str, dict[int, None]] = {}
-        self._points: list[list[float]] = []
-        self._durations: list[float] = []
-        self._velocities: list[list[float]] = []
+        self._points: list[_Point] = []
         self._untimed: tuple[int, str, str] | None = None
         self._waits: list[tuple[int, str]] = []
         self._notes: dict[str, None] = {}
-        self._noted: dict[bool, dict[str, dict[int, None]]] = {False: {}, True: {}}
+        self._noted: dict[Kind | Literal["called"], dict[str, dict[int, None]]] = {
+            "called": {}, "setting": {}, "passed": {},
+        }  # fmt: skip
         self._external: dict[str, float] = {}
-        self._externals: list[dict[str, float]] = []
         self._columns: dict[str, ExternalColumn] = {}
-        self._straight: list[int] = []
-        self._lines: list[int] = []
         self._tool = ""
-        self._targets: list[Target | None] = []
-        self._speeds: list[Speed | None] = []
-        self._circles: list[Circle | None] = []
-        self._zones: list[Zone | None] = []
         self._zone: Zone | None = None
-        self._accelerations: list[float | None] = []
-        self._tcps: list[mink.SE3 | None] = []
-        self._rests: list[int] = []
+        self._rests: set[int] = set()
         self._numbers: dict[str, dict[str, None]] = {"tool": {}, "frame": {}}
-        self._parts: dict[str | None, int] = {}
 
     def joint(self, move: JointMove) -> None:
         """Move to angles; the first move leads to the start, and its time does not count."""
-        line, angles, _, seconds, rates, external, tool, target, speed, part, circle, a, *_ = move
+        line, angles, _, seconds, rates, external, tool, target, speed, _, circle, a, *_ = move
         if angles is None and target is None:
             raise InvalidInput("a Cartesian target; only joint angles can be checked.", line=line)
         angles = [math.nan] * AXES if angles is None else angles
@@ -172,38 +180,18 @@ class Course(Moves):
             )
         if not all(0.0 < each < math.inf for each in (*(speed or ()), 1.0 if a is None else a)):
             raise InvalidInput("a speed or acceleration is not positive and finite.", line=line)
-        if self._points:
-            if seconds is None and speed is None:
-                self._without_time(line, "the move", "has no time")
-            self._durations.append(math.nan if seconds is None else seconds)
-            self._speeds.append(speed if seconds is None else None)
+        if self._points and seconds is None and speed is None:
+            self._without_time(line, "the move", "has no time")
         if tool and not self._points:
             raise InvalidInput("expected a joint move first, to where it begins.", line=line)
         if tool and self._tool not in ("", tool):
             raise InvalidInput(f"moves the tool {tool} straight, before {self._tool}.", line=line)
         self._tool = tool or self._tool
-        if tool or target is not None:
-            self._parts.setdefault(target.frame.part if target else part, line)
-        if self._points:
-            self._straight.append(line if tool else 0)
-            self._circles.append(circle)
-        self._lines.append(line)
-        self._targets.append(target)
-        self._accelerations.append(a)
-        self._tcps.append(move.tcp)
-        self._ends(passes=move.passes)
-        self.external(line, external)
-        self._points.append(angles)
-        self._externals.append(dict(self._external))
-        if rates is not None:
-            self._velocities.append(rates)
-
-    def _ends(self, *, passes: bool) -> None:
-        """A point, at which the robot comes to rest unless it is rounded, or the move passes it."""
         zone, self._zone = self._zone, None
-        if not passes and (zone is None or min(zone.radius, zone.share) == 0.0):
-            self._rests.append(len(self._zones))
-        self._zones.append(zone)
+        if not move.passes and (zone is None or min(zone.radius, zone.share) == 0.0):
+            self._rests.add(len(self._points))
+        self.external(line, external)
+        self._points.append(_Point(angles, move, zone, dict(self._external)))
 
     def external(self, line: int, axes: Mapping[str, tuple[float, str]]) -> None:
         """One that is not given stays where it is.
@@ -230,8 +218,8 @@ class Course(Moves):
         if self._points:  # whose zone no controller rounds
             self.rests()
         if self._points and seconds > 0.0:
-            at, target = list(self._points[-1]), self._targets[-1]
-            self.joint(JointMove(line, at, None, seconds, target=target))
+            last = self._points[-1]
+            self.joint(JointMove(line, last.angles, None, seconds, target=last.move.target))
             self._waits.append((line, f"a wait of {seconds:g} s"))
 
     def rounds(self, zone: Zone) -> None:
@@ -245,7 +233,7 @@ class Course(Moves):
 
     def rests(self) -> None:
         """At the last point."""
-        self._rests.append(len(self._zones) - 1)
+        self._rests.add(len(self._points) - 1)
 
     def uses(self, tool: str, frame: str) -> None:
         """Their numbers, which the header may state."""
@@ -260,13 +248,13 @@ class Course(Moves):
             return
         if kind == "speed":
             self._without_time(line, word, "changes speeds or accelerations")
-        self._noted[kind != "passed"].setdefault(word, {})[line] = None
+        self._noted["passed" if kind == "passed" else "setting"].setdefault(word, {})[line] = None
 
     def called(self, line: int, name: str) -> bool:
         """A procedure that the task names is passed over, and noted."""
         if name.lower() not in self._calls:
             return False
-        self._called.setdefault(name, {})[line] = None
+        self._noted["called"].setdefault(name, {})[line] = None
         return True
 
     def note(self, text: str) -> None:
@@ -287,39 +275,30 @@ class Course(Moves):
                 f"there {'is one joint move' if self._points else 'are no joint moves'} in the "
                 "program; expected two or more."
             )
-        for k, (speed, line) in enumerate(zip(self._speeds, self._straight, strict=True)):
-            if speed is not None and not line and not {k, k + 1} <= {*self._rests}:
-                self._without_time(self._lines[k + 1], "the move", "does not begin and end at rest")
+        moves = [point.move for point in self._points]
+        straight = [move.line if move.tool else 0 for move in moves[1:]]
+        speeds = [move.speed if move.seconds is None else None for move in moves[1:]]
+        for k, (speed, line) in enumerate(zip(speeds, straight, strict=True)):
+            if speed is not None and not line and not {k, k + 1} <= self._rests:
+                self._without_time(moves[k + 1].line, "the move", "does not begin and end at rest")
+        parts: dict[str | None, int] = {}
+        for move in moves:
+            if move.tool or move.target is not None:
+                part = move.target.frame.part if move.target else move.part
+                parts.setdefault(part, move.line)
         notes = list(self._notes)
-        targets = [target for target in self._targets if target is not None]
-        if self._tool and "hand" in self._parts:
-            notes.append(
-                f"{np.count_nonzero(self._straight)} straight moves of the part along a tool at "
-                "rest, which has to be the task's frame; the part turns in proportion about a "
-                "fixed axis"
-            )
-        elif self._tool:
-            tools = zip(self._tcps[1:], self._straight, strict=True)
-            stated = all(tcp is not None for tcp, line in tools if line)
-            where = "is where the program states it" if stated else "has to be the task's frame"
-            circles = [each.rule for each in self._circles if each is not None]
-            count = np.count_nonzero(self._straight) - len(circles)
-            lines = f"{count} straight moves of {self._tool}"
-            turns = [f"{_TURNS[rule]} ({circles.count(rule)})" for rule in sorted({*circles})]
-            notes.append(
-                f"{lines}{f' and {len(circles)} on circles' if circles else ''}: its TCP {where}; "
-                "its orientation turns in proportion about a fixed axis"
-                + (f", and on circles {', '.join(turns)}" if turns else "")
-            )
+        if self._tool:
+            notes.append(_of_straight([move for move in moves[1:] if move.tool], "hand" in parts))
+        targets = [move.target for move in moves if move.target is not None]
         frames = {target.frame.name: target.frame.pose for target in targets}
         if unknown := [name for name, pose in frames.items() if pose is None]:
             notes.append(
                 f"positions are in {', '.join(unknown)}, which the program does not state: it has "
                 "to be the world of the task, or the part's frame if that moves"
             )
-        if self._called:
+        if called := self._noted["called"]:
             notes.append(
-                f"procedures of the process, which are not in the file: {_listed(self._called)}; "
+                f"procedures of the process, which are not in the file: {_listed(called)}; "
                 "they must not move the robot, and the time that they take is not known"
             )
         untimed = None
@@ -335,28 +314,56 @@ class Course(Moves):
             else "the path of axis moves does not depend on tool, base, load or speed (checked is "
                  "the task's tool)"
         )  # fmt: skip
-        for settings, why in (
-            (True, unchanged),
-            (False, "it does not move the robot"),
-        ):  # fmt: skip
-            if self._noted[settings]:
-                notes.append(f"passed over, since {why}: {_listed(self._noted[settings])}")
-        external = [[at.get(axis, math.nan) for axis in self._columns] for at in self._externals]
+        for words, why in (
+            (self._noted["setting"], unchanged),
+            (self._noted["passed"], "it does not move the robot"),
+        ):
+            if words:
+                notes.append(f"passed over, since {why}: {_listed(words)}")
+        times = [math.nan if move.seconds is None else move.seconds for move in moves[1:]]
+        rates = [move.rates for move in moves if move.rates is not None]
         return JointMoves(
-            np.column_stack([self._points, np.array(external).reshape(len(external), -1)]),
-            np.array(self._durations) if untimed is None else None,
-            np.array(self._velocities) if self._velocities else None,
+            np.array([
+                point.angles + [point.external.get(axis, math.nan) for axis in self._columns]
+                for point in self._points
+            ]),
+            np.array(times) if untimed is None else None,
+            np.array(rates) if rates else None,
             header, tuple(notes), tuple(self._waits), untimed, tuple(self._columns.values()),
-            tuple(self._straight) if self._tool else None,
-            targets=tuple(self._targets) if targets else (),
-            speeds=tuple(self._speeds) if any(self._speeds) else (), parts=self._parts,
-            circles=tuple(self._circles) if any(self._circles) else (),
-            zones=tuple(self._zones) if any(self._zones) else (),
-            accelerations=tuple(self._accelerations) if any(self._accelerations) else (),
+            tuple(straight) if self._tool else None,
+            targets=_if_any(move.target for move in moves), speeds=_if_any(speeds), parts=parts,
+            circles=_if_any(move.circle for move in moves[1:]),
+            zones=_if_any(point.zone for point in self._points),
+            accelerations=_if_any(move.acceleration for move in moves),
             numbers={what: ", ".join(each) for what, each in self._numbers.items()},
-            tcps=tuple(self._tcps) if any(self._tcps) else (), rests=tuple(sorted({*self._rests})),
-            lines=tuple(self._lines),
+            tcps=_if_any(move.tcp for move in moves), rests=tuple(sorted(self._rests)),
+            lines=tuple(move.line for move in moves),
         )  # fmt: skip
+
+
+def _of_straight(moves: Sequence[JointMove], by_hand: bool) -> str:
+    """A note on the straight moves of a tool, or of the part that the robot holds along it."""
+    if by_hand:
+        return (
+            f"{len(moves)} straight moves of the part along a tool at rest, which has to be the "
+            "task's frame; the part turns in proportion about a fixed axis"
+        )
+    stated = all(move.tcp is not None for move in moves)
+    where = "is where the program states it" if stated else "has to be the task's frame"
+    circles = [move.circle.rule for move in moves if move.circle is not None]
+    turns = [f"{_TURNS[rule]} ({circles.count(rule)})" for rule in sorted({*circles})]
+    return (
+        f"{len(moves) - len(circles)} straight moves of {moves[0].tool}"
+        f"{f' and {len(circles)} on circles' if circles else ''}: its TCP {where}; "
+        "its orientation turns in proportion about a fixed axis"
+        + (f", and on circles {', '.join(turns)}" if turns else "")
+    )
+
+
+def _if_any(values: Iterable[_Value | None]) -> tuple[_Value | None, ...]:
+    """Values of all points or moves, if any has one."""
+    found = tuple(values)
+    return found if any(each is not None for each in found) else ()
 
 
 def _listed(words: Mapping[str, Mapping[int, None]]) -> str:
