@@ -38,10 +38,10 @@ _NAMED = 0.1
 class SingularExit:
     r"""A motion of the joints that move nothing of the task, to where they can.
 
-    At a singularity A = Σ σᵢ uᵢ vᵢᵀ has a direction u with σ = 0. If the task asks for it, no
-    joint velocity helps, and at a symmetric posture, as that of all zeros often is, the gradient of
-    any measure of manipulability vanishes, too: what leads out is of second order. So the arm is
-    looked at a little further on: of the candidates
+    At a singularity the task rows A = UᵀJ = Σ σᵢ uᵢ vᵢᵀ have a direction u with σ = 0. If the task
+    asks for it, no joint velocity helps, and at a symmetric posture, as that of all zeros often is,
+    the gradient of any measure of manipulability vanishes, too: what leads out is of second order.
+    So the arm is looked at a little further on: of the candidates
 
     .. math::
 
@@ -53,8 +53,9 @@ class SingularExit:
     .. math:: p = 1 - \lambda^2\,\frac{\mathbf m^T(\mathbf A\mathbf A^T
         + \lambda^2\mathbf 1)^{-1}\mathbf m}{\mathbf m^T\mathbf m} ,
 
-    without moving the tool against it. At the edge of the reach there is none: whatever bends the
-    arm moves the tool back. While the arm moves along d, the secondary objectives wait.
+    without moving the tool against m. λ is ``REGULAR``, the singular value from which on the steps
+    meet a direction exactly. At the edge of the reach there is none: whatever bends the arm moves
+    the tool back. While the arm moves along d, the secondary objectives wait.
 
     Attributes:
         joints: Names of the joints that lead out; empty where nothing does or has to.
@@ -62,7 +63,7 @@ class SingularExit:
     """
 
     def __init__(self, controller: Controller, settings: StreamSettings) -> None:
-        """For the first level of a controller; the motion fades in and out as a stream stops."""
+        """For a controller's first level; the motion fades within ``settings.stop_within``, s."""
         self.joints: tuple[str, ...] = ()
         self.fade = Fade(settings)
         stating = [item for item in controller.levels[0] if not isinstance(item, mink.Limit)]
@@ -88,7 +89,7 @@ class SingularExit:
     def look(self, configuration: mink.Configuration, step: Step | None) -> None:
         """Decide on the motion of the next tick.
 
-        ``step`` is one that lacks what the operator asks for; ``None`` if there is none.
+        ``step`` is the tick's, if the robot is behind its targets; otherwise ``None``.
         """
         found = step is not None and self._look(configuration, step)
         share = self.fade.towards(found)
@@ -182,7 +183,7 @@ def _candidates(A: Array) -> Iterator[Array]:
 
 
 def _possible(A: Array, motion: Array) -> float:
-    """p: share of a motion of the task that the joints can make."""
+    """p: share of a motion (m,), in the rows of A, that the joints can make."""
     m = len(A)
     damped = np.linalg.solve(A @ A.T + REGULAR**2 * np.eye(m), motion)
     return 1.0 - REGULAR**2 * float(motion @ damped) / max(float(motion @ motion), 1e-300)

@@ -12,8 +12,9 @@ from qp_twist.checks import Array, number
 from qp_twist.control.step import Status, Step
 
 STILL = 1e-2
-"""rad/s or m/s: a joint that is slower counts as standing."""
+"""Speed below which a joint counts as at rest, rad/s or m/s."""
 _SHORTEST, _LONGEST, _PER_DECADE = 1e-7, 1e2, 100
+"""Range of the histogram, s, and its bins per decade."""
 _BINS = round(_PER_DECADE * math.log10(_LONGEST / _SHORTEST))
 
 
@@ -37,6 +38,7 @@ class Tick:
     velocity: Array
     """q̇, rad/s or m/s, (nv,)."""
     state: ServoState
+    """What the servo is doing."""
     step: Step | None
     """The controller's step; ``None`` if it found none."""
     failure: str = ""
@@ -76,9 +78,9 @@ class TickTimes:
     Attributes:
         period: What a tick may take, s.
         count: Number of ticks.
-        late: Ticks that took longer than the period.
-        late_by_itself: Those of them in which this thread computed for longer than the period;
-            in the others the machine did something else.
+        late: Deadline overruns: ticks that took longer than the period by the clock.
+        late_by_itself: Those of them whose thread also used more processor time than the period;
+            in the others it was waiting for the machine.
         longest: The longest, s.
     """
 
@@ -90,7 +92,7 @@ class TickTimes:
         self._histogram = np.zeros(_BINS, dtype=np.int64)
 
     def add(self, seconds: float, processor_seconds: float) -> None:
-        """Count a tick by its duration on the clock and on the processor."""
+        """Count a tick by its duration and the processor time of its thread, both in s."""
         place = int(_PER_DECADE * math.log10(max(seconds, _SHORTEST) / _SHORTEST))
         self._histogram[min(place, _BINS - 1)] += 1
         self.count += 1

@@ -73,14 +73,22 @@ class Projector:
 
     @classmethod
     def plane(cls, normal: npt.ArrayLike) -> Projector:
-        """P = 1 − e eᵀ: the plane perpendicular to ``normal`` (rank 2)."""
+        """P = 1 − e eᵀ: the plane perpendicular to ``normal`` (rank 2).
+
+        Raises:
+            InvalidInput: If it is not three finite numbers, or zero.
+        """
         e = unit_vector("normal", normal)
         u = perpendicular(e)
         return cls(ProjectorKind.PLANE, np.column_stack([u, cross(e, u)]), e)
 
     @classmethod
     def line(cls, direction: npt.ArrayLike) -> Projector:
-        """L = e eᵀ: the line along ``direction`` (rank 1)."""
+        """L = e eᵀ: the line along ``direction`` (rank 1).
+
+        Raises:
+            InvalidInput: If it is not three finite numbers, or zero.
+        """
         e = unit_vector("direction", direction)
         return cls(ProjectorKind.LINE, e[:, None].copy(), e)
 

@@ -18,6 +18,7 @@ from qp_twist.kernel.compiling import part, plain
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Kinds, as in MuJoCo's ``mjtGeom``."""
 MOST_ITERATIONS = 200
+"""Support points searched at most; a pair that needs more keeps its last distance."""
 APART = 1e-2
 """Distance to which cores that intersect are moved apart to find the next direction, m."""
 STARTS, MOST_CLIMBS, CLIMBED = 12, 60, 1e-12
@@ -41,9 +42,9 @@ SHAPE = np.dtype(
         ("half", _F, 3),  # half lengths of a box about the centre that contains it, m
         ("body", _I),
         ("at", _F, 3),  # its position in its body, m
-        ("about", _F, 9),  # its rotation there
+        ("about", _F, 9),  # its rotation there, row-major
         ("x", _F, 3),  # its position in the world, m
-        ("R", _F, 9),
+        ("R", _F, 9),  # its rotation there, row-major
         ("middle", _F, 3),  # the centre of its ball there
     ],
     align=True,
@@ -218,7 +219,7 @@ def _nearest(s, count):
 
 @plain
 def _of_cores(a, b, vertices, enough, s):
-    """Distance of the cores of a and b; a lower bound above ``enough``; 0 if they intersect."""
+    """Distance of the cores, m, or a lower bound above ``enough``; 0 if they intersect."""
     count, lower = 0, 0.0
     s.v[0], s.v[1], s.v[2] = minus(a.x, b.x)
     square = dot(s.v, s.v)
@@ -405,10 +406,9 @@ def _from_box(shape, p):
 
 @part
 def at_least(a, b, enough):
-    """A lower bound of the distance of two shapes, m, above ``enough`` if one is known that is.
+    """A lower bound of the distance of two shapes, m; cheap tests first, until one is > ``enough``.
 
-    First that of the balls around the shapes, then that of the ball around one from the box around
-    the other.
+    The first is that of the balls around them, the second that of one's ball and the other's box.
     """
     if PLANE in (a.kind, b.kind):
         plane, c = (a, b) if a.kind == PLANE else (b, a)

@@ -191,7 +191,7 @@ def view_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]
 
 
 def reader(record: RecordType) -> Any:
-    """Make ``read(floats, integers)``, of arrays or their addresses, for kernels."""
+    """Make ``read(floats, integers)``, which returns the record in two arrays, or addresses."""
 
     def read(typing: Any, floats: Any, integers: Any) -> tuple[Any, Any]:
         def code(context: Any, builder: Any, signature: Any, given: Any) -> Any:

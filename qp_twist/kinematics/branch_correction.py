@@ -14,7 +14,7 @@ from qp_twist.kinematics.serial_chain import SerialChain
 BRANCHES = 16
 """Solutions of six hinges at most."""
 _CLOSED, _ROUNDING = 1e-9, 1e-12
-"""Errors of a pose up to which a solution counts, and at which it is left as it is, m and rad."""
+"""Largest error of a solution; error at which it is no longer corrected; m and rad."""
 _STEPS, _LONGEST, _DAMPING = 16, 0.1, 1e-15
 """Newton steps at most, their longest, rad, and what keeps a singular one finite."""
 _ALIKE = 1e-5
@@ -25,10 +25,20 @@ nearly singular they are apart by rounding."""
 def corrected(
     chain: SerialChain, moving: Sequence[int], q: Array, rotations: Array, positions: Array
 ) -> Array:
-    """Solutions (K, B, nv) at poses (K, 3, 3), (K, 3), m, by correcting six joints of q (K, C, nv).
+    """Solutions (K, B, nv) of K poses, each once, from candidates q (K, C, nv) near them.
 
-    To 1e-12, for models whose angles are rounded and roots that nearly coincide. B is C, but at
-    most 16; NaN where there are fewer solutions.
+    Newton's method moves six joints until the pose is met to 1e-12 m and rad. It serves models
+    whose angles are rounded, and roots that nearly coincide.
+
+    Args:
+        chain: The joints up to the frame.
+        moving: Indices of the six hinges in nv that are corrected; the others stay.
+        q: The candidates, rad or m; rows of NaN are none. It is overwritten.
+        rotations: Of the chain's frame to the world, (K, 3, 3).
+        positions: Of its origin in the world, m, (K, 3).
+
+    Returns:
+        The solutions first, then rows of NaN; B is C, or 16 if that is less.
     """
     pose, branch = np.nonzero(np.isfinite(q).all(axis=2))
     arm, at, left = arm_of(chain), q[pose, branch], np.arange(len(pose))
@@ -37,7 +47,7 @@ def corrected(
         poses, jacobians = np.empty((len(left), 12)), np.zeros((len(left), 6, chain.nv))
         arm_kernel.poses_and_jacobians(arm, at[left], poses, jacobians)
         turn = rotations[pose[left]] @ poses[:, :9].reshape(-1, 3, 3).swapaxes(1, 2)
-        about = 0.5 * (turn - turn.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # of small rotations
+        about = 0.5 * (turn - turn.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]]  # axis · sin(angle)
         missed = np.concatenate([positions[pose[left]] - poses[:, 9:], about], axis=1)
         error[left] = np.abs(missed).max(axis=1)
         again = error[left] > _ROUNDING

@@ -12,13 +12,13 @@ from qp_twist.files import AngleUnit, LengthUnit
 from qp_twist.paths.toolpath_points import LONGEST_REACH
 
 _REACH = 2.0 * LONGEST_REACH
-"""Twice the reach of the longest arm on the market, m: what a path in it is at most across."""
+"""Diameter of the workspace of the longest arm on the market, m: no fixed arm has a longer path."""
 _ROOM = 100.0
-"""Size of a path beside which an arm may drive, m."""
+"""Largest path of an arm on a track or on a vehicle, m."""
 _SHORT = 2.0
-"""Paths of fewer mm are no paths of a robot."""
+"""Smallest path of a robot, mm."""
 _HUGE = 1e100
-"""Of numbers beyond it the square may be none."""
+"""Larger numbers overflow when they are squared."""
 _ROUNDED = 1e-3
 """Error of angles that are written with three decimals, rad."""
 _FINE = 0.01
@@ -56,9 +56,10 @@ def assumed_length_unit(
 ) -> tuple[LengthUnit, str] | None:
     """The only likely unit of positions (N, 3), and why; ``None`` if two are likely, or none.
 
-    Points of robots are in mm or in m; inches have to be stated. The unit by ``convention`` of the
-    program that writes such columns counts if the numbers agree. Otherwise they are mm if in m they
-    would be beyond any arm, and m if in mm they would be too short or too close together.
+    Positions are in the unit that is sought: of robots mm or m; inches have to be stated. The unit
+    by ``convention`` of the program that writes such columns counts if the numbers agree. Otherwise
+    they are mm if in m they would be beyond any arm, and m if in mm they would be too short or too
+    close together.
     """
     if not len(positions):
         return None
@@ -85,9 +86,11 @@ def assumed_angle_unit(
 ) -> AngleUnit | None:
     """The likely unit of angles or rotation vectors (N, 3); ``None`` if both are.
 
-    More than a whole turn in radians are degrees. Within it they are radians if some are a half or
-    a quarter of a turn, as tools often are, or if positions are in metres: who writes SI units
-    writes both; controllers write mm and degrees. Vectors are in radians by ``convention``.
+    Angles beyond 2 π are degrees; with the ``convention`` "rad", that of rotation vectors, they are
+    neither, and the unit has to be stated. Smaller ones are radians by that convention, if one is
+    π/2 or π, as those of tools often are, or if positions are in metres: programs with SI units
+    write both, controllers mm and degrees. A convention "deg" decides nothing (where all angles are
+    0 no unit matters): columns with the same names are written in radians, too.
     """
     size = np.abs(angles[np.isfinite(angles)])
     if not size.any():

@@ -32,7 +32,8 @@ class Naming:
         names: Place in the group, in the order of the reader, by the letters and digits of a name.
         means: What the columns are read as; ``None`` if they are no orientation.
         size: Number of columns.
-        unit: Unit of its angles where the file states none and the numbers agree.
+        unit: Unit of its angles where the file states none and the numbers agree; small angles
+            are never degrees by it.
         length: Unit of the positions beside it where the file states none: that of its maker.
         called: The convention in notes, if only the letters of the names identify it.
     """

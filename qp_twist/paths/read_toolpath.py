@@ -38,13 +38,13 @@ _OTHER_PROGRAMS = {
 _DOWN = -0.5
 """Largest z of axes that all point down."""
 _BEGIN = 50
-"""Number of lines in which that line stands."""
+"""Number of lines in which the line of ``_OTHER_PROGRAMS`` stands."""
 
 
 def read_toolpath(
     file: str | Path, options: ReadingOptions | None = None, **given: object
 ) -> Toolpath:
-    """Read a toolpath from a table (CSV), APT-CL, G-code, Klartext or the program of a robot.
+    """Read a toolpath: APT-CL, G-code, Klartext, a robot program, table, point cloud, poses, bag.
 
     Information in the file (names and units in its header, ``UNITS/MM``) need not be passed.
 

@@ -41,7 +41,8 @@ class ReadingOptions(Section):
     format: Format | None = Field(
         default=None,
         description="of the file; if omitted, APT-CL with GOTO lines, Klartext with BEGIN PGM, "
-        "G-code by its suffix, else a table",
+        "G-code by its suffix or its blocks, robot programs by their first lines, else a table; "
+        "point clouds, bags and poses in YAML or JSON need none",
     )
     length_unit: LengthUnit | None = Field(
         default=None, description="unit of positions, if the toolpath does not contain it"

@@ -18,7 +18,7 @@ SLOWED = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Pace:
-    r"""Least times from waypoint to waypoint of a path :math:`\mathbf q_1 \dots \mathbf q_N`.
+    r"""Short feasible times between waypoints, for :math:`\mathbf q_0 \dots \mathbf q_{N-1}`.
 
     .. math::
 
@@ -26,17 +26,21 @@ class Pace:
         \left|\frac{\Delta\theta_{k+1,j}}{t_{k+1}} - \frac{\Delta\theta_{k,j}}{t_k}\right| \le
         \rho_k a_j\,\frac{2\,t_k\,t_{k+1}}{t_k + t_{k+1}}
 
-    with the times f at the feed. Velocities are constant between waypoints. A corner of the path
-    may be rounded by no more than its tolerance ε: a velocity that changes evenly within a time τ
-    leaves a corner by τ/8 of its change, so that the share
-    :math:`\rho_k = \min(1,\, 8\varepsilon/|\mathbf p_{k-1} - 2\mathbf p_k + \mathbf p_{k+1}|)`
-    of the time beside it is left.
+    with the times f at the feed. Step k ends at waypoint k. Between waypoints velocities are
+    constant; from one step to the next they change evenly, within the mean of both times (the last
+    factor) at most. A change within a time τ rounds the corner by τ/8 of it, and the tolerance ε
+    limits that: with the unit direction e of the steps and their lengths l, only the share
+
+    .. math:: \rho_k = \min\left(1,\; \frac{8\varepsilon}
+        {|\mathbf e_{k+1} - \mathbf e_k|\,(l_k + l_{k+1})/2}\right)
+
+    of that mean may be used for it.
 
     Attributes:
         feed: Times at the feed, s, (N − 1,); 0 without one.
         velocity: Speed limits v, rad/s or m/s, (nv,); ∞ without one.
         acceleration: Acceleration limits a, rad/s² or m/s², (nv,); ∞ likewise.
-        room: The shares ρ at the begin of each step, (N − 1,).
+        room: The share ρ at the waypoint where each step begins, (N − 1,).
         rests: Whether the joints rest at both ends; otherwise their velocities there are free.
     """
 
@@ -70,9 +74,9 @@ class Pace:
         return replace(self, feed=self.feed[first:last], room=self.room[first:last])
 
     def seconds(self, q: Array) -> Array:
-        """Least times of a path q (N, nv), s, (N − 1,).
+        """Short feasible times of a path q (N, nv), s, (N − 1,); not proven to be the shortest.
 
-        Those of the speed limits, and where changes of speed are limited
+        Those of feed and speed limits; where accelerations are limited, lengthened by
         :func:`~qp_twist.kernel.pace_kernel.fastest_paces`.
         """
         moved = np.diff(q, axis=0)
@@ -118,7 +122,7 @@ def _feed(path: Waypoints) -> Array:
 
 
 def _room(positions: Array, tolerance: float) -> Array:
-    """The shares ρ at the begin of each step between ``positions`` (N, 3), (N − 1,)."""
+    """The share ρ where each step between ``positions`` (N, 3), m, begins, (N − 1,)."""
     room, steps = np.ones(len(positions) - 1), np.diff(positions, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     moving = (lengths[1:] > 0.0) & (lengths[:-1] > 0.0)

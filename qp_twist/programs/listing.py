@@ -12,7 +12,7 @@ from qp_twist.programs.values import Values
 
 
 class Procedure(NamedTuple):
-    """Its first line, its parameters and its statements."""
+    """A procedure: its first line, its parameters and its statements."""
 
     line: int
     parameters: list[str]
@@ -20,11 +20,13 @@ class Procedure(NamedTuple):
 
 
 class Listing:
-    """A program's text in the patterns of its language; strict: what is not known is refused.
+    """A program's text in the patterns of its language.
+
+    If it is ``strict``, as when ``check`` reads it, what is not known is refused.
 
     Attributes:
         procedures: By their names.
-        assigned: The lines where each variable is assigned, if that is strict.
+        assigned: The lines where each variable is assigned; only if strict.
     """
 
     def __init__(
@@ -46,7 +48,10 @@ class Listing:
         return re.compile("|".join(unnamed) or r"(?!)", self._language.flags)
 
     def opened(self, text: str) -> tuple[str, re.Match[str], str] | None:
-        """What becomes of the block that a statement begins, and the pattern of its end."""
+        """Role, match and pattern of the end of the block that a statement opens, if it does.
+
+        The roles are those of ``Language.opens``.
+        """
         if not self._begins.fullmatch(text):
             return None
         fits = ((role, pattern.fullmatch(text), end) for pattern, end, role in self._opens)
@@ -57,7 +62,11 @@ class Listing:
         return self._closes.fullmatch(text) is not None
 
     def end(self, statements: Statements, begin: int, end: str) -> tuple[int, re.Match[str]]:
-        """Where the block ends whose first statement is ``begin``, and what fits there."""
+        """Index and match of the statement that ends the block whose content begins at ``begin``.
+
+        Raises:
+            InvalidInput: If nothing ends it.
+        """
         ends = [end]
         for k in range(begin, len(statements)):
             text = statements[k][1]
@@ -94,7 +103,7 @@ class Listing:
         return found
 
     def uncalled(self) -> list[str]:
-        """The procedures whose names no other one has."""
+        """The procedures that no other one mentions."""
         words = {
             name: set(re.findall(r"\w+", self._values.key(" ".join(t for _, t in each.body))))
             for name, each in self.procedures.items()
@@ -104,7 +113,10 @@ class Listing:
     def reached(
         self, body: Statements, inside: tuple[str, ...] = ()
     ) -> Iterator[tuple[int, str, re.Match[str], Effect]]:
-        """Statements that may run, those of called procedures too."""
+        """Line, text, match and effect of the statements of ``body`` and of procedures it calls.
+
+        ``inside`` has the names of the procedures around it, which are not entered again.
+        """
         for number, text in body:
             if not self.opened(text) and not self.closes(text):
                 _, match, effect = self.act(text)
@@ -135,7 +147,11 @@ class Listing:
         )
 
     def refuse_calls(self, line: int, expression: str) -> None:
-        """A function that moves has its moves where an expression calls it, which is not read."""
+        """Refuse calls of procedures with moves; if strict, of all but the language's functions.
+
+        Raises:
+            InvalidInput: If it has such a call.
+        """
         for word in re.findall(r"(\w+)\s*\(", expression):
             key = self._values.key(word)
             if key in self._values.functions:
@@ -156,7 +172,11 @@ class Listing:
         return self._strict and len(self.assigned.get(name, ())) > 1
 
     def vouch(self, statements: Statements) -> None:
-        """Refuse what is not known; a variable that is assigned more than once has no value."""
+        """Refuse what is not known; make values unknown of variables that are assigned repeatedly.
+
+        Raises:
+            InvalidInput: At the first statement that is not read, or not where it stands.
+        """
         language, inside = self._language, list[str]()
         for line, text in statements:
             opened, effect = self.opened(text), "silent"
