@@ -305,7 +305,7 @@ class Search:
         q = self.arm.layer(pose, rolls, 8)
         turned = np.round(self.arm.centred(q), 9)
         _, first, of = np.unique(turned, axis=0, return_index=True, return_inverse=True)
-        return Layer(q, self.ranges.centring(q), q[first], of.ravel())
+        return Layer(q, self.ranges.centering(q), q[first], of.ravel())
 
     @staticmethod
     def _links(before: Layer, after: Layer) -> tuple[Array, Array, Array]:
@@ -433,7 +433,7 @@ def one_cell(seed: int, every: int, roll_step: float) -> dict[str, Any]:
         "kind": plan.certificate.kind,
     }  # fmt: skip
     for name, motion in (("z_loose", loose), ("z_strict", strict), ("z", plan.q)):
-        found[name] = None if motion is None else float(search.ranges.centring(motion).mean())
+        found[name] = None if motion is None else float(search.ranges.centering(motion).mean())
     wrong = contradictions(plan, search, loose)
     if plan.q is not None:
         at = search.obstacles.least(plan.q)

@@ -206,7 +206,7 @@ class InverseKinematics:
         with np.errstate(invalid="ignore"):
             inside = ((q >= self.ranges.lower) & (q <= self.ranges.upper)).all(axis=-1)
         z = np.full(q.shape[:2], np.inf)
-        z[inside] = self.ranges.centring(q[inside])
+        z[inside] = self.ranges.centering(q[inside])
         return q, z
 
     def _z_of(self, pose: mink.SE3, roll: float, branch: int) -> float:

@@ -343,7 +343,7 @@ def least_mean_z(task: qt.PathTask, roll_step: float) -> float:
     sums = np.zeros(0)
     for pose in task.waypoints:
         layer = arm.layer(pose, rolls)
-        z = arm.ranges.centring(layer)
+        z = arm.ranges.centering(layer)
         layer, z = layer[np.argsort(z)], np.sort(z)
         _, first = np.unique(np.round(layer / CELL), axis=0, return_index=True)
         layer, z = layer[first], z[first]

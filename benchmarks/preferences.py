@@ -45,7 +45,7 @@ def nodes(arm: InverseKinematics, pose: mink.SE3, lean: Array, rolls: Array) -> 
     counts = [len(q) for q in found]
     q = np.concatenate(found)
     values = np.column_stack([np.tile(lean, (len(q), 1)), np.repeat(rolls, counts)])
-    return Nodes(q, arm.ranges.centring(q), values)
+    return Nodes(q, arm.ranges.centering(q), values)
 
 
 def cost(preference: qt.Preference, values: Array) -> Array:

@@ -179,7 +179,7 @@ class HalfSpaces(mink.Limit):
 
 
 def controller(added: str, solver: str) -> qt.Controller:
-    """Position limits, a tool axis and centring, with something added."""
+    """Position limits, a tool axis and centering, with something added."""
     tool = qt.TwistTask.axis_free("tool", "site")
     tasks: list[Any] = [tool]
     limits: list[mink.Limit] = [qt.PositionLimit(MODEL)]

@@ -26,7 +26,7 @@ def configurations(x, y, count=20_000):
     return np.vstack(found)
 
 
-lowest = [ranges.centring(configurations(x, y)).min() for x, y, _ in path.positions]
+lowest = [ranges.centering(configurations(x, y)).min() for x, y, _ in path.positions]
 print(
     f"lowest z at each waypoint: mean {np.mean(lowest):.4f}, "
     f"first {lowest[0]:.4f}, last {lowest[-1]:.4f}"

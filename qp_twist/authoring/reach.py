@@ -141,7 +141,7 @@ def _candidates(
     tilted = _onto(turned, robot) @ upright
     none = np.broadcast_to(np.eye(3), upright.shape)
     off = [_apart(file[None], robot), _apart(turned, robot), np.zeros(len(drawn))]
-    central = np.argsort(ranges.centring(drawn), kind="stable")
+    central = np.argsort(ranges.centering(drawn), kind="stable")
     # Most robots stand on the floor of their world, like their workpieces.
     offsets = path_task.positions - path_task.positions[middle]
     found: list[tuple[Array, Array, Indices]] = []

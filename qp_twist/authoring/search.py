@@ -283,5 +283,5 @@ def _as_found(path_task: PathTask, q: Array) -> FoundStart:
     """A configuration as a start without a branch."""
     ranges = JointRanges.of(path_task.model)
     margin = float(ranges.margins(q).min(initial=np.inf))
-    z, count = float(ranges.centring(q)), len(path_task.waypoints)
+    z, count = float(ranges.centering(q)), len(path_task.waypoints)
     return FoundStart(q, None, margin, z, sigma_min=np.nan, reached=0, waypoints=count)

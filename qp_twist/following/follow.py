@@ -53,7 +53,7 @@ def follow(
 
     Where the task has joint moves, each stretch between them is followed by itself, from the start
     to which the joints move soonest of those from which the method keeps the stretch. The
-    trajectory also has the rows of the joint moves, found and proven by ``planning.JointMoves``.
+    trajectory also has the rows of the joint moves, found and proven by ``JointMoveSearch``.
 
     Args:
         path_task: The task, from :func:`~qp_twist.load_task`.

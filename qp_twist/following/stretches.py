@@ -15,7 +15,7 @@ from qp_twist.errors import InvalidInput
 from qp_twist.following.trajectory import Trajectory
 from qp_twist.following.walk import walk
 from qp_twist.paths import MethodSettings, PathTask, stretches
-from qp_twist.planning import EFFORT, JointMoves, NoJointMove, Plan
+from qp_twist.planning import EFFORT, JointMoveSearch, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.preferred import PreferredPoses
@@ -81,7 +81,7 @@ def follow_stretches(
     parts = [walked(runs[0], start)]
     if len(runs) == 1:
         return parts[0]
-    moves = JointMoves(path_task)
+    moves = JointMoveSearch(path_task)
     found: list[_Move] = []
     for before, run in itertools.pairwise(runs):
         end = parts[-1].q[-1]
@@ -103,7 +103,7 @@ def follow_stretches(
     return _joined_runs(parts, found)
 
 
-def _starts(path_task: PathTask, run: range, end: Array, moves: JointMoves) -> Iterator[Array]:
+def _starts(path_task: PathTask, run: range, end: Array, moves: JointMoveSearch) -> Iterator[Array]:
     """Candidates for the start of a stretch, (nv,)."""
     yield end
     for found in best_of_each_branch(central_configurations(path_task, run.start), _STARTS):
@@ -111,7 +111,7 @@ def _starts(path_task: PathTask, run: range, end: Array, moves: JointMoves) -> I
 
 
 def _soonest(
-    end: Array, tried: Sequence[Trajectory], run: range, moves: JointMoves
+    end: Array, tried: Sequence[Trajectory], run: range, moves: JointMoveSearch
 ) -> tuple[Trajectory, _Move] | str:
     """The first run that a joint move leads to, complete if possible; or why there is none."""
     why = ""
@@ -170,7 +170,7 @@ def plan_stretches(
     """
     if not path_task.joint_moves:
         return planned(path_task, start)
-    moves, runs = JointMoves(path_task), stretches(path_task)
+    moves, runs = JointMoveSearch(path_task), stretches(path_task)
     # After lift-offs, which may be anywhere, the best motion on the path is taken if it can be.
     lifted = path_task.joint_moves if path_task.cuts else ()
     plans: list[Plan] = []
@@ -248,7 +248,7 @@ def _joined_plans(
     elif not goal.centering:
         bound = float(bounds.sum())
     if goal.centering:  # of the waypoints, not of the joint moves' rows
-        z = goal.ranges.centring
+        z = goal.ranges.centering
         value += goal.centering * float(z(q[s == np.floor(s)]).mean() - z(q).mean())
     preferred = PreferredPoses.of(path_task)
     if preferred is not None:

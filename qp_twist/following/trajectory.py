@@ -271,7 +271,7 @@ class Trajectory:
     @property
     def z(self) -> Array:
         """z = ½‖W(θ̄ − θ)‖² at every waypoint, (N,)."""
-        return JointRanges.of(self.path_task.model).centring(self.q)
+        return JointRanges.of(self.path_task.model).centering(self.q)
 
     @cached_property
     def constraint_excess(self) -> Array:

@@ -206,7 +206,7 @@ def correct(arm, rows, couplings, q, at, settings):
 
 
 @kernel
-def _centring(q, weight, middle):
+def _centering(q, weight, middle):
     return 0.5 * ((weight * (middle - q)) ** 2).sum()
 
 
@@ -236,7 +236,7 @@ def _down(arm, rows, couplings, at, q, weight, middle, settings, descent, w):
         there = _towards(q, along, longest)
         gained = -1.0
         if _newton(arm, rows, couplings, at, there, settings, w):
-            gained = _centring(q, weight, middle) - _centring(there, weight, middle)
+            gained = _centering(q, weight, middle) - _centering(there, weight, middle)
         if gained > 0.0:
             put(there, q)
         elif gained < 0.0:

@@ -132,7 +132,7 @@ class JointRanges:
         upper = np.where(np.isfinite(self.upper), self.upper, half)
         return rng.uniform(lower, upper, size=(count, len(lower)))
 
-    def centring(self, q: Array) -> Array:
+    def centering(self, q: Array) -> Array:
         """z for each configuration of q (…, nq); dimensionless, 1/8 per joint at its limit."""
         offset = self.weight * (self.middle - self.positions(q))
         z: Array = 0.5 * np.sum(offset**2, axis=-1)

@@ -53,7 +53,7 @@ def quantities(path_task: PathTask, trajectories: Trajectories) -> dict[str, lis
     return {
         "error": _errors(path_task, trajectories),
         "clearance": _clearances(path_task, trajectories) if path_task.clearances else [],
-        "z": _centring(trajectories),
+        "z": _centering(trajectories),
         "sigma": [
             Quantity("sigma-task", "σ min of TJ", "Smallest singular value of the task's rows "
                      "UᵀJ, with T = UUᵀ, at each waypoint.",
@@ -79,7 +79,7 @@ def _errors(path_task: PathTask, trajectories: Trajectories) -> list[Quantity]:
     return found if angular else found[:1]
 
 
-def _centring(trajectories: Trajectories) -> list[Quantity]:
+def _centering(trajectories: Trajectories) -> list[Quantity]:
     """z, and the smallest joint margin; nothing if no joint has limits."""
     z = {name: t.z for name, t in trajectories.items()}
     margins = {name: t.margins.min(axis=1, initial=np.inf) for name, t in trajectories.items()}
@@ -169,7 +169,7 @@ def quantity_html(path_task: PathTask, trajectories: Trajectories, quantity: Qua
 
 def path_figure(path_task: PathTask, trajectories: Trajectories) -> Figure:
     """z, smallest margin and the task errors over the waypoint index, a panel each."""
-    drawn = _centring(trajectories) + _errors(path_task, trajectories)
+    drawn = _centering(trajectories) + _errors(path_task, trajectories)
     with mpl.rc_context(RC):
         figure = ShownFigure(figsize=(10.5, 2.0 * len(drawn) + 1.4))
         panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]

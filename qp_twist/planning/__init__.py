@@ -5,7 +5,7 @@ from .central import central_configurations as central_configurations
 from .central import least_mean_z as least_mean_z
 from .certificate import Certificate as Certificate
 from .joint_move import EFFORT as EFFORT
-from .joint_move import JointMoves as JointMoves
+from .joint_move import JointMoveSearch as JointMoveSearch
 from .joint_move import NoJointMove as NoJointMove
 from .levels import Grid as Grid
 from .levels import Roadmap as Roadmap

@@ -94,9 +94,9 @@ def pointwise_bound(
     bound = 0.0
     if objective.centering:
         ranges = objective.ranges
-        z = _least_z(ranges, rows, *candidates(ranges.centring), tolerance)
+        z = _least_z(ranges, rows, *candidates(ranges.centering), tolerance)
         if start is not None:
-            z[0] = ranges.centring(start)
+            z[0] = ranges.centering(start)
         bound += objective.centering * float(z.mean())
     if objective.travel or objective.pace is not None:
         moved = least_displacements(path_task, rows.chain, tolerance)
@@ -151,7 +151,7 @@ def _least_z(ranges: JointRanges, rows: PathRows, q: Array, at: Indices, toleran
     """Lower bound of each waypoint's z, from configurations q (K, nv), (N,)."""
     count = len(rows.freedom)
     q = rows.descend(q, at, ranges)
-    z = ranges.centring(q)
+    z = ranges.centering(q)
     best = q[_first_of_each(z, at, count)]
     # A neighbour may have a minimum that is missing here: only some waypoints have layers, and a
     # layer may have missed it.
@@ -161,13 +161,13 @@ def _least_z(ranges: JointRanges, rows: PathRows, q: Array, at: Indices, toleran
         for step in (1, -1):
             to = changed[(changed + step >= 0) & (changed + step < count)] + step
             there = rows.descend(best[to - step], to, ranges)
-            lower = ranges.centring(there) < ranges.centring(best[to]) - SETTLED
+            lower = ranges.centering(there) < ranges.centering(best[to]) - SETTLED
             best[to[lower]] = there[lower]
             improved[to[lower]] = True
         changed = np.flatnonzero(improved)
         if not len(changed):
             break
-    least = ranges.centring(best)
+    least = ranges.centering(best)
     if not np.isfinite(least).all():
         return least
     near = np.flatnonzero(z <= _NEAR_LEAST * least[at])
@@ -176,7 +176,7 @@ def _least_z(ranges: JointRanges, rows: PathRows, q: Array, at: Indices, toleran
     lengths = rows.multipliers(q, at, ranges.weight**2 * (q - ranges.middle))
     gained = _REST * rows.freedom.any() + 2.0 * tolerance @ lengths
     bounds = np.full(count, np.inf)
-    np.minimum.at(bounds, at, ranges.centring(q) - gained)
+    np.minimum.at(bounds, at, ranges.centering(q) - gained)
     found: Array = np.maximum(bounds, 0.0)
     return found
 

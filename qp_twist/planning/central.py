@@ -75,12 +75,12 @@ def central_configurations(path_task: PathTask, index: int = 0) -> list[CentralC
         # With more than one free direction, some descents continue along limits and bands.
         limits = motion_limits(task, ranges, hard=rows.hard)
         problem = Problem(task, rows, limits, Objective.of(ranges, "centering"))
-        for number in held[np.argsort(ranges.centring(q[held]))][:_POLISHED]:
+        for number in held[np.argsort(ranges.centering(q[held]))][:_POLISHED]:
             lower = refine(problem, q[number : number + 1])
             if lower.feasible:
                 q[number] = lower.q[0]
     found: list[CentralConfiguration] = []
-    z = ranges.centring(q)
+    z = ranges.centering(q)
     for number in np.argsort(z, kind="stable"):
         apart = [np.abs(q[number] - other.q)[ranges.limited].max(initial=0.0) for other in found]
         if not apart or min(apart) > _ALIKE:
@@ -119,12 +119,12 @@ def _least_z(path_task: PathTask, waypoints: Sequence[int]) -> tuple[Array, Arra
     """The least z of each waypoint, (N,), and its configuration, (N, nv); NaN if there is none."""
     rows, ranges, nv = PathRows(path_task), JointRanges.of(path_task.model), path_task.model.nv
     layers = central_roadmap(path_task, rows).layers(waypoints)
-    best = [best_of_branches(layer, ranges.centring) for layer in layers]
+    best = [best_of_branches(layer, ranges.centering) for layer in layers]
     of = np.repeat(np.arange(len(best)), [len(q) for q in best])
     least, lowest = np.full(len(best), np.nan), np.full((len(best), nv), np.nan)
     begin = np.concatenate([np.zeros((0, nv)), *best])
     q, _ = _lowest_nearby(begin, np.asarray(waypoints, dtype=np.intp)[of], rows, ranges)
-    z = ranges.centring(q)
+    z = ranges.centering(q)
     order = np.argsort(-z, kind="stable")  # the least comes last, and stays
     least[of[order]], lowest[of[order]] = z[order], q[order]
     return least, lowest
@@ -165,7 +165,7 @@ def _valleys(q: Array, ranges: JointRanges) -> Indices:
     """Indices of the configurations (K, nv) with locally minimal z, the least first."""
     if not len(q):
         return np.zeros(0, dtype=np.intp)
-    z = ranges.centring(q)
+    z = ranges.centering(q)
     tree, taken = scipy.spatial.KDTree(q), np.zeros(len(z), dtype=bool)
     first, last = tree.query_pairs(_VALLEY, output_type="ndarray").T
     # Configurations that have a neighbour of less z are none.

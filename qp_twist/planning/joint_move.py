@@ -43,7 +43,7 @@ class NoJointMove(InvalidInput):
         self.why = why
 
 
-class JointMoves:
+class JointMoveSearch:
     r"""Searches joint moves inside the joint ranges and the constraints of a task.
 
     The straight line of the joints comes first. If something is in the way, two trees of random

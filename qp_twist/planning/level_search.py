@@ -207,7 +207,7 @@ class LevelSearch:
     @cached_property
     def _centering(self) -> list[Array]:
         ranges = self.problem.objective.ranges
-        costs = [self._weight * ranges.centring(layer.q) for layer in self.level.layers]
+        costs = [self._weight * ranges.centering(layer.q) for layer in self.level.layers]
         if (preferred := self.problem.objective.preferred) is not None:
             costs = [
                 cost + preferred.costs(values, np.full(len(cost), at)) / len(costs)

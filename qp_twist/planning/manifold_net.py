@@ -95,7 +95,7 @@ class ManifoldNet:
         elif freedom > COVERED:
             # The same order in every layer, so that a configuration that is carried over stays.
             most = _CORRECTED if self.rows.hard else _SAMPLED
-            nodes = nodes[np.argsort(self.ranges.centring(nodes), kind="stable")]
+            nodes = nodes[np.argsort(self.ranges.centering(nodes), kind="stable")]
             if len(nodes) > most:
                 first = self._keeping(nodes, index)[: most // 2]
                 others = np.delete(np.arange(len(nodes)), first)

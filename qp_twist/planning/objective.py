@@ -155,7 +155,7 @@ class Objective:
         if self.margin:
             return float(self.margins(q).min())
         way = np.degrees((self.joints * np.abs(np.diff(q, axis=0))).sum())
-        value = self.centering * float(self.ranges.centring(q).mean()) + self.travel * float(way)
+        value = self.centering * float(self.ranges.centering(q).mean()) + self.travel * float(way)
         if self.preferred is not None:
             value += self.preferred.cost(q)
         return value if self.pace is None else value + self.time * float(self.pace.seconds(q).sum())

@@ -114,7 +114,7 @@ class PathRows:
                 (_ROUNDS, _LONGEST_DESCENT, settled),
             )  # fmt: skip
             q[moving] = there
-            z = ranges.centring(there)
+            z = ranges.centering(there)
             gained = z < before - settled  # false for NaN
             moving, before = moving[gained], z[gained]
             if not len(moving):

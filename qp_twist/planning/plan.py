@@ -17,7 +17,7 @@ from qp_twist.notebook import html_table
 from qp_twist.paths import PathTask
 from qp_twist.planning.certificate import Certificate, amount_of
 from qp_twist.planning.hard_constraints import WITHIN
-from qp_twist.planning.joint_move import JointMoves
+from qp_twist.planning.joint_move import JointMoveSearch
 from qp_twist.planning.levels import Progress
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.pace import SLOWED, Pace
@@ -127,7 +127,7 @@ class Plan:
         pace = Pace.of_run(task, path) if counts else Pace.stated(task, path)
         if not path.moves.any():
             return pace.seconds(q)
-        times = JointMoves(task).seconds(q)
+        times = JointMoveSearch(task).seconds(q)
         ends = np.flatnonzero(np.diff(path.moves, prepend=True, append=True))
         for first, last in ends.reshape(-1, 2).tolist():  # stretches between joint moves
             times[first:last] = pace.part(first, last).seconds(q[first : last + 1])

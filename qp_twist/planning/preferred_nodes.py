@@ -30,7 +30,7 @@ def with_preferred(problem: Problem, level: Level) -> Level:
     chosen = []
     for layer, at in zip(level.layers, level.waypoints, strict=True):
         costs = preferred.costs(preferred.of_layer(layer, at), np.full(len(layer.q), at))
-        cost = problem.objective.centering * problem.objective.ranges.centring(layer.q) + costs
+        cost = problem.objective.centering * problem.objective.ranges.centering(layer.q) + costs
         chosen.append(np.argsort(cost)[:_BEST])
     begun = np.concatenate([layer.q[own] for layer, own in zip(level.layers, chosen, strict=True)])
     counts = [len(own) for own in chosen]
@@ -48,7 +48,7 @@ def _cost(problem: Problem, q: Array, at: Indices) -> Array:
     """Cost of configurations (K, nv) at their waypoints alone, without the number of these."""
     objective = problem.objective
     assert objective.preferred is not None
-    z = objective.centering * objective.ranges.centring(q)
+    z = objective.centering * objective.ranges.centering(q)
     cost: Array = z + objective.preferred.costs(objective.preferred.values(q, at), at)
     return cost
 

@@ -118,8 +118,8 @@ class LiveArm:
         """Settings of the QP, with the page's gain per step instead of per waypoint."""
         own = self.path_task.settings(self.method)
         if own.secondary == "plan":  # there is no plan here: use the plan's objective instead
-            centring = {"secondary": "centering", "weight": "natural", "gain": 0.05}
-            own = own.model_copy(update=centring)
+            centering = {"secondary": "centering", "weight": "natural", "gain": 0.05}
+            own = own.model_copy(update=centering)
         elif "weight" in effective(settings):
             own = own.model_copy(update={"weight": settings.weight, "gain": settings.gain})
         return own.model_copy(update={"gain": own.gain * WAYPOINTS_PER_S * self.dt})

@@ -57,7 +57,7 @@ class Moment:
         """A configuration with the attributes that follow from it, and the others."""
         ranges = JointRanges.of(path_task.model)
         angle = roll(path_task, mink.Configuration(path_task.model, q), target)
-        return cls(q, float(ranges.centring(q)), ranges.margins(q), angle, **others)
+        return cls(q, float(ranges.centering(q)), ranges.margins(q), angle, **others)
 
 
 @dataclass(frozen=True, eq=False)

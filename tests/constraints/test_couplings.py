@@ -383,7 +383,7 @@ def test_a_coupling_in_the_chain_is_kept_and_the_plan_as_good_as_brute_force() -
             third = (third + np.pi) % (2.0 * np.pi) - np.pi
             every_q = np.column_stack([one[ok], two[ok], third])
             inside = ranges.inside(every_q)
-            best = min(best, ranges.centring(every_q[inside]).min(initial=np.inf))
+            best = min(best, ranges.centering(every_q[inside]).min(initial=np.inf))
         total += best / len(task.waypoints)
     assert total - 1e-6 <= plan.value <= 1.02 * total
     assert plan.bound <= plan.value + 1e-9

@@ -184,7 +184,7 @@ def test_the_conventions_are_those_of_the_code() -> None:
     assert mink.SE3.identity().wxyz_xyz == pytest.approx([1, 0, 0, 0, 0, 0, 0])
     ranges = qt.JointRanges.of(qt.load_task("planar_line").model)
     at_limit = np.array([ranges.upper[0], ranges.middle[1], ranges.middle[2]])
-    assert ranges.centring(at_limit) == pytest.approx(1 / 8)
+    assert ranges.centering(at_limit) == pytest.approx(1 / 8)
     assert ranges.margins(at_limit) == pytest.approx([0.0, 1.0, 1.0])
 
 

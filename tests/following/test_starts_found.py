@@ -125,7 +125,7 @@ def test_nothing_that_least_squares_finds_has_less_z(
     task = make(tmp_path)
     start = least_z_start(task)
     assert start is not None
-    z = float(qt.JointRanges.of(task.model).centring(start))
+    z = float(qt.JointRanges.of(task.model).centering(start))
     other, error = least_by_least_squares(task, count)
     assert error < 1e-5  # the oracle has solutions
     assert z < other + 1e-6
@@ -149,7 +149,7 @@ def test_a_limit_holds_the_least_z_and_it_is_found_along_the_limit(
     assert 0.0 <= ranges.margins(start).min() < 1e-6
     assert ranges.margins(start).argmin() == joint
     other, _ = least_by_least_squares(task, 10)
-    assert float(ranges.centring(start)) == pytest.approx(other, abs=1e-6)
+    assert float(ranges.centering(start)) == pytest.approx(other, abs=1e-6)
 
 
 # ---------------------------------------------------------------- what is said of them
@@ -170,7 +170,7 @@ def test_starts_are_on_the_waypoint_inside_the_limits_and_apart(
         assert np.linalg.norm(twist_task.state(configuration).error) < 1e-8
         assert (start.q >= ranges.lower).all() and (start.q <= ranges.upper).all()
         assert start.margin == pytest.approx(ranges.margins(start.q).min())
-        assert start.z == pytest.approx(float(ranges.centring(start.q)))
+        assert start.z == pytest.approx(float(ranges.centering(start.q)))
         assert all(np.abs(start.q - o.q).max() > 0.01 for o in found[:number])
 
 
@@ -194,7 +194,7 @@ def test_a_start_is_inside_hard_bands() -> None:
     start = least_z_start(task)
     assert start is not None
     # Ordered as they stand: what the bands forbid is more central, or they would be no bands.
-    assert float(qt.JointRanges.of(task.model).centring(start)) > least_z_without_bands(task)
+    assert float(qt.JointRanges.of(task.model).centering(start)) > least_z_without_bands(task)
     run = qt.follow(
         dataclasses.replace(task, start=start, best_start=False), "qp_minimum_norm",
         stop=lambda *_: True,

@@ -91,20 +91,20 @@ def test_z_and_the_margins_are_the_papers(slides: bool) -> None:
         ranges = JointRanges.of(model)
         low, high = model.jnt_range.T
         many = rng.normal(size=(4, 3, joints))
-        z, margins = ranges.centring(many), ranges.margins(many)
+        z, margins = ranges.centering(many), ranges.margins(many)
         assert z.shape == (4, 3)
         for index in np.ndindex(4, 3):
             q = many[index]
             assert z[index] == pytest.approx(papers_z(model, q), rel=1e-12)
             middle, half = (low + high) / 2, (high - low) / 2
             close(margins[index], 1.0 - np.abs(q - middle) / half)
-        assert ranges.centring(low) == pytest.approx(joints / 8)
+        assert ranges.centering(low) == pytest.approx(joints / 8)
         close(ranges.margins(high), np.zeros(joints))
         close(ranges.margins((low + high) / 2), np.ones(joints))
         assert ranges.names == tuple(f"joint_{i + 1}" for i in range(joints))
 
 
-# -------------------------------------------------------------------------------- joint centring
+# -------------------------------------------------------------------------------- joint centering
 
 
 @pytest.mark.parametrize("slides", [False, True])

@@ -26,7 +26,7 @@ def least_mean_z(
 ) -> float:
     """Least mean z of all ways through layers of joint positions with steps up to ``largest``."""
     ranges = qt.JointRanges.of(task.model)
-    before, cost = layers[0], ranges.centring(layers[0])
+    before, cost = layers[0], ranges.centering(layers[0])
     for after in layers[1:]:
         pairs = cKDTree(before).sparse_distance_matrix(
             cKDTree(after), largest, p=np.inf, output_type="ndarray"
@@ -34,5 +34,5 @@ def least_mean_z(
         reached = np.full(len(after), np.inf)
         np.minimum.at(reached, pairs["j"], cost[pairs["i"]])
         keep = np.isfinite(reached)
-        before, cost = after[keep], (reached + ranges.centring(after))[keep]
+        before, cost = after[keep], (reached + ranges.centering(after))[keep]
     return float(cost.min()) / len(layers)

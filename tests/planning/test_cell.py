@@ -45,7 +45,7 @@ def test_every_waypoint_is_reached_clear_of_all_but_not_at_least_z(cell: qt.Path
     hit: set[str] = set()
     for index in range(0, len(cell.waypoints), EVERY):
         layer = grid.layer(index)
-        by_z = layer.q[np.argsort(ranges.centring(layer.q))]
+        by_z = layer.q[np.argsort(ranges.centering(layer.q))]
         distance, names = nearest(cell, by_z[0])
         hit |= names if distance < 0.0 else set()
         assert any(nearest(cell, q)[0] >= 0.005 for q in by_z)
@@ -65,10 +65,10 @@ def test_the_least_z_of_the_waypoints_keeps_the_clearance(cell: qt.PathTask) -> 
     touching = 0
     for index in waypoints:
         q = grid.layer(index).q
-        by_z = q[np.argsort(ranges.centring(q))]
+        by_z = q[np.argsort(ranges.centering(q))]
         clear = next(q for q in by_z if nearest(cell, q)[0] >= 0.03)
         touching += bool((clear != by_z[0]).any())
-        expected = float(ranges.centring(clear))
+        expected = float(ranges.centering(clear))
         least = least_mean_z(cell, [index])
         assert least <= expected + 1e-9
         assert least == pytest.approx(expected, rel=0.01)

@@ -58,7 +58,7 @@ def test_a_plan_on_a_rail_is_as_good_as_an_independent_search() -> None:
             own = arm.inside_with_turns(arm.branches(pose, rolls))
             found.append(np.column_stack([np.full(len(own), place), own]))
         layer = np.concatenate(found)
-        layers.append(layer[ranges.centring(layer) < 0.15])
+        layers.append(layer[ranges.centering(layer) < 0.15])
     searched = least_mean_z(task, layers, STEP)
     assert np.isfinite(searched)
     assert plan.value <= 1.02 * searched
@@ -186,13 +186,13 @@ def test_a_plan_with_a_table_is_as_good_as_an_independent_search() -> None:
             for tilt in angles[np.abs(angles) <= TILT + 1e-9]:
                 own = arm.inside_with_turns(arm.branches(turned(turn, tilt) @ waypoint, angles))
                 rows = np.column_stack([np.tile([turn, tilt], (len(own), 1)), own])
-                found.append(rows[ranges.centring(rows) < most])
+                found.append(rows[ranges.centering(rows) < most])
         layers.append(np.concatenate(found))
     searched = least_mean_z(task, layers, step)
     assert np.isfinite(searched)
     assert plan.value <= 1.02 * searched
     # The bound is below every motion, and above nothing that one waypoint alone could do better.
-    alone = float(np.mean([ranges.centring(layer).min() for layer in layers]))
+    alone = float(np.mean([ranges.centering(layer).min() for layer in layers]))
     assert plan.bound <= min(alone, plan.value) + 1e-12
     assert plan.bound >= 0.97 * alone
 

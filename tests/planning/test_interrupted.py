@@ -52,7 +52,7 @@ def test_a_plan_keeps_the_best_motion_when_it_is_interrupted() -> None:
     assert not whole.interrupted
     # The optimum lies between the bounds and both values.
     assert max(plan.bound, whole.bound) <= min(plan.value, whole.value)
-    assert plan.value == pytest.approx(float(qt.JointRanges.of(TASK.model).centring(q).mean()))
+    assert plan.value == pytest.approx(float(qt.JointRanges.of(TASK.model).centering(q).mean()))
     assert plan.gap == plan.value - plan.bound
 
 

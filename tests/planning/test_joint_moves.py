@@ -15,7 +15,7 @@ from oracles.joint_paths import joint_path
 from oracles.walled_cell import CLEARANCE, SPEEDS, walled_task
 
 import qp_twist as qt
-from qp_twist.planning import JointMoves, NoJointMove
+from qp_twist.planning import JointMoveSearch, NoJointMove
 from qp_twist.robots import controller_joints, named_robot
 from qp_twist.trajectories import run_task
 from qp_twist.trajectories.task_run import TaskRun
@@ -161,7 +161,7 @@ def test_a_check_still_sees_the_path_beside_a_joint_move(run: TaskRun, task: qt.
 def test_what_is_in_the_way_is_named_where_no_joint_move_is_found(tmp_path: Path) -> None:
     """A wall from in front of the arm to beyond its reach, and as high."""
     task = qt.load_task(walled_task(tmp_path, height=4.0, width=0.4))
-    moves = JointMoves(task)
+    moves = JointMoveSearch(task)
     open_task = qt.load_task(walled_task(tmp_path, height=0.2))
     q = qt.follow(open_task).q
     with pytest.raises(NoJointMove, match=r"to wall would be outside clearance by .* 10 random"):
@@ -176,7 +176,7 @@ def test_a_plan_moves_around_the_wall_too(task: qt.PathTask) -> None:
     assert distances(task, dense).min() >= CLEARANCE - 1e-4
     assert np.isfinite(plan.bound)
     assert plan.bound <= plan.value + 1e-9
-    z = qt.kinematics.JointRanges.of(task.model).centring
+    z = qt.kinematics.JointRanges.of(task.model).centering
     on_path = plan.at_waypoints
     assert len(on_path) == 42 < len(q)
     assert plan.value == pytest.approx(float(z(on_path).mean()))
@@ -221,7 +221,7 @@ def test_a_ball_among_random_boxes_touches_none(
     task = joint_path(model, rows, None).path_task
     assert task.clearances
     try:
-        q = JointMoves(task).found(*rows, effort=200)
+        q = JointMoveSearch(task).found(*rows, effort=200)
     except NoJointMove as error:
         assert "box_" in str(error)
         return
@@ -243,7 +243,7 @@ def test_what_the_tool_works_on_is_not_touched_on_the_way() -> None:
         constraints=(qt.Clearance(model, 0.01, ignore=[("ball", "box_0")]),),
         joint_moves=(1,),
     )
-    q = JointMoves(task).found(*rows)
+    q = JointMoveSearch(task).found(*rows)
     u = np.arange(20)[:, None, None] / 20.0
     points = (q[:-1] + u * np.diff(q, axis=0)).reshape(-1, 2)
     beside = np.maximum(np.abs(points) - [0.2, 0.3], 0.0)
@@ -298,7 +298,7 @@ def test_joints_without_a_range_turn_the_short_way() -> None:
         <geom size="0.1" mass="1"/><site name="tool"/></body></body></worldbody></mujoco>"""
     )
     task = joint_path(model, np.zeros((2, 2)), None).path_task
-    q = JointMoves(task).nearest_turn(np.array([[-3.0, -3.0], [-3.2, -3.2]]), np.full(2, 3.0))
+    q = JointMoveSearch(task).nearest_turn(np.array([[-3.0, -3.0], [-3.2, -3.2]]), np.full(2, 3.0))
     turn = 2.0 * np.pi
     assert q == pytest.approx(np.array([[turn - 3.0, -3.0], [turn - 3.2, -3.2]]))
 

@@ -287,7 +287,7 @@ def test_refining_is_as_good_as_a_general_optimiser(objective: object, step: flo
     travel = 0.0 if objective == "centering" else 1e-3
     # The absolute values of the steps are unknowns of their own: SLSQP takes nothing with a kink.
     general = minimize(
-        lambda x: ranges.centring(joints(x)).mean() + travel * np.degrees(x[18:].sum()),
+        lambda x: ranges.centering(joints(x)).mean() + travel * np.degrees(x[18:].sum()),
         np.concatenate([start.ravel(), np.abs(np.diff(start, axis=0)).ravel()]),
         method="SLSQP",
         bounds=[
@@ -347,7 +347,7 @@ def test_plans_of_the_deburring_run_are_as_good_as_known(
     assert at_least < plan.bound <= plan.value <= value
     assert plan.certificate.kind == "path"
     if objective == "centering":
-        assert plan.value == pytest.approx(qt.JointRanges.of(task.model).centring(plan.q).mean())
+        assert plan.value == pytest.approx(qt.JointRanges.of(task.model).centering(plan.q).mean())
         # What docs/snippets/lowest_z.py prints.
         words = "from the same start" if from_start else "from any start"
         shown = next(line for line in LOWEST_Z.splitlines() if words in line)
@@ -377,11 +377,11 @@ def test_the_planar_plan_is_the_best_of_a_fine_grid_everywhere() -> None:
     task = short_line(6)
     ranges, largest = qt.JointRanges.of(task.model), np.radians(25.0)
     layers = [planar_layer(w.translation()[:2], ranges, 0.25) for w in task.waypoints]
-    cost = ranges.centring(layers[0])
+    cost = ranges.centering(layers[0])
     for before, after in itertools.pairwise(layers):
         step = np.abs(after[:, None] - before[None]).max(axis=2)
         through = np.where(step <= largest, cost[None], np.inf).min(axis=1)
-        cost = through + ranges.centring(after)
+        cost = through + ranges.centering(after)
     plan = qt.plan(task, "centering", max_step_deg=25.0)
     check(plan, largest)
     assert cost.min() / 6.0 - 2e-3 < plan.value <= cost.min() / 6.0 + 1e-9

@@ -187,7 +187,7 @@ def test_a_cone_without_a_prescribed_axis_is_kept_as_brute_force_keeps_it() -> N
             for lean in around
         ]
         q = np.concatenate([ARM.inside_with_turns(ARM.branches(p, rolls)) for p in tilted])
-        layers.append(q[qt.JointRanges.of(task.model).centring(q) < 0.2])
+        layers.append(q[qt.JointRanges.of(task.model).centering(q) < 0.2])
     assert plan.value <= 1.02 * least_mean_z(task, layers, math.radians(step))
 
 

@@ -219,7 +219,7 @@ def test_no_plan_for_another_weight_is_better(tmp_path: Path) -> None:
         assert poses is not None
         leans = np.degrees(poses.values(q, np.arange(len(q)))[:, :2])
         beyond = np.radians(np.maximum(np.abs(leans - [10.0, 0.0]) - 5.0, 0.0))
-        z = qt.JointRanges.of(task.model).centring(q).mean()
+        z = qt.JointRanges.of(task.model).centering(q).mean()
         found[weight] = float(z), 0.5 * float((beyond**2).sum(axis=1).mean())
     for weight, (z, cost) in found.items():
         assert z + weight * cost <= 1.01 * min(z + weight * cost for z, cost in found.values())

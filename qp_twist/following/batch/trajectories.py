@@ -168,7 +168,7 @@ class _Batch:
         return np.column_stack([
             np.fmax.reduce(errors, axis=1),
             np.fmin.reduce(self.ranges.margins(q), axis=(1, 2), initial=np.inf),
-            np.nansum(self.ranges.centring(q), axis=1) / ends,
+            np.nansum(self.ranges.centering(q), axis=1) / ends,
             np.fmax.reduce(np.abs(np.diff(q, axis=1)), axis=(1, 2), initial=0.0),
             iterations.sum(axis=1),
         ])  # fmt: skip
