@@ -68,7 +68,7 @@ class SingularExit:
         self.fade = Fade(settings)
         stating = [item for item in controller.levels[0] if not isinstance(item, mink.Limit)]
         self._tasks = [item for item in stating if isinstance(item, TwistTask)]
-        if len(self._tasks) < len(stating):  # rows of other tasks are not known elsewhere
+        if len(self._tasks) < len(stating):  # the rows of other tasks have no state at q ± r d
             self._tasks = []
         self._controller, self._ranges = controller, JointRanges.of(controller.model)
         self._period = settings.period

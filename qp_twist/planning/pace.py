@@ -27,9 +27,9 @@ class Pace:
         \rho_k a_j\,\frac{2\,t_k\,t_{k+1}}{t_k + t_{k+1}}
 
     with the times f at the feed. Step k ends at waypoint k. Between waypoints velocities are
-    constant; from one step to the next they change evenly, within the mean of both times (the last
-    factor) at most. A change within a time τ rounds the corner by τ/8 of it, and the tolerance ε
-    limits that: with the unit direction e of the steps and their lengths l, only the share
+    constant; from one step to the next they change evenly, within the harmonic mean of both times
+    (the last factor) at most. A change within a time τ rounds the corner by τ/8 of it, and the
+    tolerance ε limits that: with unit directions e and lengths l of the steps only the share
 
     .. math:: \rho_k = \min\left(1,\; \frac{8\varepsilon}
         {|\mathbf e_{k+1} - \mathbf e_k|\,(l_k + l_{k+1})/2}\right)

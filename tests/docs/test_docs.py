@@ -476,7 +476,7 @@ def test_the_lines_of_each_formula_are_where_the_table_says() -> None:
         source = (ROOT / "qp_twist" / file).read_text("utf-8")
         for name in re.findall(r"\w+", names):
             assert re.search(rf"(def|class) {name}\b", source), (file, name)
-    for label in ("inverse", "general", "liguo", "z", "step"):
+    for label in (*PAPER_LABELS, "step"):
         assert f"{{eq}}`{label}`" in table
 
 
