@@ -358,6 +358,8 @@ class PlanSearch:
         These are mostly passages near a singularity; the rest of the path is kept. With a clearance
         the strict search comes first.
         """
+        if self._may_slow and problem.freedom > COVERED:
+            return None  # on the finest grid, too, layers are samples: the motion is slower instead
         best, at = None, problem.limits.violated(path.q)
         for strict in (True, False) if problem.has_clearance else (False,):
             q = search_windows(problem, self.levels, path, at, strict, self._closer, self.progress)
