@@ -52,13 +52,13 @@ class Pace:
 
     @classmethod
     def stated(cls, path_task: PathTask, path: Waypoints | None = None) -> Pace:
-        """By the limits that a task states, with free velocities at its ends.
+        """By the speed limits of a task or its known robot, with free velocities at its ends.
 
-        Of a ``path`` through other points of the task than its waypoints, if there is one.
+        Of accelerations by those that the task states. Of a ``path`` through other points of the task than its waypoints, if there is one.
         """
         feed = _feed(path or path_task.at())
-        limits = path_task.velocity_limits, path_task.acceleration_limits
-        return cls(feed, *limits, np.ones_like(feed))
+        velocity = motion_limits(path_task).velocity
+        return cls(feed, velocity, path_task.acceleration_limits, np.ones_like(feed))
 
     @classmethod
     def of_run(cls, path_task: PathTask, path: Waypoints | None = None) -> Pace:

@@ -34,6 +34,7 @@ from qp_twist.referee import (
     examine,
     straight_errors,
 )
+from qp_twist.referee import motion_limits as known_limits
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +281,7 @@ def make_plan(
         """Those of a path that takes so many times as long, or the time that it needs."""
         task = replace(
             path_task,
-            velocity_limits=times * path_task.velocity_limits,
+            velocity_limits=times * known_limits(path_task).velocity,
             acceleration_limits=times**2 * path_task.acceleration_limits,
         )
         return motion_limits(task, ranges, max_step_deg, rows.hard, slow_down=slow_down)

@@ -19,6 +19,7 @@ from qp_twist.planning.layer import TURN
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.path_rows import PathRows
+from qp_twist.referee import motion_limits as known_limits
 
 Kind = Literal["position", "velocity", "acceleration", "band"]
 
@@ -291,7 +292,10 @@ def motion_limits(
     steps = np.full((count - 1, path_task.model.nv), np.inf)
     step_limit = f"the largest step without a feed, {np.degrees(UNTIMED_STEP):g}°"
     if given is not None:
-        steps, step_limit = path_task.velocity_limits * durations[:, None], "the speed limits"
+        velocity = known_limits(path_task).velocity
+        steps, step_limit = velocity * durations[:, None], "the speed limits"
+        if not np.isfinite(velocity).all():
+            step_limit += f", or {np.degrees(UNTIMED_STEP):g}° where [limits.velocity] states none"
         if slow_down:
             steps = np.maximum(steps, UNTIMED_STEP)
             step_limit = f"the largest step, {np.degrees(UNTIMED_STEP):g}° or what the feed allows"

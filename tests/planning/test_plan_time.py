@@ -172,3 +172,27 @@ def test_what_has_no_time_is_refused() -> None:
         qt.plan(task, "time")
     with pytest.raises(qt.InvalidInput, match="the time is that of the worst joint"):
         qt.plan(line(6), "time", joint_weights={"joint_1": 2.0})
+
+
+def test_a_plan_keeps_the_speeds_of_the_data_sheet_where_the_task_states_none() -> None:
+    stated = qt.load_task("deburring")
+    assert stated.known_limits is not None and stated.durations is not None
+    nothing = np.full(stated.model.nv, np.inf)
+    task = dataclasses.replace(stated, velocity_limits=nothing)
+    limits = motion_limits(task, qt.JointRanges.of(task.model))
+    robot, speeds, _ = task.known_limits
+    np.testing.assert_allclose(limits.steps, speeds * stated.durations[1:, None])
+    np.testing.assert_array_equal(Pace.stated(task).velocity, speeds)
+    assert limits.step_limit == "the speed limits"
+
+
+def test_a_largest_step_that_nobody_states_is_named_as_one() -> None:
+    line = qt.load_task("planar_line")
+    task = dataclasses.replace(
+        line, waypoints=line.waypoints[:: len(line.waypoints) - 1], velocity_limits=np.full(line.model.nv, np.inf),
+        durations=np.full(2, 10.0), flipped_waypoints=None, lines=None,
+    )  # fmt: skip
+    assert task.known_limits is None
+    plan = qt.plan(task)
+    assert plan.q is None
+    assert "15° where [limits.velocity] states none" in str(plan.certificate)
