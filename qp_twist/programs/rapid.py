@@ -197,6 +197,7 @@ class RapidModule(RapidData):
             (r"(?:ELSE|ELSEIF|CASE|DEFAULT)\b.*", self.skip, "skip"),
             (r"CONNECT\b.*\bWITH\s+(?P<beside>\w+)", self.beside, "skip"),
             (rf"(WaitTime)(?:\s*\\InPos\s*,)?\s+({NUMBER})", self.wait, "pause"),
+            (r"(SingArea)\s*\\\s*(?P<mode>\w+)", self._singular_area, "passed"),
             *self.noting(_NOTED),
             (r"(CirPathMode)\s*\\\s*(?P<mode>PathFrame|ObjectFrame)", self._circle_mode, "setting"),
             (r"(?:SyncMove\w*|WaitSyncTask|Trigg[A-Z]\w*|CirPathMode|WZ\w+)\b.*", self.skip,
@@ -279,6 +280,20 @@ class RapidModule(RapidData):
         self.moves.noted(line, match[1], "setting")
         self._turns = "path" if match["mode"].lower() == "pathframe" else "space"
 
+    def _singular_area(self, line: int, match: re.Match[str]) -> None:
+        """Whether straight moves keep the orientation near singularities from here on."""
+        self.moves.noted(line, match[1], "passed")
+        self._singular = "" if match["mode"].lower() == "off" else match["mode"]
+
+    def _keeps_orientation(self, line: int, match: re.Match[str]) -> None:
+        if self._singular:
+            why = (
+                f"behind SingArea \\{self._singular} a straight move may turn the tool otherwise "
+                "than its points say where the wrist is nearly straight, which is not known here; "
+                "write SingArea \\Off, or joint moves."
+            )
+            raise refuse(line, match[0], why)
+
     def _move_joints(
         self, line: int, match: re.Match[str], straight: str = "", wobj: str = "",
         circle: Circle | None = None,
@@ -296,6 +311,8 @@ class RapidModule(RapidData):
             raise refuse(line, match[0], "expected a target, a speed, a zone and a tool.")
         if unknown := options.keys() - _OPTIONS:
             raise refuse(line, match[0], f"\\{unknown.pop()} is not read here.")
+        if straight:
+            self._keeps_orientation(line, match)
         of = others[2].lower(), options.get("wobj", "").lower()
         if straight and of != (straight.lower(), wobj.lower()):
             what = f"the work object {wobj}" if wobj else "no work object"
@@ -322,6 +339,8 @@ class RapidModule(RapidData):
     def _move_to_pose(self, line: int, match: re.Match[str]) -> None:
         """MoveL, MoveC and MoveJ to a robtarget, for ``check``."""
         kind = match["kind"].upper()
+        if kind != "J":
+            self._keeps_orientation(line, match)
         arguments, options = self._arguments(line, match, count := 2 if kind == "C" else 1)
         if len(arguments) != count + 3 or options.keys() - (_OPTIONS - {"noeoffs", "tload"}):
             raise refuse(

@@ -78,6 +78,7 @@ class RapidData(Program):
         values.adds_vectors = True
         values.names |= {"true": True, "false": False}
         self._turns: Turning = "path"
+        self._singular = ""
 
     def _zone(self, line: int, name: str, radius: str | None) -> Zone | None:
         r"""How the point is rounded, by zone data, their predefined name, or ``\Z`` (mm)."""

@@ -184,6 +184,8 @@ def text_of(name: str) -> str:
     [
         ("ABB IRB 120", (r"PROC main\(\)\n", r"\g<0>  CirPathMode\\CirPointOri;\n"),
          "CirPathMode is not read"),
+        ("ABB IRB 120", (r"PROC main\(\)\n", r"\g<0>  SingArea\\Wrist;\n"),
+         r"line \d+: .*behind SingArea \\Wrist"),
         ("ABB IRB 120", (r"MoveC (\[.*?9E9\]\]),\n.*?9E9\]\],", r"MoveC \1,\1,"), "are the same"),
         ("ABB IRB 120", (r",fine,gun;\nENDPROC", r",fine;\nENDPROC"), r"line \d+: .*2 targets"),
         ("KUKA KR 16-2", (r"\$CIRC_TYPE.*\n", ""), r"line \d+: .*expected \$CIRC_TYPE"),
