@@ -54,7 +54,8 @@ class Pace:
     def stated(cls, path_task: PathTask, path: Waypoints | None = None) -> Pace:
         """By the speed limits of a task or its known robot, with free velocities at its ends.
 
-        Of accelerations by those that the task states. Of a ``path`` through other points of the task than its waypoints, if there is one.
+        Of accelerations by those that the task states. Of a ``path`` through other points of the
+        task than its waypoints, if there is one.
         """
         feed = _feed(path or path_task.at())
         velocity = motion_limits(path_task).velocity

@@ -180,7 +180,7 @@ def test_a_plan_keeps_the_speeds_of_the_data_sheet_where_the_task_states_none() 
     nothing = np.full(stated.model.nv, np.inf)
     task = dataclasses.replace(stated, velocity_limits=nothing)
     limits = motion_limits(task, qt.JointRanges.of(task.model))
-    robot, speeds, _ = task.known_limits
+    speeds = task.known_limits[1]
     np.testing.assert_allclose(limits.steps, speeds * stated.durations[1:, None])
     np.testing.assert_array_equal(Pace.stated(task).velocity, speeds)
     assert limits.step_limit == "the speed limits"
@@ -189,8 +189,8 @@ def test_a_plan_keeps_the_speeds_of_the_data_sheet_where_the_task_states_none() 
 def test_a_largest_step_that_nobody_states_is_named_as_one() -> None:
     line = qt.load_task("planar_line")
     task = dataclasses.replace(
-        line, waypoints=line.waypoints[:: len(line.waypoints) - 1], velocity_limits=np.full(line.model.nv, np.inf),
-        durations=np.full(2, 10.0), flipped_waypoints=None, lines=None,
+        line, waypoints=line.waypoints[:: len(line.waypoints) - 1], flipped_waypoints=None,
+        velocity_limits=np.full(line.model.nv, np.inf), durations=np.full(2, 10.0), lines=None,
     )  # fmt: skip
     assert task.known_limits is None
     plan = qt.plan(task)
