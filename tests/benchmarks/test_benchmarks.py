@@ -128,5 +128,5 @@ def test_points_of_a_program_lead_through_the_accelerations_planned(
     grid = import_module("program_grid")
     job = grid.job_of(name, extra, 0.06, 31)
     assert max(grid.of_file(job)) <= 1.0 + 1e-6
-    acceleration, jerk = map(float, grid.cell(job, extra, motion, tmp_path)[-2:])
-    assert acceleration <= 105.0 and jerk <= 250.0
+    acceleration, jerk, least = map(float, grid.cell(job, extra, motion, tmp_path)[-3:])
+    assert acceleration <= 105.0 and jerk <= 150.0 and least <= 100.0
