@@ -63,7 +63,8 @@ def edges(here: Layer, nodes: Indices, after: Layer, largest_step: Array, period
     A hinge with a wide range makes copies of each configuration, which differ by whole turns: 64
     where six joints turn by 360° to either side. What is a step apart is found without the turns,
     and each copy is then connected with the one copy that is as far from it. Where a joint may turn
-    by half a turn and more at once, more than one is: its turns are told apart from the beginning.
+    by half a turn and more at once, more than one is: copies by its turns are configurations of
+    their own.
     """
     turning = (here.turns.any(axis=0) | after.turns.any(axis=0)) & (largest_step < 0.5 * TURN)
     if not turning.any():
@@ -106,11 +107,11 @@ class _Unturned(NamedTuple):
 
     @classmethod
     def of(cls, layer: Layer, turning: Mask) -> _Unturned:
-        """Those of a layer; turns of joints that are not ``turning`` (nv,) are told apart."""
+        """Those of a layer; copies by turns of joints not ``turning`` (nv,) are their own."""
         first, which = layer.copies
         if (layer.turns.any(axis=0) & ~turning).any():
-            told = np.column_stack([which, layer.turns[:, ~turning]])
-            _, first, which = np.unique(told, axis=0, return_index=True, return_inverse=True)
+            distinct = np.column_stack([which, layer.turns[:, ~turning]])
+            _, first, which = np.unique(distinct, axis=0, return_index=True, return_inverse=True)
         turns = np.where(turning, np.rint(layer.q[first] / TURN), 0.0).astype(np.intp)
         since = layer.turns - layer.turns[first][which]
         return cls(layer.q[first] - TURN * turns, which, since + turns[which])

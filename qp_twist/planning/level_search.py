@@ -11,12 +11,13 @@ from typing import NamedTuple
 import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
+from qp_twist.planning.certificate import CLOSE
 from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges, interrupted_path
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.levels import STAGES, Level, Levels, Progress
 from qp_twist.planning.on_the_path import OnThePath
-from qp_twist.planning.problem import JudgedPath, Problem
+from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
 
 STRICTNESS = (1.0, 1e3)
 """Factors of the price, in turn: first for the best path, then for a feasible one."""
@@ -41,6 +42,15 @@ class CloserLooks(NamedTuple):
     """Shares of intervals at which they are, in place of the same few of each."""
     asked: set[int]
     """Waypoints before the intervals in which they are asked whether they stay on the path."""
+
+    def look_between(self, limits: PathConstraints, path: Array) -> None:
+        """Have edges evaluated at more places where a path (N, nv) is outside between waypoints.
+
+        An obstacle's corner passes between the shares at which all edges are evaluated.
+        """
+        beyond, share = limits.beyond_between(path)
+        for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
+            self.shares[at] = (float(share[at]), *self.shares.get(at, CLOSE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +331,7 @@ def search_windows(
         layers = list(level.layers)
         for end, held in ((0, first > 0 or problem.start is not None), (-1, last < count - 1)):
             if held:
-                layers[end] = Layer(q[waypoints[end]][None], np.full(1, -1), 1)
+                layers[end] = Layer.alone(q[waypoints[end]])
         level = replace(level, layers=layers)
         if level.has_gaps:
             return None

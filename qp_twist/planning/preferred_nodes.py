@@ -29,8 +29,8 @@ def with_preferred(problem: Problem, level: Level) -> Level:
         return level
     chosen = []
     for layer, at in zip(level.layers, level.waypoints, strict=True):
-        costs = preferred.costs(preferred.of_layer(layer, at), np.full(len(layer.q), at))
-        cost = problem.objective.centering * problem.objective.ranges.centering(layer.q) + costs
+        values = preferred.of_layer(layer, at)
+        cost = _cost(problem, layer.q, values, np.full(len(layer.q), at))
         chosen.append(np.argsort(cost)[:_BEST])
     begun = np.concatenate([layer.q[own] for layer, own in zip(level.layers, chosen, strict=True)])
     counts = [len(own) for own in chosen]
@@ -44,28 +44,32 @@ def with_preferred(problem: Problem, level: Level) -> Level:
     return replace(level, layers=layers)
 
 
-def _cost(problem: Problem, q: Array, at: Indices) -> Array:
-    """Cost of configurations (K, nv) at their waypoints alone, without the number of these."""
+def _cost(problem: Problem, q: Array, values: Array, at: Indices) -> Array:
+    """Cost of configurations (K, nv) at their waypoints alone, without the number of these.
+
+    ``values`` are their lead, tilt and roll, rad, (K, 3).
+    """
     objective = problem.objective
     assert objective.preferred is not None
     z = objective.centering * objective.ranges.centering(q)
-    cost: Array = z + objective.preferred.costs(objective.preferred.values(q, at), at)
+    cost: Array = z + objective.preferred.costs(values, at)
     return cost
 
 
 def _descended(problem: Problem, q: Array, at: Indices) -> Array:
     """Configurations (K, nv) inside limits and bands, moved towards minima of the cost."""
     objective, rows, ranges = problem.objective, problem.rows, problem.objective.ranges
-    assert objective.preferred is not None
+    preferred = objective.preferred
+    assert preferred is not None
     weight, q = objective.centering * ranges.weight**2, q.copy()
-    cost, radius = _cost(problem, q, at), np.full(len(q), _LONGEST)
+    cost, radius = _cost(problem, q, preferred.values(q, at), at), np.full(len(q), _LONGEST)
     for _ in range(_ROUNDS):
         moving = np.flatnonzero(radius > _SETTLED)
         if not len(moving):
             break
         here, where = q[moving], at[moving]
         basis = rows.motions(here, where)
-        A, b = objective.preferred.slopes(here, where)
+        A, b = preferred.slopes(here, where)
         H = weight[:, None] * np.eye(q.shape[1]) + A.swapaxes(1, 2) @ A
         g = weight * (here - ranges.middle) + (A.swapaxes(1, 2) @ b[:, :, None])[:, :, 0]
         inside = basis.swapaxes(1, 2) @ H @ basis
@@ -77,7 +81,8 @@ def _descended(problem: Problem, q: Array, at: Indices) -> Array:
         there, arrived = rows.correct(here + step, where)
         kept = arrived & ranges.inside(there) & rows.hard.inside(there, where)
         lower = np.full(len(there), np.inf)
-        lower[kept] = _cost(problem, there[kept], where[kept])
+        values = preferred.values(there[kept], where[kept])
+        lower[kept] = _cost(problem, there[kept], values, where[kept])
         better = lower < cost[moving]
         q[moving[better]], cost[moving[better]] = there[better], lower[better]
         radius[moving] = np.where(better, np.minimum(radius[moving], length), 0.25 * radius[moving])

@@ -12,7 +12,6 @@ from qp_twist.checks import Array, Indices
 from qp_twist.paths import PathTask
 from qp_twist.planning.bound import pointwise_bound
 from qp_twist.planning.certificate import (
-    CLOSE,
     Certificate,
     empty_layers,
     ended_path,
@@ -145,7 +144,7 @@ class PlanSearch:
                 if free.path is None:  # the clearance is not the reason
                     result = free
         except KeyboardInterrupt:
-            by_now = self._by_now()
+            by_now = _by_now(self)
             if by_now is None:
                 raise
             return by_now
@@ -267,7 +266,7 @@ class PlanSearch:
             if found.feasible:
                 return _Found(level, Certificate("path", level.grid), found, of_grid)
             if again and attempt:
-                self._look_between(problem, path)
+                self._closer.look_between(problem.limits, path)
             if nearest is None or found.excess < nearest.excess:
                 nearest = found
         return _Found(level, violating_path(problem, nearest, level.grid, covered))
@@ -342,16 +341,6 @@ class PlanSearch:
                 return found
         return problem.judged(q)
 
-    def _look_between(self, problem: Problem, path: Array) -> None:
-        """Have edges evaluated at more places where a path (N, nv) is outside between waypoints.
-
-        An obstacle's corner passes between the shares at which all edges are evaluated.
-        """
-        beyond, share = problem.limits.beyond_between(path)
-        shares = self._closer.shares
-        for at in np.flatnonzero((beyond > 0.0).any(axis=1)).tolist():
-            shares[at] = (float(share[at]), *shares.get(at, CLOSE))
-
     def _mended(self, problem: Problem, path: JudgedPath) -> JudgedPath | None:
         """Search the path again on the finest grid around the waypoints where it violates limits.
 
@@ -393,21 +382,22 @@ class PlanSearch:
                     tried.append(self._smooth(problem, trial.q, _TRIAL))
         return tried
 
-    def _by_now(self) -> SearchResult | None:
-        """The best motion of an interrupted search that satisfies all constraints."""
-        best, problem, level = self._kept.best(), self.problem, self._level
-        if best is None:
-            return None
-        grid = self.levels.grid(STAGES[0], problem.limits.steps) if level is None else level.grid
-        detail = "the search was interrupted: this is the best motion by then"
-        certificate = Certificate("path", grid, bands=problem.rows.hard.names, detail=detail)
-        bound = np.nan
-        try:
-            if level is not None:
-                bound = _stated(problem, _bound(problem, level, best))
-        except KeyboardInterrupt:  # once more: without a bound
-            pass
-        return SearchResult(best, certificate, bound, interrupted=True)
+
+def _by_now(search: PlanSearch) -> SearchResult | None:
+    """The best motion of an interrupted search that satisfies all constraints."""
+    best, problem, level = search._kept.best(), search.problem, search._level
+    if best is None:
+        return None
+    grid = search.levels.grid(STAGES[0], problem.limits.steps) if level is None else level.grid
+    detail = "the search was interrupted: this is the best motion by then"
+    certificate = Certificate("path", grid, bands=problem.rows.hard.names, detail=detail)
+    bound = np.nan
+    try:
+        if level is not None:
+            bound = _stated(problem, _bound(problem, level, best))
+    except KeyboardInterrupt:  # once more: without a bound
+        pass
+    return SearchResult(best, certificate, bound, interrupted=True)
 
 
 def _how_much_slower(search: PlanSearch, result: SearchResult, slower: Slower) -> SearchResult:
