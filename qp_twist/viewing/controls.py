@@ -107,7 +107,7 @@ class Controls:
             "Solver", tuple(sorted(installed_solvers())), initial_value=settings.solver
         )
         weight = gui.add_dropdown(
-            "Centring",
+            "Centering",
             _WEIGHTS,
             hint="weight of the secondary: gradient of z, the paper's, or natural",
         )
