@@ -365,7 +365,10 @@ def timing_roll(tasks: str = TASKS_OF_ROLL) -> str:
         followed = _dense(refine_trajectory(qt.follow(task, slow_down=True)))
         runs = followed, steady_trajectory(followed, limits)
         jerks = np.array([_roll_jerks(run, _APART / faster) for run in runs])
-        times = [time_trajectory(run, limits=limits).times[-1] for run in runs]
+        times = [
+            time_trajectory(run, limits=limits, curved=run is not followed).times[-1]
+            for run in runs
+        ]
         found = [*map("{:.3g}".format, jerks.T.ravel()), *map("{:.2f}".format, times)]
         rows.append((f"`{name}`", f"{faster:g}", *found))
     headings = [

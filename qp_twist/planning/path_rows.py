@@ -54,12 +54,21 @@ class PathRows:
         freedom: Dimension of the null space at each waypoint, (N,).
     """
 
-    def __init__(self, path_task: PathTask, s: Array | None = None) -> None:
-        """Rows at the waypoints of a path, or at parameters s (N,) of it in their place."""
+    def __init__(
+        self, path_task: PathTask, s: Array | None = None, moved: Array | None = None
+    ) -> None:
+        """Rows at the waypoints of a path, or at parameters s (N,) of it in their place.
+
+        ``moved`` (N, 6) are small twists by which the targets are moved, m and rad; bands and
+        constraints stay where they are.
+        """
         self.chain = SerialChain.of(path_task.model, path_task.frame_name, path_task.frame_type)
         path = path_task.at(s)
         self.hard = HardConstraints(path_task, self.chain, path)
         self._rotations, self._positions = path.rotations, path.positions
+        if moved is not None:
+            self._positions = path.positions + moved[:, :3]
+            self._rotations = rotation_matrix(moved[:, 3:]) @ path.rotations
         self._projectors, self._which = distinct_projectors(path.projectors)
         self.couplings = JointCouplings(path_task.model)
         self._coupled = self.couplings.independent()

@@ -48,18 +48,24 @@ points of a cubic: of a parabola, at a place 1/18 beside its top, 0.988."""
 
 
 def smooth_timing(
-    trajectory: Trajectory, limits: MotionLimits, floor: Array, tolerances: Tolerances
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    floor: Array,
+    tolerances: Tolerances,
+    *,
+    curved: bool = False,
 ) -> tuple[Trajectory, SpeedProfile]:
     """The timing of a path on a smooth curve, which keeps it within the tolerances.
 
     Where linear interpolation does not keep the ``tolerances`` of the task errors between rows,
-    the curve need not. ``floor`` (N − 1,) has the least time of each piece, s, above 0. Joint
-    moves, and pieces without a feed, are as fast as the limits permit.
+    the curve need not, unless the rows are ``curved``. ``floor`` (N − 1,) has the least time of
+    each piece, s, above 0. Joint moves, and pieces without a feed, are as fast as the limits
+    permit.
 
     Returns:
         The trajectory with further rows, and its timing.
     """
-    timing = _Timing(trajectory, floor, tolerances)
+    timing = _Timing(trajectory, floor, tolerances, curved=curved)
     rounds = 0
     while True:
         use = timing.use()
@@ -83,16 +89,19 @@ class _Timing:
         floor: Least time of each piece, s, (N − 1,).
         rests: Rows at which the joints stand still, (N,).
         may_help: Errors that linear interpolation keeps within the tolerances, (N − 1, B), and the
-            joint ranges.
+            joint ranges; of ``curved`` rows all.
         whole: Pieces that cannot be divided, (N − 1,).
     """
 
-    def __init__(self, trajectory: Trajectory, floor: Array, tolerances: Tolerances) -> None:
+    def __init__(
+        self, trajectory: Trajectory, floor: Array, tolerances: Tolerances, *, curved: bool
+    ) -> None:
         self.trajectory, self.floor, self.tolerances = trajectory, floor, tolerances
         self.ranges = JointRanges.of(trajectory.path_task.model)
         rows = np.arange(len(trajectory.q))
         straight = JointMotion(rows.astype(np.float64), trajectory.q)
         self.may_help: Mask = self._used(straight, rows, slice(None)) <= 1.0
+        self.may_help |= curved
         self.whole = np.zeros(len(rows) - 1, dtype=bool)
         # A joint move is from rest to rest: the path, which it leaves, ends in a corner.
         moves = trajectory.path.moves

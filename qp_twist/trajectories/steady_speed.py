@@ -1,7 +1,9 @@
-"""The free motion of a trajectory, spent on the speed of its tool."""
+"""The free motion and the tolerances of a trajectory, spent on the speed of its tool."""
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,17 +15,22 @@ from qp_twist.checks import Array, Mask
 from qp_twist.following import Trajectory
 from qp_twist.kinematics import JointRanges
 from qp_twist.planning.path_rows import PathRows
-from qp_twist.referee import CORNER, MotionLimits, turns_of
+from qp_twist.referee import AT_SPEED, MotionLimits
 from qp_twist.trajectories.refine_trajectory import with_rows_between
+from qp_twist.trajectories.rounded_path import differences, rounding, smooth_at
 
-_ROUNDS, _HALVINGS = 40, 6
+_ROUNDS, _HALVINGS = 100, 6
 _LONGEST = 0.1
 """Largest displacement of a joint in a round, rad or m: the rows hold only nearby."""
 _QUIET = 1e-3
 """Weight of what is far below the limits, so that the free motion is smooth there, too."""
-_SETTLED = 1e-3
+_SETTLED = 1e-4
 """Share of the cost by which a round has to reduce it."""
 _DAMPING = 1e-9
+_SLOW = 1.0 - AT_SPEED
+"""What a piece loses where the tool counts as slow, as a share of its time: what it loses beyond
+costs less and less, so that few are slow, and not all a little (``timing_seam``, UR10e: 29 % of the
+path at speed, 11 % without)."""
 _APART = 0.02
 """Largest time between rows, s. Between rows 0.2 s apart the tool is up to 13 % slower than at them
 (dome_seams), 50 ms apart 4 %, 20 ms apart less than what counts as slow."""
@@ -41,42 +48,49 @@ class _Uses(NamedTuple):
     order: Array
 
     @property
-    def cost(self) -> float:
-        """Time that the limits cost, s, and a little of the squares of all shares.
+    def lost(self) -> Array:
+        """Time that the limits cost each, as a share of its own and of :data:`_SLOW`, (3N − 6,).
 
         A piece that asks for the share u of a speed takes u times as long, one that asks for the
         share u of an acceleration √u times, of a jerk ∛u times.
         """
-        factors = (self.of ** (1.0 / self.order)).max(axis=1)
-        lost = np.maximum(factors - 1.0, 0.0) + _QUIET * (self.of**2).sum(axis=1)
-        return float(self.spans @ lost)
+        factors: Array = (self.of ** (1.0 / self.order)).max(axis=1)
+        return np.maximum(factors - 1.0, 0.0) / _SLOW
+
+    @property
+    def cost(self) -> float:
+        """Time in which the tool is slow, s, smoothed, and a little of all shares' squares."""
+        slow = _SLOW * np.log1p(self.lost) + _QUIET * (self.of**2).sum(axis=1)
+        return float(self.spans @ slow)
 
     @property
     def weights(self) -> Array:
-        """Of the squares of the shares: their sum has the gradient of the lost time, smoothed."""
+        """Of the squares of the shares: their sum has the gradient of the cost, smoothed."""
         u = np.minimum(self.of, 1e6)
-        smoothed = u**6 / (1.0 + u ** (8.0 - 1.0 / self.order))
+        smoothed = u**6 / (1.0 + u ** (8.0 - 1.0 / self.order)) / (1.0 + self.lost[:, None])
         weights: Array = self.spans[:, None] * (_QUIET + smoothed)
         return weights
 
 
 def steady_trajectory(trajectory: Trajectory, limits: MotionLimits) -> Trajectory:
-    r"""The trajectory with rows every 20 ms, and a free motion that slows its tool down less.
+    r"""The trajectory with rows every 20 ms, whose tool is slow on less of the path.
 
-    On rows :math:`\mathbf q_k` that take :math:`h_k` at the feed, the joints would have speeds
+    The path is rounded within the tolerances of a check
+    (``rounding``), and then the free motion moves. On rows
+    :math:`\mathbf q_k` that take :math:`h_k` at the feed, the joints would have speeds
     :math:`\Delta\mathbf q_k/h_k` and the accelerations of their changes. Where these exceed their
-    limits the tool has to be slower. Minimised, along the null space of the task's rows, is the
-    time that this costs,
+    limits the tool has to be slower. Minimised, along the null space of the task's rows, is
 
     .. math::
 
-        \sum_k h_k\,\bigl(\max_j \max(u_{kj},\, \sqrt{u'_{kj}},\, \sqrt[3]{u''_{kj}}) - 1\bigr)_+,
+        \sum_k h_k\,\varepsilon\log(1 + \tau_k/\varepsilon), \qquad
+        \tau_k = \bigl(\max_j \max(u_{kj},\, \sqrt{u'_{kj}},\, \sqrt[3]{u''_{kj}}) - 1\bigr)_+,
 
-    with the shares u, u′ and u″ of the limits of speed, acceleration and jerk, by least squares
-    whose weights are renewed in each round. At corners of the path only speeds count, since the
-    tool slows down there whatever the joints do. Joint ranges, hard bands and constraints are kept
-    at the rows. The ends of joint moves stay, as does the first row, unless the task leaves its
-    start open.
+    with the shares u, u′ and u″ of the limits of speed, acceleration and jerk, and ε = 2 %, from
+    which on the tool counts as slow, by least squares whose weights are renewed in each round. At
+    corners of the path only speeds count, since the tool slows down there whatever the joints do.
+    Joint ranges, hard bands and constraints are kept at the rows. The ends of joint moves stay, as
+    does the first row, unless the task leaves its start open.
 
     Args:
         trajectory: Result of :func:`~qp_twist.follow`.
@@ -86,15 +100,12 @@ def steady_trajectory(trajectory: Trajectory, limits: MotionLimits) -> Trajector
     task, feed = trajectory.path_task, trajectory.feed
     if feed is None or len(trajectory.q) < 4:
         return trajectory
-    rows, at = PathRows(task, trajectory.s), np.arange(len(trajectory.q))
-    if not rows.freedom.any():
-        return trajectory
-    moves, ranges = trajectory.path.moves, JointRanges.of(task.model)
+    at, ranges, moves = np.arange(len(feed) + 1), JointRanges.of(task.model), trajectory.path.moves
     held = np.append(moves, False) | np.append(False, moves)
     held[0] |= not task.best_start
-    change = _change(feed, moves, limits)
-    pieces = np.where(moves, 0.0, feed)
-    smooth = turns_of(trajectory.path.positions) < CORNER
+    rows = PathRows(task, trajectory.s, rounding(trajectory, held))
+    change = _change(differences(feed, moves), limits)
+    pieces, smooth = np.where(moves, 0.0, feed), smooth_at(trajectory)
     at_rows, inner = 0.5 * smooth * (pieces[1:] + pieces[:-1]), smooth[1:] * smooth[:-1]
     spans = np.concatenate([pieces, at_rows, inner * pieces[1:-1]])
     order = np.repeat([[1.0], [2.0], [3.0]], [len(pieces), len(at_rows), len(inner)], axis=0)
@@ -102,9 +113,11 @@ def steady_trajectory(trajectory: Trajectory, limits: MotionLimits) -> Trajector
     def uses(q: Array) -> _Uses:
         return _Uses(np.abs(change @ q.ravel()).reshape(-1, q.shape[1]), spans, order)
 
-    q, now = trajectory.q, uses(trajectory.q)
+    q, inside = rows.correct_inside(trajectory.q, at)
+    q[held | ~inside] = trajectory.q[held | ~inside]
+    now = uses(q)
     outside = np.minimum(0.0, ranges.room(q).min(axis=1))
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if rows.freedom.any() else 0):
         step = _step(change, q, rows.motions(q, at), now.weights, held)
         step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), _DAMPING))
         before = now.cost
@@ -131,16 +144,12 @@ def _dense(trajectory: Trajectory) -> Trajectory:
     return trajectory
 
 
-def _change(feed: Array, moves: Mask, limits: MotionLimits) -> sparse.csr_matrix:
+def _change(changes: Sequence[sparse.csr_matrix], limits: MotionLimits) -> sparse.csr_matrix:
     """From q (N nv,) to speeds, accelerations and jerks at the feed in shares of their limits."""
-    h = np.where(moves | (feed <= 0.0), np.inf, feed)
-    most, rates, found = (limits.velocity, limits.acceleration, limits.jerk), None, []
-    for spans, limit in zip((h, 0.5 * (h[1:] + h[:-1]), h[1:-1]), most, strict=True):
-        shape = (len(spans), len(spans) + 1)
-        change = sparse.diags([-1.0 / spans, 1.0 / spans], [0, 1], shape=shape)
-        rates = change if rates is None else change @ rates
-        found.append(sparse.kron(rates, sparse.diags(1.0 / limit)))
-    return sparse.vstack(found, format="csr")
+    rates = itertools.accumulate(changes, lambda of, change: change @ of)
+    most = limits.velocity, limits.acceleration, limits.jerk
+    found = (sparse.kron(of, np.diag(1.0 / limit)) for of, limit in zip(rates, most, strict=True))
+    return sparse.vstack(list(found), format="csr")
 
 
 def _step(change: sparse.csr_matrix, q: Array, basis: Array, weights: Array, held: Mask) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from qp_twist.referee import (
     with_default_jerks,
 )
 from qp_twist.robots import ControllerJoints
-from qp_twist.trajectories.check import Check
+from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.refine_trajectory import refine_trajectory
 from qp_twist.trajectories.steady_speed import steady_trajectory
 from qp_twist.trajectories.time_trajectory import time_trajectory
@@ -94,29 +94,36 @@ def _at_constant_speed(
 ) -> _Timed:
     """The motion whose tool is at the programmed speed on the longest part of the path.
 
-    The free motion moves first (:func:`~qp_twist.steady_trajectory`); if dips are left that are not
+    The path is rounded within the tolerances, and the free motion moves
+    (:func:`~qp_twist.trajectories.steady_trajectory`); if dips are left that are not
     corners of the path, and the task leaves its start open, so does the branch.
     """
     limits = timed.limits
     assert limits is not None
 
     def steady(trajectory: Trajectory) -> _Timed:
-        rows = refine_trajectory(steady_trajectory(trajectory, limits))
-        return _Timed(trajectory, rows, time_trajectory(rows, limits=limits))
+        rows = steady_trajectory(trajectory, limits)
+        return _Timed(trajectory, rows, time_trajectory(rows, limits=limits, curved=True))
 
-    best = max(_Timed(first, timed.trajectory or first, timed), steady(first), key=_share)
+    best = _better(_Timed(first, timed.trajectory or first, timed), steady(first))
     if path_task.best_start and any("corner" not in dip.causes[0] for dip in best.speed.dips):
         for other in best_of_each_branch(central_configurations(path_task), _BRANCHES):
             with suppress(InvalidInput):  # the method has no start there
                 trajectory = followed(path_task.started_at(other.q))
                 if trajectory.passes and trajectory.ended:
-                    best = max(best, steady(trajectory), key=_share)
+                    best = _better(best, steady(trajectory))
     return best
 
 
-def _share(of: _Timed) -> tuple[float, float]:
-    """What the best motion has the largest of: the share at speed, or else it is the fastest."""
-    return of.speed.at_speed, -float(of.timed.motion.times[-1])
+def _better(best: _Timed, other: _Timed) -> _Timed:
+    """The other if it passes, dips aside, and more of it is at speed, or it is only faster."""
+
+    def share(of: _Timed) -> tuple[float, float]:
+        return of.speed.at_speed, -float(of.timed.motion.times[-1])
+
+    task = replace(other.trajectory.path_task, max_dip=None)
+    better = share(other) > share(best) and check_trajectory(other.timed, task).passes
+    return other if better else best
 
 
 def run_task(

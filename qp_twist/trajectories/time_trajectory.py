@@ -27,6 +27,7 @@ def time_trajectory(
     limits: MotionLimits | None = None,
     position_tolerance: float | None = None,
     axis_tolerance_deg: float | None = None,
+    curved: bool = False,
 ) -> TimedPath:
     r"""Time a joint path: at the feed, or slower where a limit requires it.
 
@@ -52,6 +53,8 @@ def time_trajectory(
         position_tolerance: Largest linear task error between waypoints, m; ``None``: that of a
             check.
         axis_tolerance_deg: Largest angular task error there, degrees; ``None``: likewise.
+        curved: Whether the rows are meant for a smooth curve, which then keeps the tolerances
+            between all rows, also where linear interpolation does not.
 
     Raises:
         InvalidInput: If neither the feed nor a limit determines the duration of a piece, or a joint
@@ -83,7 +86,7 @@ def time_trajectory(
             "takes; add [feed] to the task file, and [limits]."
         )
     if np.isfinite([limits.acceleration, limits.jerk]).any():
-        trajectory, profile = smooth_timing(trajectory, limits, floor, tolerances)
+        trajectory, profile = smooth_timing(trajectory, limits, floor, tolerances, curved=curved)
         feed = _feed(trajectory)
     else:
         profile = straight_profile(q, floor, limits.velocity)

@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import mink
 import mujoco
 import numpy as np
 import pytest
 from oracles.joint_paths import evenly, joint_path, short, slider
+from oracles.mounted_robots import mounted
 
 import qp_twist as qt
 from qp_twist.errors import InvalidInput, TaskFileError
@@ -184,23 +186,51 @@ def test_the_free_motion_moves_before_the_tool_slows_down(
         assert "joint_" in str(dip) or "corner" in str(dip)
 
 
-def test_only_what_leaves_something_free_is_moved_and_a_stated_start_stays(
-    fast: qt.PathTask,
+def seam() -> qt.PathTask:
+    """Half of a ring that a tool of free roll goes round at 0.2 m/s, leaning to its middle."""
+    arm = mounted("Fanuc M-20iA", (-20.0, 20.0, -10.0, -60.0, 40.0, 170.0))
+    lean = mink.SO3.from_x_radians(0.8)
+    ring = [
+        mink.SE3.from_rotation(mink.SO3.from_z_radians(t))
+        @ mink.SE3.from_rotation_and_translation(lean, np.array([0.05, 0.0, 0.0]))
+        for t in np.linspace(0.0, np.pi, 41)
+    ]
+    placed = arm.start @ ring[0].inverse()
+    durations = np.append(0.0, np.full(40, 0.05 * np.pi / 40 / 0.2))
+    return arm.task("seam", [placed @ pose for pose in ring], durations)
+
+
+def test_a_path_is_rounded_within_its_tolerances_where_waypoints_make_it_a_polygon(
+    tmp_path: Path,
 ) -> None:
+    """Between its waypoints the ring is straight: joints on its chords would need more jerk."""
+    task, shares = seam(), []
+    for constant in (False, True):
+        task = dataclasses.replace(task, constant_speed=constant)
+        run = run_task(task, "qp_gradient", tmp_path / "run.csv")
+        assert run.check is not None and run.check.passes and run.timed is not None
+        speeds, ways = own_shares(task, run.timed.motion)
+        shares.append(float(ways[speeds >= 0.98 * 0.2].sum() / ways.sum()))
+    assert shares[0] < 0.3 and shares[1] > 0.7
+    assert run.check.speed is not None and not run.check.speed.dips
+
+
+def test_a_whole_pose_is_rounded_and_a_stated_start_stays(fast: qt.PathTask) -> None:
     task = short(fast, 60)
     limits = with_default_accelerations(motion_limits(task), qt.JointRanges.of(task.model))
     run = qt.follow(task, slow_down=True, fine=True)
     steady = steady_trajectory(run, limits)
     assert (steady.q[0] == run.q[0]).all()
-    assert np.abs(steady.position_error).max() < 1e-6
-    assert np.abs(steady.axis_error).max() < 1e-6
+    assert np.abs(steady.position_error).max() < 0.5 * task.tolerances.position
+    assert np.abs(steady.axis_error).max() < 0.5 * task.tolerances.axis
     assert np.abs(steady.q - run.q).max() > 0.01
     held = qt.follow(task, "qp_rmr", slow_down=True, fine=True)
     whole = dataclasses.replace(
         held.path_task, projector=task.operational, waypoints=task.waypoints
     )
     still = steady_trajectory(dataclasses.replace(held, path_task=whole), limits)
-    assert (still.q == held.q).all()
+    assert np.abs(still.q - held.q).max() < 1e-3
+    assert 0.0 < np.abs(still.position_error).max() < 0.5 * task.tolerances.position
 
 
 def test_settings_that_contradict_each_other_are_refused(tmp_path: Path) -> None:
