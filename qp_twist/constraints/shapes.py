@@ -80,9 +80,6 @@ class MovingShapes:
 
     def first_below(self, q: Array, distance: float) -> Indices:
         """Index of the first pair nearer than ``distance`` at each configuration, or −1, (N,)."""
-        if distance < 0.0:  # by depths
-            below = self.distances(q, 0.0) < distance
-            return np.where(below.any(axis=1), below.argmax(axis=1), -1)
         q = self.configurations(q)
         found = np.zeros(len(q), dtype=np.int64)
         self._ask(first_below, q, float(distance), found)

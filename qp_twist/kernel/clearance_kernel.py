@@ -270,13 +270,13 @@ def _off(cell, g, h):
 
 
 @part
-def distance_of(cell, pair, enough, deep):
+def distance_of(cell, pair, enough, least):
     """Signed distance of a pair, as ``pair_distance``; a lower bound above ``enough``."""
     a, b = cell.shapes[pair.one], cell.shapes[pair.other]
     lower = at_least(a, b, enough)
     if lower > enough:
         return lower
-    return pair_distance(a, b, cell.vertices, enough, cell.simplex[0], deep)
+    return pair_distance(a, b, cell.vertices, enough, cell.simplex[0], least)
 
 
 @entry
@@ -289,18 +289,19 @@ def distances(cell, q, enough, out):
     for row in range(len(q)):
         place(cell, q[row])
         for k in range(len(cell.pairs)):
-            out[row, k] = distance_of(cell, cell.pairs[k], enough, True)
+            out[row, k] = distance_of(cell, cell.pairs[k], enough, -math.inf)
 
 
 @entry
 def first_below(cell, q, distance, out):
     """Write to out (N,) the first pair nearer than ``distance`` at q (N, nq), or −1."""
     show_obstacles(cell, False)
+    enough = max(distance, 0.0)
     for row in range(len(q)):
         place(cell, q[row])
         out[row] = -1
         for k in range(len(cell.pairs)):
-            if distance_of(cell, cell.pairs[k], distance, False) < distance:
+            if distance_of(cell, cell.pairs[k], enough, distance) < distance:
                 out[row] = k
                 break
 
@@ -393,7 +394,7 @@ def least_distances(cell, before, after, travel, curve, distance, out):
         for k in range(len(cell.pairs)):
             pair = cell.pairs[k]
             pair.change, pair.bend = _motion_of(cell, pair, travel[row], curve[row])
-            pair.near = distance_of(cell, pair, distance + pair.change, True)
+            pair.near = distance_of(cell, pair, distance + pair.change, -math.inf)
             out[row, k] = pair.near - pair.change
             left = left or out[row, k] < distance
         if not left:
@@ -402,7 +403,7 @@ def least_distances(cell, before, after, travel, curve, distance, out):
         for k in range(len(cell.pairs)):
             if out[row, k] < distance:
                 pair = cell.pairs[k]
-                far = distance_of(cell, pair, distance + pair.change, True)
+                far = distance_of(cell, pair, distance + pair.change, -math.inf)
                 out[row, k] = _least_between(pair.near, far, pair.change, pair.bend)
 
 
@@ -433,5 +434,5 @@ def gradients(cell, q, which, out):
             if which[row, k] < 0:
                 continue
             pair = cell.pairs[which[row, k]]
-            distance_of(cell, pair, math.inf, True)
+            distance_of(cell, pair, math.inf, -math.inf)
             gradient_of(cell, pair, out[row, k])

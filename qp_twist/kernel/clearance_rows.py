@@ -142,7 +142,7 @@ def _ask(cell, asked, ahead):
 @part
 def _margin(cell, pair, enough):
     """Margin of a pair; above ``enough`` a lower bound of it."""
-    return distance_of(cell, pair, enough + pair.kept, True) - pair.kept
+    return distance_of(cell, pair, enough + pair.kept, -math.inf) - pair.kept
 
 
 @plain
@@ -325,7 +325,7 @@ def write_rows(cell, s, dt, asked, horizon, recovery, moves):
         if placed != n:
             _go(cell, s, s.braked, n, dt)
             placed = n
-        distance_of(cell, pair, math.inf, True)
+        distance_of(cell, pair, math.inf, -math.inf)
         gradient_of(cell, pair, s.G[count])
         for i in range(3):
             pair.normal[i] = cell.simplex[0].away[i]
@@ -365,7 +365,7 @@ def _correction(cell, s, k, velocity, left, dt, row):
     its direction at the beginning, or the pair moves apart.
     """
     pair, G = cell.pairs[k], s.G[row]
-    distance_of(cell, pair, math.inf, True)
+    distance_of(cell, pair, math.inf, -math.inf)
     gradient_of(cell, pair, G)
     along, rate = dot(cell.simplex[0].away, pair.normal), 0.0  # no row, no normal: along = 0
     for j in range(len(G)):

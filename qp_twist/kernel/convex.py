@@ -218,8 +218,26 @@ def _nearest(s, count):
 
 
 @plain
+def _depth_in_simplex(s):
+    """Least distance of the origin, inside the four points of A − B, from their faces, m.
+
+    The ball of this radius is in A − B: no shorter translation separates the cores.
+    """
+    depth = math.inf
+    for k in range(4):
+        p, q, r = s.w[k], s.w[(k + 1) % 4], s.w[(k + 2) % 4]
+        n = cross(minus(q, p), minus(r, p))
+        length = math.sqrt(dot(n, n))
+        depth = min(depth, abs(dot(n, p)) / length if length > 0.0 else 0.0)
+    return depth
+
+
+@plain
 def _of_cores(a, b, vertices, enough, s):
-    """Distance of the cores, m, or a lower bound above ``enough``; 0 if they intersect."""
+    """Distance of the cores, m, or a lower bound above ``enough``.
+
+    At most 0 if they intersect, and then an upper bound of the signed distance.
+    """
     count, lower = 0, 0.0
     s.v[0], s.v[1], s.v[2] = minus(a.x, b.x)
     square = dot(s.v, s.v)
@@ -248,7 +266,7 @@ def _of_cores(a, b, vertices, enough, s):
         kept = _nearest(s, count + 1)
         square = dot(s.v, s.v)
         if kept == 5 or square <= TOUCHING * TOUCHING:
-            return 0.0
+            return -_depth_in_simplex(s) if kept == 5 else 0.0
         if count > 0 and square >= before:  # rounding: no nearer point is found
             count = kept
             break
@@ -361,12 +379,13 @@ def _penetration(a, b, vertices, s):
 
 
 @plain
-def pair_distance(a, b, vertices, enough, s, deep):
+def pair_distance(a, b, vertices, enough, s, least):
     """Signed distance of two shapes, m.
 
-    It is negative by the depth of penetration; −∞ where cores intersect, unless ``deep``. Above
-    ``enough`` it is a lower bound, else s, a ``SIMPLEX``, receives the nearest points of A and B
-    and the direction in which A moves away from B. ``vertices`` (V, 3) are those of all meshes.
+    It is negative by the depth of penetration; −∞ where a bound of it is below ``least``, which
+    takes far less time than the depth. Above ``enough`` it is a lower bound, else s, a ``SIMPLEX``,
+    receives the nearest points of A and B and the direction in which A moves away from B.
+    ``vertices`` (V, 3) are those of all meshes.
     """
     if a.kind == PLANE:
         return _of_plane(a, b, vertices, s)
@@ -380,7 +399,7 @@ def pair_distance(a, b, vertices, enough, s, deep):
     apart = _of_cores(a, b, vertices, enough + one + other, s)
     if apart > enough + one + other:
         return apart - one - other
-    if apart <= TOUCHING and not deep:
+    if apart <= TOUCHING and min(apart, 0.0) - one - other < least:
         return -math.inf
     if apart <= TOUCHING:
         apart = _penetration(a, b, vertices, s)

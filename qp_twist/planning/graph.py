@@ -94,6 +94,22 @@ def edges(here: Layer, nodes: Indices, after: Layer, largest_step: Array, period
     return Edges(node[is_there], other[is_there])
 
 
+def alike(here: Layer, edge: Edges, after: Layer) -> tuple[Indices, Indices]:
+    """Edges along which the bodies move alike: they differ by the same whole turns at both ends.
+
+    Returns:
+        The first of each such edges, (B,), and which of these each edge is like, (E,).
+    """
+    turned = after.turns[edge.end] - here.turns[edge.start]
+    one, other = here.copies[1], after.copies[1]
+    key = one[edge.start] * (1 + other.max(initial=0)) + other[edge.end]
+    for joint in turned.T:
+        least = joint.min(initial=0)
+        key = key * (1 + joint.max(initial=0) - least) + joint - least
+    _, first, which = np.unique(key, return_index=True, return_inverse=True)
+    return first, which
+
+
 class _Unturned(NamedTuple):
     """The configurations of a layer without whole turns of some joints.
 

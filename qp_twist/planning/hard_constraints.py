@@ -101,10 +101,15 @@ class HardConstraints:
         return bool(self.bands) or not all(isinstance(c, JointCouplings) for c in self.constraints)
 
     @property
+    def of_bodies(self) -> bool:
+        """Whether they depend on where the bodies are alone, not on whole turns of the joints."""
+        return all(isinstance(c, Clearance) for c in self.constraints)
+
+    @property
     def lazy(self) -> bool:
         """Whether programs evaluate margins between waypoints only where one was violated."""
         # Only clearances take longer than all else.
-        return not self.bands and all(isinstance(c, Clearance) for c in self.constraints)
+        return not self.bands and self.of_bodies
 
     def margins(self, q: Array, at: Indices) -> Array:
         """Margins (K, k) of configurations q (K, nv) at waypoints (K,), rad or m.

@@ -6,6 +6,7 @@ import numpy as np
 
 from qp_twist.checks import Indices
 from qp_twist.planning.certificate import Certificate, empty_layers
+from qp_twist.planning.joint_ways import leaves_range
 from qp_twist.planning.layer import Layer, centred
 from qp_twist.planning.levels import COARSEST, STAGES, Grid, Level, Levels, Roadmap
 from qp_twist.planning.manifold_net import COVERED
@@ -20,13 +21,13 @@ are further seeds of waypoints without one."""
 
 
 def find_impossible(problem: Problem, levels: Levels) -> Certificate | None:
-    """What no motion can change: a prescribed distance, or a waypoint out of reach."""
+    """What no motion can change: a prescribed distance, a waypoint out of reach, a range."""
     grid = levels.grid(STAGES[0], problem.limits.steps)
     for clearance in problem.path_task.clearances:
         near = too_near(problem.path_task, clearance, grid)
         if near is not None:
             return near
-    return _find_unreached(problem.free)
+    return _find_unreached(problem.free) or leaves_range(problem, levels)
 
 
 def _find_unreached(problem: Problem) -> Certificate | None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.planning.certificate import CLOSE
-from qp_twist.planning.graph import Edges, LayerPath, cheapest_path, edges, interrupted_path
+from qp_twist.planning.graph import Edges, LayerPath, alike, cheapest_path, edges, interrupted_path
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.levels import STAGES, Level, Levels, Progress
@@ -293,10 +293,12 @@ class LevelSearch:
         if after > at + 1:  # joints are not interpolated linearly there
             return np.ones(len(edge.start), dtype=bool)
         hard, on_path = self.problem.rows.hard, self.problem.limits.on_path
-        begin = self.level.layers[number].q[edge.start]
-        end = begin + self.problem.unwound(self.level.layers[number + 1].q[edge.end] - begin)
+        here, there = self.level.layers[number : number + 2]
+        begin = here.q[edge.start]
+        end = begin + self.problem.unwound(there.q[edge.end] - begin)
         where, shares = np.full(len(begin), at), self.closer.shares.get(at, SHARES)
-        kept = hard.kept_between(begin, end, where, self._loose, shares)
+        first, which = alike(here, edge, there) if hard.of_bodies else (slice(None), slice(None))
+        kept = hard.kept_between(begin[first], end[first], where[first], self._loose, shares)[which]
         if on_path is not None and at in self.closer.asked:
             kept[kept] = on_path.kept(begin[kept], end[kept], where[kept], self._loose)
         return kept

@@ -227,12 +227,12 @@ class Levels:
         }
         at = np.arange(0, count, self._stride(stage, steps))
         if stage.motion:
-            least = self._moved[at] // (_DENSE * stage.motion)
+            least = self.moved[at] // (_DENSE * stage.motion)
             at = at[np.append(True, np.diff(least) > 0)]
         return sorted({*at.tolist(), count - 1, *changes})
 
     @cached_property
-    def _moved(self) -> Array:
+    def moved(self) -> Array:
         """How far the joints at least move up to each waypoint, about, rad or m, (N,)."""
         least = least_displacements(self.problem.path_task, self.problem.rows.chain, np.zeros(2))
         return np.append(0.0, np.cumsum(least.turned + least.travelled))

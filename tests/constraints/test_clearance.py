@@ -247,6 +247,10 @@ def test_what_is_known_of_a_configuration_is_no_more_than_holds_at_the_next(seed
     assert (together <= alone + ACCURATE).all()
     first = [clearance.first_violated(row[None])[0] for row in q]
     assert clearance.first_violated(q).tolist() == first
+    deep = 0.05 + float(rng.choice([1e-4, 5e-3, 0.03]))  # of overlaps
+    below = alone < -deep
+    expected = np.where(below.any(axis=1), below.argmax(axis=1), -1)
+    assert clearance.first_violated(q, deep).tolist() == expected.tolist()
     middle = 0.5 * (q[:-1] + q[1:])
     least = clearance.least(q[:-1], q[1:], np.abs(np.diff(q, axis=0)))
     assert (least <= clearance.margins(middle) + ACCURATE).all()
