@@ -1,4 +1,4 @@
-"""A progress bar on terminals, nothing elsewhere; a note while machine code is made."""
+"""A progress bar on terminals, seldom a line elsewhere; a note while machine code is made."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
+from time import monotonic
 from typing import Any
 
 from qp_twist.cli.app import quiet, terminal
@@ -15,14 +16,16 @@ from qp_twist.qp import check_solver
 
 Report = Callable[[float, str], None]
 """Called with what is done so far, and a description."""
+_SILENT = 10.0
+"""Time until the first line without a terminal, s; the next ones come after twice as long each."""
 
 
 @contextmanager
 def progress_bar(total: float) -> Iterator[Report]:
-    """Draw a bar on standard error, if that is a terminal; yield what moves it."""
+    """Draw a bar on standard error, if that is a terminal; yield what moves it, or says it."""
     console = terminal()
     if console is None:
-        yield lambda done, what: None
+        yield _seldom(total)
         return
     import rich.progress as of  # here: a pipe has no bar
 
@@ -31,6 +34,21 @@ def progress_bar(total: float) -> Iterator[Report]:
     with of.Progress(of.BarColumn(24), *columns, text, console=console, transient=True) as progress:
         bar = progress.add_task("", total=total)
         yield lambda done, what: progress.update(bar, completed=done, description=what)
+
+
+def _seldom(total: float) -> Report:
+    """Writes how far it is to standard error after 10 s, 20 s, 40 s and so on; not if quiet."""
+    begun, due = monotonic(), _SILENT
+
+    def report(done: float, what: str) -> None:
+        nonlocal due
+        passed = monotonic() - begun
+        if passed >= due and not quiet.get():
+            due = 2.0 * passed
+            share = f", {100.0 * done / total:.0f} % done" if done else ""
+            print(f"note: {passed:.0f} s{share}: {what}", file=sys.stderr, flush=True)
+
+    return report
 
 
 class MethodProgress:
