@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,9 +11,6 @@ import scipy  # which loads its parts when they are first used
 
 from qp_twist.checks import Array, Indices, Mask
 from qp_twist.planning.layer import TURN, Layer, boxed
-
-_ROUNDS = 4
-"""Rounds in which only the best edge to each node is validated; then all remaining ones."""
 
 
 class Edges(NamedTuple):
@@ -286,29 +282,38 @@ def _least(
     """Least value (count,) over the valid edges to each node of the second layer, and their starts.
 
     Validating every edge would take too long: only the best one to each node is validated, and if
-    it is invalid, the next best.
+    it is invalid, the next one, the next two, four and so on. Edges from places beside each other
+    are invalid together, so that one by one takes many rounds, while most of all are valid.
     """
-    validated = np.zeros(len(values), dtype=bool)
-    values = values.copy()
-    for attempt in itertools.count():
-        reached = np.full(count, np.inf)
-        np.minimum.at(reached, edge.end, values)
-        before = np.zeros(count, dtype=np.intp)
-        giving = values == reached[edge.end]
-        before[edge.end[giving]] = edge.start[giving]
-        if valid is None:
-            break
-        chosen = giving & np.isfinite(values) & (edge.start == before[edge.end]) & ~validated
-        if attempt >= _ROUNDS:  # all edges to the nodes whose best edges are invalid
-            failing = np.zeros(count, dtype=bool)
-            failing[edge.end[chosen]] = True
-            chosen = failing[edge.end] & np.isfinite(values) & ~validated
-        validated |= chosen
-        which = np.flatnonzero(chosen)
-        ok = valid(layer, edge.at(which))
-        values[which[~ok]] = np.inf
-        if ok.all():
-            break
+    reached, before = _minima(values, edge, count)
+    if valid is None:
+        return reached, before
+    left = np.flatnonzero(np.isfinite(values))
+    end = edge.end[left]
+    next_ = (values[left] == reached[end]) & (edge.start[left] == before[end])
+    found, size = np.full(len(values), np.inf), 1
+    while True:
+        chosen, left = left[next_], left[~next_]
+        ok = chosen[valid(layer, edge.at(chosen))]
+        found[ok] = values[ok]
+        missing = np.ones(count, dtype=bool)
+        missing[edge.end[ok]] = False
+        left = left[missing[edge.end[left]]]
+        if not len(left):
+            return _minima(found, edge, count)
+        if size == 1:
+            left = left[np.lexsort((values[left], edge.end[left]))]
+        first = np.flatnonzero(np.diff(edge.end[left], prepend=-1))
+        rank = np.arange(len(left)) - np.repeat(first, np.diff(first, append=len(left)))
+        next_, size = rank < size, 2 * size
+
+
+def _minima(values: Array, edge: Edges, count: int) -> tuple[Array, Indices]:
+    """Least of the values (E,) of the edges to each node, (count,), and where that begins."""
+    reached, before = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
+    np.minimum.at(reached, edge.end, values)
+    least = values == reached[edge.end]
+    before[edge.end[least]] = edge.start[least]
     return reached, before
 
 

@@ -83,7 +83,7 @@ def test_a_chain_with_a_ball_joint_is_refused_by_name() -> None:
 @settings(max_examples=25)
 def test_the_shortest_way_is_dijkstras(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    sizes = rng.integers(1, 6, rng.integers(2, 6))
+    sizes = rng.integers(1, 12, rng.integers(2, 6))
     nodes = [rng.uniform(0.0, 1.0, size) for size in sizes]
     links, costs = [], []
     for a, b in itertools.pairwise(sizes):
@@ -91,16 +91,18 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
         links.append(Edges(some[:, 0], some[:, 1]))
         costs.append(rng.uniform(0.0, 1.0, len(some)))
     clear = [np.ones(sizes[0], dtype=bool), *(rng.uniform(size=size) < 0.8 for size in sizes[1:])]
+    kept = [rng.uniform(size=len(cost)) < 0.6 for cost in costs]
     way = cheapest_path(
         nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
         allowed=lambda k, reached: clear[k][reached],
+        valid=lambda k, e: _cost(links[k], kept[k], e),
     )  # fmt: skip
     first = np.concatenate([[0], np.cumsum(sizes)])
     graph = np.zeros((3, 0))
     for k, (link, cost) in enumerate(zip(links, costs, strict=True)):
         weight = cost + nodes[k][link.start]
         ends_and_cost = np.array([first[k] + link.start, first[k + 1] + link.end, weight])
-        graph = np.hstack([graph, ends_and_cost[:, clear[k + 1][link.end]]])
+        graph = np.hstack([graph, ends_and_cost[:, clear[k + 1][link.end] & kept[k]]])
     ends = coo_matrix((graph[2], graph[:2].astype(int)), (first[-1], first[-1])).tocsr()
     distance = dijkstra(ends)[: sizes[0], first[-2] :] + nodes[-1]
     assert way.value == pytest.approx(distance.min())
@@ -108,12 +110,13 @@ def test_the_shortest_way_is_dijkstras(seed: int) -> None:
         pruned = cheapest_path(
             nodes, lambda k, alive: _of(links[k], alive), lambda k, e: _cost(links[k], costs[k], e),
             at_most=way.value, allowed=lambda k, reached: clear[k][reached],
+            valid=lambda k, e: _cost(links[k], kept[k], e),
         )  # fmt: skip
         assert pruned.value == pytest.approx(way.value)
         assert all(of[node] for of, node in zip(clear, way.nodes, strict=True))
         walked = sum(n[i] for n, i in zip(nodes, way.nodes, strict=True))
         for k, pair in enumerate(itertools.pairwise(way.nodes)):
-            match = (links[k].start == pair[0]) & (links[k].end == pair[1])
+            match = (links[k].start == pair[0]) & (links[k].end == pair[1]) & kept[k]
             walked += costs[k][match].min()
         assert walked == pytest.approx(way.value)
 
@@ -125,7 +128,8 @@ def _of(link: Edges, alive: Array) -> Edges:
 
 def _cost(link: Edges, cost: Array, asked: Edges) -> Array:
     table = {(i, j): c for i, j, c in zip(link.start, link.end, cost, strict=True)}
-    return np.array([table[i, j] for i, j in zip(asked.start, asked.end, strict=True)])
+    pairs = zip(asked.start, asked.end, strict=True)
+    return np.array([table[pair] for pair in pairs], dtype=cost.dtype)
 
 
 # ---------------------------------------------------------------- layers
