@@ -27,6 +27,19 @@ from qp_twist.trajectories.matching import times_at_waypoints
 from qp_twist.trajectories.timed_path import TimedPath
 from qp_twist.trajectories.within_limits import JointLimits, Ramp, Way
 
+SHORTEST = 1e-4
+"""Length up to which a move has a time instead of a speed, m: that of points, so that the tool may
+turn there alone."""
+_SLOW = 3.0 * SHORTEST
+"""The tool's speed times a period, m, up to which moves may have times: such a move is SHORTEST in
+a period at most, and what speeds up from rest by a constant jerk is at its end three times as fast
+as in the mean."""
+_RAMP = 1.5
+"""Periods up to which a move that has one speed may lead through a ramp: within one the controller
+changes none, and in shorter ones the printed digits of angles would ask for more jerk."""
+_ROUNDING, _NEAR = 1e-9, 0.005
+"""Rounding of times that are added, s; and the share of a period, or of a tick, up to which two
+times count as the same."""
 ROUNDED_UP = 1e-3
 """Share by which a printed speed may be above the planned one: the chord of an arc that turns by θ
 is shorter by θ²/24, which is 1e-3 at 9°."""
@@ -87,12 +100,13 @@ class Fits:
         """Rows that are ``held`` (N,) are points; to those that are ``joined`` joint moves lead.
 
         Where the dialect has ``two_angles`` a move has to keep them, too, if a controller swings an
-        axis of the tool, whichever it is, and turns about it at once. Within its period no speed
-        changes: the shortest move that is not below it may lead through a ramp.
+        axis of the tool, whichever it is, and turns about it at once. Within ``_RAMP`` periods a
+        move may lead through a ramp. More rows are made where moves end
+        between those that are given (:meth:`row_at`), which changes the indices of those behind.
         """
         self._tool, self._dialect, own = tool, dialect, rows.of_joints(tool.names)
-        times = own.motion.times
-        self.last = len(own.q) - 1
+        self._tick = 10.0**-dialect.time_decimals
+        self._motion, times = own.motion, own.motion.times
         self._times = np.insert(times, np.arange(1, len(times)), own.motion.middles)
         self._q = own.motion.at(self._times).q
         self._q[::2] = own.q
@@ -103,11 +117,64 @@ class Fits:
         self.on_joint_moves = _on_joint_moves(rows, path_task)
         """Rows that a joint move of the task leads to, (N,)."""
         self.joined = self.on_joint_moves if joined is None else self.on_joint_moves | joined
+        self._changing = _changing(rows.motion.times, self._poses, dialect.period) | self.joined
 
     @property
     def projector(self) -> TwistProjector:
         """The directions in which the tool has to stay."""
         return self._projector
+
+    @property
+    def times(self) -> Array:
+        """Of the rows, s, (N,)."""
+        return self._times[::2]
+
+    def row_at(self, time: float) -> int:
+        """The row at a time, s, which is made one if it is none."""
+        row = int(np.searchsorted(self.times, time - _ROUNDING))
+        if self.times[row] - time > _ROUNDING:
+            own = np.array([self.times[row - 1], time, self.times[row]])
+            more = np.insert(0.5 * (own[1:] + own[:-1]), 1, time)
+            q, place = self._motion.at(more).q, slice(2 * row - 1, 2 * row)
+
+            def put(of: Array, new: Array) -> Array:
+                return np.concatenate([of[: place.start], new, of[place.stop :]])
+
+            self._times, self._q = put(self._times, more), put(self._q, q)
+            self._poses = Poses(*map(put, self._poses, self._tool.poses(q)))
+            self._held = np.insert(self._held, row, False)
+            self._changing = np.insert(self._changing, row, self._changing[row - 1])
+            self.on_joint_moves, self.joined = (
+                np.insert(each, row, each[row]) for each in (self.on_joint_moves, self.joined)
+            )
+        return row
+
+    def most(self, begin: int) -> int:
+        """The row as far as which moves from a row are joint moves, or are not."""
+        ends = np.flatnonzero(self.joined[begin + 1 :] != self.joined[begin + 1])
+        return begin + int(ends[0]) if len(ends) else len(self.joined) - 1
+
+    def in_time(self, begin: int, end: int) -> float:
+        """When a move from a row that leads to row ``end`` should end, s.
+
+        Neither it nor what is left up to the last row of its kind is shorter than a period, since
+        it would take longer than planned, and what is left is no move through a ramp that is too
+        long for one and too short for two. Where speeds change, it takes whole ticks, in which
+        times are printed.
+        """
+        times, period, most = self.times, self._dialect.period, self.most(begin)
+        if end == most:
+            return float(times[end])
+        time, left, both = times[end], times[most] - times[end], times[most] - times[begin]
+        if left < period or _RAMP * period < left < 2.0 * period:
+            time = times[most] - (2.0 * period if both > 3.0 * period else 0.5 * both)
+        time = max(time, times[begin] + period)
+        ticks = (time - times[0]) / self._tick
+        if self._changing[int(np.searchsorted(times, time + _ROUNDING)) - 1]:
+            whole = np.floor(ticks + _NEAR) * self._tick + times[0]
+            time = whole if whole - times[begin] > period - _ROUNDING else whole + self._tick
+        near = abs(time - times[end]) < _NEAR * period or time > times[most] - _ROUNDING
+        return float(times[end] if near else time)
 
     def point(self, row: int) -> Point:
         """Where a row is."""
@@ -185,11 +252,11 @@ class Fits:
         slower = self._limits.slower(begin.q, [way], np.array([seconds]))
         found = found._replace(way=way)
         # Where a script states accelerations, joints need some of theirs for ramps.
-        if self._dialect.constant and not self.most(found, begin)[1]:
+        if self._dialect.constant and not self.fastest(found, begin)[1]:
             return None
         return found if slower[0] <= 1.0 + PACE else None
 
-    def most(self, found: FittedMove, begin: Point) -> tuple[float, float]:
+    def fastest(self, found: FittedMove, begin: Point) -> tuple[float, float]:
         """The largest speed and acceleration on a move that the joints' limits allow.
 
         Of a joint move those of the joint that goes farthest, rad/s and rad/s²; else the tool's
@@ -240,7 +307,7 @@ class Fits:
         times, paced = self._times[places], self._paced(places)
         p = self._poses.positions[places]
         share = move.share(p) if move.length > self._tolerances.position else paced
-        longer = self._times[places[-1] - 2] - times[0] > self._dialect.period
+        longer = times[-1] - times[0] > _RAMP * self._dialect.period
         if longer and np.abs(share - paced).max() > PACE:
             return None
         line = move.at(share)
@@ -291,29 +358,41 @@ def farthest(fits: Fits, rules: Sequence[Turning]) -> tuple[list[Point], list[Fi
     far; where they do not follow at all, and to rows that are joined, a joint move is next.
     """
     points, moves = [fits.point(0)], list[FittedMove]()
-    while (begin := points[-1]).row < fits.last:
-        joined = fits.joined[begin.row + 1 :]
-        ends = np.flatnonzero(joined != joined[0])
-        most = begin.row + int(ends[0]) if len(ends) else fits.last  # as far as it is one or not
-        straight = partial(fits.straight, begin)
-        best = None if joined[0] else _reach(fits, straight, begin, 1, most)
+    while (begin := points[-1]).row < len(fits.times) - 1:
+        straight, joined = partial(fits.straight, begin), fits.joined[begin.row + 1]
+        of, best = straight, None if joined else _reach(fits, straight, begin, 1)
         least = 1 + 2 * (best.end.row - begin.row if best else 1)
-        for rule in () if joined[0] else rules:
-            found = _reach(fits, partial(fits.circle, begin, rule=rule), begin, least, most)
+        for rule in () if joined else rules:
+            circle = partial(fits.circle, begin, rule=rule)
+            found = _reach(fits, circle, begin, least)
             if found is not None and (best is None or found.end.row > best.end.row):
-                best = found
-        best = best or _reach(fits, partial(fits.joints, begin), begin, 1, most)
+                of, best = circle, found
+        if best is None:
+            of = partial(fits.joints, begin)
+            best = _reach(fits, of, begin, 1)
         assert best is not None  # to the next row
-        moves.append(best)
-        points.append(best.end)
+        moves.append(_in_time(fits, of, begin, best))
+        points.append(moves[-1].end)
     return points, moves
 
 
+def _in_time(
+    fits: Fits, of: Callable[[int], FittedMove | None], begin: Point, best: FittedMove
+) -> FittedMove:
+    """The move, but to where a controller takes the planned times of it and of the next one."""
+    planned, time = float(fits.times[best.end.row]), fits.in_time(begin.row, best.end.row)
+    if time != planned:
+        found = of(fits.row_at(time))
+        if found is not None and (found := fits.followed(found, begin)) is not None:
+            return found
+    return best._replace(end=best.end._replace(row=fits.row_at(planned)))
+
+
 def _reach(
-    fits: Fits, of: Callable[[int], FittedMove | None], begin: Point, least: int, most: int
+    fits: Fits, of: Callable[[int], FittedMove | None], begin: Point, least: int
 ) -> FittedMove | None:
-    """The move that leads farthest, to row ``most`` at most, and ``least`` rows on at least."""
-    good, bad, step, found = begin.row, most + 1, least, None
+    """The move that leads farthest, of one kind, and ``least`` rows on at least."""
+    good, bad, step, found = begin.row, fits.most(begin.row) + 1, least, None
     while bad - good > 1:
         end = min(good + step, bad - 1)
         if end < begin.row + least:
@@ -326,6 +405,15 @@ def _reach(
         good = begin.row + (good - begin.row) // 2
         found = of(good) if good >= begin.row + least else None
     return None if found is None else followed
+
+
+def _changing(times: Array, poses: Poses, period: float) -> Mask:
+    """Rows (N,) at which the tool changes its speed, or is so slow that moves may have times."""
+    ways = np.linalg.norm(np.diff(poses.positions[::2], axis=0), axis=1)
+    before, behind = (np.insert(ways / np.diff(times), end, 0.0) for end in (0, len(ways)))
+    most = np.maximum(before, behind)
+    changing: Mask = (np.abs(behind - before) > PACE * most) | (most * period < _SLOW)
+    return changing
 
 
 def _on_joint_moves(rows: TimedPath, path_task: PathTask) -> Mask:

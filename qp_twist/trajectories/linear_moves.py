@@ -28,7 +28,7 @@ from qp_twist.referee import Tolerances
 from qp_twist.robots import ControllerJoints, ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import Corners
-from qp_twist.trajectories.fitted_moves import ROUNDED_UP, Fits, FittedMove, farthest
+from qp_twist.trajectories.fitted_moves import ROUNDED_UP, SHORTEST, Fits, FittedMove, farthest
 from qp_twist.trajectories.rest_to_rest import RestToRest
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -38,9 +38,6 @@ than that of a chord, so that the points of a smooth curve are passed without a 
 
 _PROCESS = 3
 """Fewest straight moves at one speed between two ramps: with fewer there is nothing to hold."""
-_SHORTEST = 1e-4
-"""Length up to which a move has a time instead of a speed, m: that of points, so that the tool may
-turn there alone."""
 _FREE = Speed(1.0, float(np.radians(200.0)))
 """Speeds that do not count, as the move is slower by the other one: below those of all controllers.
 """
@@ -221,7 +218,8 @@ def _with_speeds(
 ) -> JointMoves:  # fmt: skip
     """Moves with the speeds, and so the times, that the dialect prints.
 
-    Moves of ``_SHORTEST`` or less, and those for which no unit is fine enough, keep their times. No
+    Moves of ``SHORTEST`` or less, those for which no unit is fine enough, and those whose times are
+    printed as finely as the first unit has to be, keep their times. No
     speed makes a joint faster than its fastest anywhere in ``planned``.
     """
     chain, durations, shares = joints.tool, planned.durations, moves.shares
@@ -240,7 +238,7 @@ def _with_speeds(
     travel = np.abs(np.diff(moves.angles, axis=0))
     needed = np.divide(travel, fastest, out=np.zeros_like(travel), where=fastest > 0.0)
     least = np.maximum(needed.max(axis=1), durations / (1.0 + ROUNDED_UP))
-    speeds = np.full(len(ways), np.nan)
+    speeds, printed = np.full(len(ways), np.nan), moves.durations <= (1.0 + ROUNDED_UP) * durations
     for unit in dialect.speeds:
         found = unit * np.minimum(np.round(ways / durations / unit), np.floor(ways / least / unit))
         # A circle of URScript has no time, so that the finest unit has to do.
@@ -248,8 +246,9 @@ def _with_speeds(
         fits = (found >= (1.0 - within) * ways / durations) | (
             round_ & (unit == min(dialect.speeds)) & (found > 0.0)
         )
-        speeds = np.where(np.isnan(speeds) & fits, found, speeds)
-    speeds[~line.straight | (ways <= _SHORTEST)] = np.nan
+        exact = (unit != dialect.speeds[0]) & printed  # a time is nearer to the planned one
+        speeds = np.where(np.isnan(speeds) & fits & ~exact, found, speeds)
+    speeds[~line.straight | (ways <= SHORTEST)] = np.nan
     constant = np.zeros(len(ways), dtype=bool)
     if dialect.constant:
         joint = ~line.straight  # from rest to rest
@@ -368,19 +367,19 @@ def straight_moves(
     fits = Fits(rows, path_task, tool, held, dialect=dialect, joined=joined)
     rules = dialect.circles if circles and not (tool.external or tool.part) else ()
     points, moves = farthest(fits, rules)
-    assert rows.times is not None
     kept = [point.row for point in points]
+    times = fits.times[kept]
     own = np.array([point.q for point in points])
-    q = rows.q[kept]
+    q = rows.at(times).q
     q[:, [rows.joint_names.index(name) for name in tool.names]] = own
-    found = replace(rows, q=q, times=rows.times[kept], velocities=None, accelerations=None)
+    found = replace(rows, q=q, times=times, velocities=None, accelerations=None)
     straight = np.array([not each.of_joints for each in moves])
     passed = np.concatenate([[False], straight[:-1] == straight[1:], [False]])
     corners = Corners.of(tool, own, [None if each.of_joints else each.move for each in moves])
     shares = rounded_shares(corners, fits.projector, path_task.tolerances, dialect.zone)
     instead = int((~straight & ~fits.on_joint_moves[kept[1:]]).sum())
     speeds, accelerations = np.transpose(
-        [fits.most(*each) for each in zip(moves, points, strict=False)]
+        [fits.fastest(*each) for each in zip(moves, points, strict=False)]
     )
     return StraightMoves(
         found, straight, np.pad(corners.halves, 1) * passed, shares * passed, tuple(moves),

@@ -142,7 +142,8 @@ class ProgramWriter:
         Of those that were, the straight ones beside will be: a pose's digits tell the joints less
         exactly than theirs, so that a joint move that begins there begins elsewhere.
         """
-        line, at, before = self._kept.line, np.rint(self._kept.at).astype(int), self._joined.copy()
+        line, before = self._kept.line, self._joined.copy()
+        at = np.floor(self._kept.at + 1e-6).astype(int)  # the rows that points are at, or behind
         if line is None:
             return False
         for k in moves:
@@ -158,17 +159,19 @@ class ProgramWriter:
         rows, dialect, linear = self._rows, self._dialect, self._linear
         held = np.isin(np.arange(len(rows.q)), list(self._around))
         remarks, line, at = list[str](), None, np.arange(float(len(rows.q)))
+        tick = 10.0**-dialect.time_decimals
+        increasing = rows.times is not None and bool((np.diff(rows.times) > 0.0).all())
+        if dialect.period and increasing and self._task is not None:
+            rows = until_whole(rows, tick)
         if linear is not None:
-            line = self._straight(held, circles=linear.circles)
-            at = np.searchsorted(rows.motion.times, line.rows.motion.times).astype(float)
+            line = self._straight(rows, held, circles=linear.circles)
+            at = np.interp(line.rows.motion.times, rows.motion.times, at)
             rows, held = line.rows, np.zeros(len(line.rows.q), dtype=bool)
             if line.instead:
                 remarks.append(f"{line.instead} joint moves where the joints do not follow a "
                                "straight one, or not within their limits")  # fmt: skip
-        if dialect.period and rows.times is not None and (np.diff(rows.times) > 0.0).all():
+        if dialect.period and increasing:
             of = None if line is not None else self._task  # straight moves keep their points
-            tick = 10.0**-dialect.time_decimals
-            rows = rows if self._task is None else until_whole(rows, tick)
             times = rows.motion.times
             rows, left_out, longer, points, moved = spaced(rows, dialect.period, tick, of, held)
             at = np.interp(points, times, at)
@@ -179,7 +182,7 @@ class ProgramWriter:
                 remarks.append(f"{moved} points between rows, so that times are whole {tick:g} s")
         return _Kept(rows, line, at, remarks)
 
-    def _straight(self, held: Mask, *, circles: bool) -> StraightMoves:
+    def _straight(self, rows: TimedPath, held: Mask, *, circles: bool) -> StraightMoves:
         """The rows between which the tool moves straight.
 
         Raises:
@@ -191,11 +194,10 @@ class ProgramWriter:
                 f"straight moves are not written in {dialect.title}; write joint moves (--motion "
                 "joint)."
             )
-        if self._task is None or tool is None or self._rows.times is None:
+        if self._task is None or tool is None or rows.times is None:
             raise InvalidInput("straight moves need a trajectory with times and its task.")
         return straight_moves(
-            self._rows, self._task, tool, held, dialect=dialect, circles=circles,
-            joined=self._joined,
+            rows, self._task, tool, held, dialect=dialect, circles=circles, joined=self._joined,
         )  # fmt: skip
 
     def _timed(

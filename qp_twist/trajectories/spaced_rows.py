@@ -38,18 +38,24 @@ class Spaced(NamedTuple):
 
 
 def until_whole(rows: TimedPath, tick: float) -> TimedPath:
-    """The same motion, slower by so little that it takes whole ticks, s.
+    """The same motion, slower by so little that from rest to rest it takes whole ticks, s.
 
     A last move that alone ends later would not be the end of the planned ramp to rest.
     """
     assert rows.times is not None
-    seconds = float(rows.times[-1] - rows.times[0])
+    rates, changes, durations = rows.velocities, rows.accelerations, np.diff(rows.times)
+    rests = np.isin(np.arange(len(rows.q)), [0, len(rows.q) - 1])
+    if rates is not None:
+        rests |= ~rates.any(axis=1)
+    ends = np.flatnonzero(rests)
+    seconds = np.diff(rows.times[ends])
     slower = tick * np.ceil((seconds - _ROUNDING) / tick) / seconds
-    times = rows.times[0] + slower * (rows.times - rows.times[0])
-    rates, changes = rows.velocities, rows.accelerations
+    by = np.repeat(slower, np.diff(ends))
+    of = np.append(by, 1.0)[:, None]  # at rests nothing changes
     return replace(
-        rows, times=times, velocities=None if rates is None else rates / slower,
-        accelerations=None if changes is None else changes / slower**2,
+        rows, times=rows.times[0] + np.append(0.0, np.cumsum(by * durations)),
+        velocities=None if rates is None else rates / of,
+        accelerations=None if changes is None else changes / of**2,
     )  # fmt: skip
 
 

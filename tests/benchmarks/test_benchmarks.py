@@ -116,17 +116,19 @@ def test_a_place_that_no_motion_passes_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "extra", "motion"),
+    ("name", "extra", "motion", "length"),
     [
-        ("KUKA KR 10 R1100 sixx", "rail", "joint"), ("KUKA KR 10 R1100 sixx", "rail", "poses"),
-        ("Universal Robots UR3e", "", "joints"),
+        ("KUKA KR 10 R1100 sixx", "rail", "joint", 0.06),
+        ("KUKA KR 10 R1100 sixx", "rail", "poses", 0.06),
+        ("Universal Robots UR3e", "", "joints", 0.06),
+        ("Fanuc M-20iA", "rail", "joints", 0.05),  # 2,777 % with moves to rows alone
     ],
-)  # fmt: skip
+)
 def test_points_of_a_program_lead_through_the_accelerations_planned(
-    name: str, extra: str, motion: str, tmp_path: Path
+    name: str, extra: str, motion: str, length: float, tmp_path: Path
 ) -> None:
     grid = import_module("program_grid")
-    job = grid.job_of(name, extra, 0.06, 31)
+    job = grid.job_of(name, extra, length, 1 + round(500 * length))
     assert max(grid.of_file(job)) <= 1.0 + 1e-6
     acceleration, jerk, least = map(float, grid.cell(job, extra, motion, tmp_path)[-3:])
     assert acceleration <= 105.0 and jerk <= 150.0 and least <= 100.0
