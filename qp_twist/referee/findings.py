@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from qp_twist.checks import Array
+from qp_twist.checks import Array, Mask
 from qp_twist.constraints import Clearance, Constraint
 from qp_twist.errors import InvalidInput
 from qp_twist.kinematics import JointRanges
@@ -24,7 +24,8 @@ EXCEEDED = 1e-6
 FASTER = 1e-3
 """Share by which the feed has to be exceeded to count."""
 FASTER_MATCHED = 0.02
-"""The same if the times at the waypoints were searched."""
+"""The same between two waypoints if their times were searched, which are known as well as that:
+over K in a row a K-th of it, but at least twice FASTER, of the motion and of printed speeds."""
 RUSHED = 1.5
 """Factor of the feed that counts as exceeded between two waypoints: the ratio of the largest to the
 mean speed of a cubic from rest to rest."""
@@ -477,6 +478,29 @@ def _largest(
 # ---------------------------------------------------------------- feed
 
 
+def _fastest_part(durations: Array, took: Array, counts: Mask, passing: Passing) -> Finding:
+    """The part of the path that is faster than the feed by the most of what is allowed there.
+
+    It is between two waypoints or, where their times were searched, between 2, 4, 8, … more.
+    """
+
+    def over(count: int, of: Array | Mask) -> Array:
+        total = np.append(0.0, np.cumsum(of))
+        found: Array = total[count:] - total[:-count]
+        return found
+
+    parts = list[tuple[float, float, float, str]]()
+    for count in [1] if passing.by_row else (2 ** np.arange(len(took).bit_length())).tolist():
+        most = 1.0 + FASTER if passing.by_row else 1.0 + max(FASTER_MATCHED / count, 2.0 * FASTER)
+        use = np.where(over(count, counts) == count, over(count, durations) / over(count, took), 0)
+        k = int(np.argmax(use))
+        where = f"waypoints {k + 1} to {k + 1 + count}"
+        parts.append((float(use[k]) / most, float(use[k]), most, where))
+    share, value, most, where = max(parts, key=lambda part: part[0])
+    limit = 100.0 if passing.by_row else 100.0 * most
+    return Finding("feed", 100.0 * value, limit, "%", where, share <= 1.0)
+
+
 def _of_feed(
     path_task: PathTask, errors: PathErrors, passing: Passing, tolerances: Tolerances
 ) -> list[Finding]:
@@ -494,9 +518,7 @@ def _of_feed(
     use = np.where(both, durations / took, 0.0)
     found: list[Finding] = []
     if both.any():
-        k = int(np.argmax(use))
-        passes, where = bool(use[k] <= _allowed(passing)), f"waypoints {k + 1} to {k + 2}"
-        found.append(Finding("feed", 100.0 * float(use[k]), 100.0, "%", where, passes))
+        found.append(_fastest_part(durations, took, both & (durations > 0.0), passing))
     # The mean is part of it: what is shorter than the tolerated errors is not slower for that.
     between = np.maximum(durations * errors.rate, np.minimum(use, RUSHED))
     exceeded = between > RUSHED * _allowed(passing)
