@@ -80,6 +80,10 @@ class Acts:
         elif self.moves.strict:
             raise refuse(line, match[0], "expected a number of seconds.")
 
+    def stop(self, line: int, match: re.Match[str]) -> None:
+        """A wait, its word, until the robot is at rest, or of a step of the controller."""
+        self.moves.wait(line, match[1], 0.0)
+
     def refuse(self, line: int, match: re.Match[str]) -> NoReturn:
         """A statement after which the path is not known."""
         why = "is not read, and may move the robot or lead it elsewhere"

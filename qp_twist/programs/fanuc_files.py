@@ -25,6 +25,9 @@ _ATTRIBUTES = frozenset(
      "LOCAL_REGISTERS")
 )  # fmt: skip
 """Keys under /ATTR."""
+_ATTRIBUTE = re.compile(r'\s*(?:TCD\s*:)?\s*(\w+)\s*=\s*(?:"[^"]*"|[^";{}=]*)\s*[;,]?\s*', re.ASCII)
+_STATEMENT = re.compile(r"\s*\d*\s*:|\s*[JLCA]\s+PR?\[", re.ASCII)
+"""A line of the program, or of what it moves to."""
 _POINT = re.compile(r"P\[\s*(\d+)\s*(?::[^\]]*)?\]\s*\{(.*?)\}\s*;", re.DOTALL | re.ASCII)
 
 
@@ -62,12 +65,21 @@ class TpFiles(Program):
             points[int(match[1])] = match[2]
         self._labels |= {text for _, text in found if text.startswith("LBL")}
         if strict:
-            for number, line in parts["ATTR"]:
-                for word in re.findall(r"(\w+)\s*=", re.sub(r'"[^"]*"', "", line)):
-                    if word not in _ATTRIBUTES:
-                        self.moves.note(f"{word} under /ATTR, line {number}, is not known")
+            self._check_attributes(parts)
             self._check_file(name, texts, found, points.keys())
         return found
+
+    def _check_attributes(self, parts: Mapping[str, Sequence[tuple[int, str]]]) -> None:
+        """Refuse lines above the program that are not of there, and so would not run."""
+        for part in ("PROG", "ATTR", "APPL"):
+            for number, line in parts.get(part, ()):
+                attribute = _ATTRIBUTE.fullmatch(line)
+                if line.strip() and not (attribute if part == "ATTR" else part == "APPL"):
+                    raise refuse(number, line, f"is no attribute, but stands under /{part}.")
+                if _STATEMENT.match(line):
+                    raise refuse(number, line, f"stands under /{part}, where nothing is executed.")
+                if attribute and part == "ATTR" and attribute[1] not in _ATTRIBUTES:
+                    self.moves.note(f"{attribute[1]} under /ATTR, line {number}, is not known")
 
     def _check_file(
         self, name: str, texts: Mapping[str, str], found: Statements, points: AbstractSet[int]

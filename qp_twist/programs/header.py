@@ -38,6 +38,7 @@ _NUMBERS = {
 """Numbers that a person has to compare, by the sentences of :func:`_about_frames`."""
 _IN_FLANGE = re.compile(r"the task's frame in the flange:(.*)", re.IGNORECASE)
 _VALUE = re.compile(r"-?\d+(?:\.\d+)?")
+_LAST = "No controller has run this."
 _UNSET = "Tool, base and load: none is set here."
 _OF_VALUE = (
     "Tool: the task's frame in the model's flange; compare it, and axis 6, and state its load."
@@ -91,7 +92,7 @@ def header_lines(
                 *dialect.to_fill_in,
             )
         ),
-        "No controller has run this.",
+        _LAST,
     )
 
 
@@ -117,7 +118,8 @@ def _sums(moves: JointMoves, dialect: Dialect) -> str:
 def _order(moves: JointMoves) -> str:
     """The sum of each move's number times what the program states of it, which exchanges change.
 
-    That is its speed, m/s, else its time, s, and its acceleration; empty without times.
+    That is its speed, m/s, else its time, s, and its acceleration; and likewise of all rates at
+    points, one by one. Empty without times.
     """
     if moves.durations is None:
         return ""
@@ -126,6 +128,8 @@ def _order(moves: JointMoves) -> str:
         stated[k] = stated[k] if speed is None else speed.linear
     ramps = [a or 0.0 for a in moves.accelerations[1:]] or 0.0
     order = float(np.arange(1, len(stated) + 1) @ (stated + ramps))
+    if moves.velocities is not None:
+        order += float(np.arange(1, moves.velocities.size + 1) @ moves.velocities.ravel())
     return f"{round(order, _EXACT):.6f}"
 
 
@@ -156,11 +160,17 @@ def read_header(comments: Sequence[str]) -> dict[str, str]:
     """The claims in a program's comments; empty if this package did not write them.
 
     Raises:
-        InvalidInput: If the header is there, but a line of it is missing.
+        InvalidInput: If the header is there, but a line of it is missing; two of its lines are one.
     """
     lines = [comment.strip() for comment in comments]
     starts = [k for k, line in enumerate(lines) if _TITLE.fullmatch(line)]
     if not starts:
+        own = [x for x in lines if x == _LAST or x.partition(": ")[0] in (*_KEYS, "speeds")]
+        if len(own) > 1:
+            raise InvalidInput(
+                f"the comments have lines of a header ({own[0]!r}), but not its first one, which "
+                "begins with qp_twist; restore it, or remove the whole header."
+            )
         return {}
     found: dict[str, str] = {}
     equations = []
@@ -208,19 +218,20 @@ def check_header(
         same = False
     wait, untimed = next(iter(moves.waits), None), moves.untimed
     modelled = header["robot"] == AS_MODELLED
+    by_value = dialect.states_frames and any(moves.targets)  # what has no number
     for key, there, culprit, do in (
         ("unit", dialect.unit, None, "the program is for something else, or was changed."),
         ("robot", robot or AS_MODELLED, None, WRITTEN_AS_MODELLED if modelled
          else "export the trajectory for this robot."),
         ("points", str(moves.points), wait, "a line was lost or added."),
         *((what, moves.numbers.get(what, ""), None, "a number was changed.")
-          for what in _NUMBERS if what in header),
+          for what in _NUMBERS if what in header or by_value),
         *([("flange", ", ".join(_VALUE.findall(dialect.tool_text(tcp))), None,
             "the task's frame is elsewhere in the flange, or a number was changed.")]
           if tcp is not None and "flange" in header else []),
         ("speeds", sums, untimed, "a speed or a time, or an acceleration, was changed."),
         ("seconds", header["seconds"] if same else f"{total:.9g}", untimed, "a time was changed."),
-        ("order", _order(moves), untimed, "times or speeds of moves were exchanged."),
+        ("order", _order(moves), untimed, "times, speeds or rates were changed or were exchanged."),
     ):  # fmt: skip
         if (says := header.get(key, "")) != there:
             line, what = culprit or (None, "")

@@ -238,7 +238,8 @@ class Course(Moves):
     def uses(self, tool: str, frame: str) -> None:
         """Their numbers, which the header may state."""
         for what, name in (("tool", tool), ("frame", frame)):
-            self._numbers[what].update(dict.fromkeys(re.findall(r"\d+(?=\D*$)", name)))
+            number = [] if "{" in name else re.findall(r"\d+(?=\D*$)", name)  # else its values
+            self._numbers[what].update(dict.fromkeys(number))
 
     def noted(self, line: int, word: str, kind: Kind) -> None:
         """Speeds and waits of unknown length leave the program without times."""

@@ -85,9 +85,9 @@ class RapidData(Program):
         try:
             if radius is not None:
                 size = turning = float(self.values.value(radius))
-            elif own := _ZONE.fullmatch(name):
+            elif (own := _ZONE.fullmatch(name)) and not self._states(name):
                 size, turning = float(own[1]) or Z0, _TURNING * (float(own[1]) or Z0)
-            elif name.lower() == "fine":
+            elif name.lower() == "fine" and not self._states(name):
                 return None
             else:
                 fine, size, turning, *_ = self.values.value(name)
@@ -98,6 +98,10 @@ class RapidData(Program):
             return Zone(line, mark, 1e-3 * size, 1e-3 * turning)
         except (Unknown, TypeError, ValueError):
             return Zone(line, name)
+
+    def _states(self, name: str) -> bool:
+        """Whether the file has data of this name, which then hide those that every system has."""
+        return self.values.base(name) in self.values.names
 
     def _is_held(self, name: str) -> bool | None:
         """Whether the robot holds a tool or work object; ``None`` if the file does not say so."""
@@ -122,13 +126,13 @@ class RapidData(Program):
 
     def _refuse_lost(self, name: str) -> None:
         """Refuse data of the file, or of a program of this package, that state no pose."""
-        own = self.values.base(name) in self.values.names or name.lower() in ("task_tool", WOBJ)
+        own = self._states(name) or name.lower() in ("task_tool", WOBJ)
         if self.moves.strict and own:
             raise InvalidInput(f"the file does not state the pose of {name}; a line was changed.")
 
     def _tool(self, line: int, name: str) -> ProgramFrame:
         """A tool; its pose in the flange if the file states it."""
-        if name.lower() == TOOL:
+        if name.lower() == TOOL and not self._states(name):
             return ProgramFrame(name, mink.SE3.identity())
         try:
             held, pose, _ = self.values.value(name)
@@ -143,7 +147,7 @@ class RapidData(Program):
     def _tool_speed(self, speed: str, options: Mapping[str, str]) -> Speed | None:
         """Of speed data, or of its predefined name, which turns by 500 degrees/s."""
         linear = self._feed(speed, options)
-        named = re.fullmatch(r"v\d+", speed, re.IGNORECASE | re.ASCII)
+        named = self._named_speed(speed)
         angular = 500.0 if named else float(self.values.value(speed)[1])
         return None if math.isnan(linear) else Speed(linear, math.radians(angular))
 
@@ -169,16 +173,21 @@ class RapidData(Program):
         try:
             if "t" in options:  # a time, so that the length would have to be known
                 return math.nan
-            name = re.fullmatch(r"v(\d+)", speed, re.IGNORECASE | re.ASCII)
+            name = self._named_speed(speed)
             found = self.values.value(options["v"]) if "v" in options else None
             found = found or (float(name[1]) if name else self.values.value(speed)[0])
             return 1e-3 * float(found)
         except (Unknown, TypeError):
             return math.nan
 
+    def _named_speed(self, name: str) -> re.Match[str] | None:
+        """The name of predefined speed data, with its number."""
+        found = re.fullmatch(r"v(\d+)", name, re.IGNORECASE | re.ASCII)
+        return None if self._states(name) else found
+
     def _moved_by(self, name: str) -> str | None:
         """What moves a work object; ``None`` if the file does not say so."""
-        if name.lower() == "wobj0":
+        if name.lower() == "wobj0" and not self._states(name):
             return ""
         try:
             held, fixed, *_ = self.values.value(name)
@@ -188,7 +197,7 @@ class RapidData(Program):
 
     def _frame(self, name: str) -> tuple[str, mink.SE3 | None]:
         """A work object; its pose if the file states it, and no axis moves it."""
-        if name.lower() == "wobj0":
+        if name.lower() == "wobj0" and not self._states(name):
             return _WORLD
         try:
             held, fixed, unit, user, own = self.values.value(name)

@@ -205,7 +205,7 @@ _NOTED: Mapping[Kind, Sequence[str]] = {
     ),
     # tool and load: a joint position is the same with all of them
     "setting": (r"(set_tcp|set_payload(?:_cog|_mass)?|set_target_payload|set_gravity)\s*\((.*)\)",),
-    "pause": (r"(sync|popup)\s*\((.*)\)",),
+    "pause": (r"(popup)\s*\((.*)\)",),
 }
 _ASSIGNMENT = (
     rf"(?:(?:global|local)\s+)?(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\])*)\s*=(?!=)"
@@ -294,6 +294,7 @@ class Script(Program):
             (r"return\b.*", "return", "leaves"), (r"halt(?:\s*\(\s*\))?", "end", "leaves"),
             (r"(?:else|elif)\b.*", self.skip, "skip"),
             (r"(sleep)\s*\((.*)\)", self.wait, "pause"),
+            (r"(sync)\s*\(\s*\)", self.stop, "pause"),
             (r"(stopj)\s*\((.*)\)", self._stop, "passed"),
             (r"(set_tcp)\s*\((.*)\)", self._set_tool, "setting"),
             *self.noting(_NOTED),

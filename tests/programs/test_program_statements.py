@@ -204,7 +204,7 @@ def exported(program: str, folder: Path, header: bool) -> tuple[str, dict[str, s
     path = write_trajectory(rows, folder / f"motion{SUFFIX[program]}", joints(program))
     lines = path.read_text().split("\n")
     if not header:
-        comment = re.compile(r"\s*(# (qp|rob|unit|poi|sec|\w+ = j)|! |; |\d+:  !)")
+        comment = re.compile(r"\s*(# (qp|rob|unit|poi|sec|ord|No|\w+ = j)|! |; |\d+:  !)")
         lines = [line for line in lines if not comment.match(line)]
         lines = numbered(lines) if program == "ls" else lines
     return "\n".join(lines), {}

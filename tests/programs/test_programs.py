@@ -175,6 +175,7 @@ def test_changed_programs_are_refused_or_fail(
         (" = joint_1", " = -joint_1", "the header says .* = -joint_1"),
         ("robot: ", "robot: another ", "the header says robot: another"),
         ("points: ", "pints: ", "the header has no line 'points'"),
+        ("qp_twist ", "twist ", "lines of a header .* but not its first one"),
     ):
         what, why = outcome(path, text.replace(old, new, 1), joints, task)
         assert what == "refused"

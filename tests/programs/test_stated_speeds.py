@@ -27,6 +27,7 @@ STATED = [
     ("Fanuc LR Mate 200iD", None, r"\d+msec"),
     ("Fanuc LR Mate 200iD", JOINTS, r"[\d.]+(?:mm/sec|cm/min)"),
     ("Universal Robots UR5e", None, r"(?<=\], )[\d.]+(?=\)\n)"),
+    ("Universal Robots UR5e", None, r"(?<=\], \[)[-\d.]+"),
     ("Universal Robots UR5e", JOINTS, r"(?<=, )v=[\d.]+(?=, r)"),
     ("Universal Robots UR5e", JOINTS, r"(?<=, )a=[\d.]+(?=, v=[\d.]+, r)"),
 ]  # fmt: skip

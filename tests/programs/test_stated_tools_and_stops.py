@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from oracles.program_cells import Job, job_of
+from oracles.program_simulator import read
 from scipy.optimize import linprog
 
 import qp_twist as qt
@@ -110,6 +111,52 @@ def test_a_speed_in_place_of_a_time_counts(tmp_path: Path) -> None:
     assert own.max() < 5.0 * job.task.durations[1]  # which is far below 5 m/s
 
 
+@pytest.mark.parametrize("faster", [1.0, 1.006, 1.015])
+def test_a_feed_that_is_a_little_too_fast_counts_over_many_waypoints(
+    script: tuple[Job, str], faster: float, tmp_path: Path
+) -> None:
+    """Between two waypoints 2 % would not, since their times are searched."""
+    job, text = script
+    scaled = re.sub(
+        r"(?<= v=)0\.0[89]\d+|(?<= v=)0\.1\d+", lambda m: f"{faster * float(m[0]):.6f}", text
+    )
+    check = checked(job, without_header(scaled), tmp_path)
+    (feed,) = (finding for finding in check.findings if finding.name == "feed")
+    assert feed.passes == check.passes == (faster == 1.0), check.verdict
+    if not feed.passes:
+        assert feed.value == pytest.approx(100.0 * faster, abs=0.15) and feed.limit is not None
+        first, last = map(int, re.findall(r"\d+", feed.where))
+        assert feed.limit == pytest.approx(100.0 + max(2.0 / (last - first), 0.2))
+
+
+def test_data_of_the_file_hide_those_of_the_system(tmp_path: Path) -> None:
+    """``v100`` is 0.1 m/s, the feed, and ``z0`` no stop, unless the module has others."""
+    job, text = written("ABB IRB 120", tmp_path)
+    moves = list(re.finditer(r"v1000\\T:=[\d.]+", text))
+    middle = moves[len(moves) // 2]
+    named = without_header(f"{text[: middle.start()]}v100{text[middle.end() :]}")
+    assert checked(job, named, tmp_path).passes
+    own = named.replace("  PROC", "  CONST speeddata v100:=[5000,500,5000,1000];\n  PROC", 1)
+    check = checked(job, own, tmp_path)
+    assert not check.passes and "feed" in check.verdict
+    own = named.replace("  PROC", "  CONST zonedata z0:=[TRUE,0,0,0,0,0,0];\n  PROC", 1)
+    checked(job, own, tmp_path)
+    back = read_trajectory(tmp_path / "changed.mod", joints=job.joints)
+    assert len(back.stops) == 1 + len(moves) and ",z0," in own
+
+
+def test_a_number_where_the_header_has_values_is_refused(tmp_path: Path) -> None:
+    job = job_of("KUKA KR 16-2", length=0.03, count=16)
+    path = tmp_path / "wave.src"
+    write_checked(job.rows, path, job.task, job.joints, linear=LinearMotion(points="poses"))
+    text = path.read_text()
+    for pattern, put in ((r"(?m)^LIN", "BAS(#BASE,3)\nLIN"), (r"(?<=\$TOOL=).*", "TOOL_DATA[4]")):
+        with pytest.raises(
+            qt.InvalidInput, match=r"the header says (frame: none.* 3|tool: none.* 4);"
+        ):
+            checked(job, re.sub(pattern, put, text, count=1), tmp_path)
+
+
 def test_jerks_that_a_controller_makes_are_named(tmp_path: Path) -> None:
     job, text = written("ABB IRB 120", tmp_path)
     limited = dataclasses.replace(job.task, jerk_limits=np.full(6, 1000.0))
@@ -148,6 +195,18 @@ def test_a_misspelled_attribute_is_named(tmp_path: Path) -> None:
     check = checked(job, text.replace("DEFAULT_GROUP", "DEFAULT_GRUOP"), tmp_path)
     assert f"DEFAULT_GRUOP under /ATTR, line {number}, is not known" in check.notes
     assert "/ATTR" not in "; ".join(checked(job, text, tmp_path).notes)
+
+
+def test_a_move_that_stands_where_nothing_runs_is_refused(tmp_path: Path) -> None:
+    job, text = written("Fanuc LR Mate 200iD", tmp_path)
+    lines = text.replace("/MN\n", "/APPL\n  AUTO_SINGULARITY_HEADER;\n/MN\n").split("\n")
+    assert checked(job, "\n".join(lines), tmp_path).passes
+    move = next(line for line in lines if ":L P[5]" in line)
+    for above in ("/PROG", "/ATTR", "OWNER", "TCD", "CONTROL_CODE", "/APPL", "/POS", "P[7]{"):
+        at = 1 + next(k for k, line in enumerate(lines) if line.startswith(above))
+        for pasted in (move, move.partition(":")[2], " 12:  UTOOL_NUM=9 ;"):
+            with pytest.raises(qt.InvalidInput, match=r"stands under|is left|not read"):
+                checked(job, "\n".join([*lines[:at], pasted, *lines[at:]]), tmp_path)
 
 
 def least_acceleration(*, to_rest: bool) -> float:
@@ -200,6 +259,30 @@ def test_joint_moves_that_are_too_short_for_their_stops_do_not_pass(
     line = 1 + text.split("\n").index(lines[1 + int(np.argmax(expected))])
     assert f"line {line}, {times[np.argmax(expected)]:.4g} s: it takes longer" in found.where
     assert found.name in check.verdict
+
+
+@pytest.mark.parametrize("wait", [r"WaitTime \InPos,0;", r"WaitRob \InPos;", "WaitRob\\ZeroSpeed;"])
+def test_a_wait_until_the_robot_rests_is_a_stop(
+    joint_moves: tuple[Job, str], wait: str, tmp_path: Path
+) -> None:
+    """As if the zone of the point were ``fine``, which the simulator reads."""
+    job, text = joint_moves[0], joint_moves[1].replace("SpindleOn;", "! none")
+    move = list(re.finditer(r"(?m)^.*\\T:=.*z0.*\n", text))[7]
+    fine = text[: move.start()] + move[0].replace("z0", "fine") + text[move.end() :]
+    found = checked(job, f"{text[: move.end()]}    {wait}\n{text[move.end() :]}", tmp_path)
+    stops = [k for k, each in enumerate(read(fine, ".mod").moves[:-1]) if each.zone == 0.0]
+    assert not found.passes and "accelerations at stops" in found.verdict
+    back = read_trajectory(tmp_path / "changed.mod", joints=job.joints)
+    assert [*back.stops[:-1]] == stops and 8 in stops and back.times is not None
+
+
+def test_a_step_of_the_controller_is_a_stop(script: tuple[Job, str], tmp_path: Path) -> None:
+    job, text = script
+    moves = list(re.finditer(r"(?m)^  move.*\n", text))
+    path = tmp_path / "synchronous.script"
+    path.write_text(f"{text[: moves[8].end()]}  sync()\n{text[moves[8].end() :]}")
+    back = read_trajectory(path, joints=job.joints)
+    assert back.points is not None and back.points[8] in back.stops and back.times is not None
 
 
 def test_a_move_in_no_time_is_refused_with_its_line(
