@@ -144,21 +144,22 @@ class Objective:
         pace = Pace.of_run(path_task)
         return replace(less, time=1.0 / float(pace.feed.sum()), pace=pace)
 
-    @property
-    def at_full_speed(self) -> Objective:
-        """The objective with times that speed limits and feed alone need."""
-        pace = self.pace and replace(self.pace, acceleration=np.full_like(self.joints, np.inf))
-        return replace(self, pace=pace)
+    def times(self, q: Array) -> Array:
+        """Times of the steps of a path q (N, nv), s, (N − 1,), if they count; otherwise empty."""
+        return np.zeros(0) if self.pace is None else self.pace.seconds(q)
 
-    def value(self, q: Array) -> float:
-        """Value of a joint path q (N, nv): mean z, degrees, seconds, or their weighted sum."""
+    def value(self, q: Array, times: Array | None = None) -> float:
+        """Value of a joint path q (N, nv): mean z, degrees, seconds, or their weighted sum.
+
+        ``times`` are those of its steps, if they are known.
+        """
         if self.margin:
             return float(self.margins(q).min())
         way = np.degrees((self.joints * np.abs(np.diff(q, axis=0))).sum())
         value = self.centering * float(self.ranges.centering(q).mean()) + self.travel * float(way)
         if self.preferred is not None:
             value += self.preferred.cost(q)
-        return value if self.pace is None else value + self.time * float(self.pace.seconds(q).sum())
+        return value + self.time * float((self.times(q) if times is None else times).sum())
 
     @property
     def penalty(self) -> float:

@@ -319,11 +319,15 @@ def motion_limits(
 
 @dataclass(frozen=True, eq=False)
 class JudgedPath:
-    """A joint path (N, nv), its value, and its largest violation of a constraint, rad or m."""
+    """A joint path (N, nv), its value, and its largest violation of a constraint, rad or m.
+
+    With the ``times`` of its steps, s, (N − 1,), if they count; otherwise empty.
+    """
 
     q: Array
     value: float
     excess: float
+    times: Array
 
     @property
     def feasible(self) -> bool:
@@ -369,7 +373,8 @@ class Problem:
 
     def judged(self, q: Array) -> JudgedPath:
         """A joint path (N, nv) with its value and its largest violation."""
-        return JudgedPath(q, self.objective.value(q), self.limits.excess(q))
+        times = self.objective.times(q)
+        return JudgedPath(q, self.objective.value(q, times), self.limits.excess(q), times)
 
     def clear(self, q: Array) -> Mask:
         """Which configurations q (K, nv) keep the clearances, (K,)."""

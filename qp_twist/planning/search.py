@@ -78,7 +78,7 @@ class SearchResult:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """What a level has led to: a path, with the value of the grid's, or why there is none.
+    """What a level has led to: a path, with the value of the grid's best, or why there is none.
 
     ``ends``: no finer grid has one either.
     """
@@ -251,11 +251,11 @@ class PlanSearch:
                 return self._ended(problem, level, way, best)
             if way.nodes == before:  # what failed
                 break
-            of_grid = way.value if before is None else of_grid
             before = way.nodes
             path = problem.interpolated(level.corners(way.nodes), waypoints)
             if path is None:
                 continue
+            of_grid = problem.objective.value(path) if np.isnan(of_grid) else of_grid
             soon = coarse and problem.freedom < COVERED  # layers are made in less time
             found = self._smooth(problem, path, only_near=soon)
             if not found.feasible and coarse:
@@ -509,9 +509,8 @@ def _is_long_detour(problem: Problem, found: _Found) -> bool:
     """
     if found.path is None or not problem.has_clearance:
         return False
-    value = problem.objective.at_full_speed.value(found.path.q)  # which is the grid's measure
-    is_better = problem.objective.better(found.of_grid, value)
-    return is_better and not _alike(value, found.of_grid, _DETOUR)
+    is_better = problem.objective.better(found.of_grid, found.path.value)
+    return is_better and not _alike(found.path.value, found.of_grid, _DETOUR)
 
 
 def _bound(problem: Problem, level: Level, best: JudgedPath | None) -> float:

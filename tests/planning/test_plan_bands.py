@@ -245,8 +245,8 @@ def narrow_wrist() -> qt.PathTask:
     task = every(BANDS, 20, bands=())
     q = qt.plan(task, max_step_deg=60.0).motion()
     some = roll_of(poses(task, q)[0], targets(task))[0]
-    held = locked(task, 5, q[0, 5] - 0.01, q[0, 5] + 0.01)
-    held = locked(held, 3, q[0, 3] - 0.01, q[0, 3] + 0.01)
+    held = locked(task, 5, q[0, 5] - 0.03, q[0, 5] + 0.03)
+    held = locked(held, 3, q[0, 3] - 0.03, q[0, 3] + 0.03)
     band = qt.RollBand(Z, some + 2.0, some + 2.1)
     return dataclasses.replace(held, waypoints=held.waypoints[:1] * 2, bands=(band,))
 

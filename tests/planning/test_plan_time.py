@@ -65,6 +65,20 @@ def test_times_keep_all_limits_and_are_as_short_as_a_general_optimisers(seed: in
     assert times.sum() <= 1.01 * best.fun
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_no_step_of_a_long_path_could_be_shorter_by_itself(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    q = np.cumsum(rng.normal(scale=0.1, size=(60, 3)), axis=0)
+    feed, room = rng.uniform(0.0, 0.15, 59), np.where(rng.random(59) < 0.3, 0.4, 1.0)
+    times = Pace(feed, SPEED, ACCELERATION, room, rests=True).seconds(q)
+    floor = np.maximum(feed, (np.abs(np.diff(q, axis=0)) / SPEED).max(axis=1))
+    assert changes(q, times, room).max() <= 1.0 + 1e-6
+    for k in np.flatnonzero(times > 1.001 * floor):
+        shorter = times.copy()
+        shorter[k] *= 1.0 - 1e-3
+        assert changes(q, shorter, room).max() > 1.0 + 1e-6
+
+
 def test_waypoints_that_take_no_time_change_nothing() -> None:
     q = np.array([[0.0, 0.0, 0.0], [0.1, 0.2, 0.1], [0.2, 0.3, 0.3]])
     pace = Pace(np.zeros(2), SPEED, ACCELERATION, np.ones(2), rests=True)
@@ -118,6 +132,18 @@ def test_a_plan_in_time_is_on_the_path_inside_its_limits_and_above_its_bound() -
     names = [finding.name for finding in plan.examined() if not finding.passes]
     assert not [name for name in names if "limit" in name or "at waypoints" in name]
     assert plan.result.startswith(f"time: {plan.value:.4g} s >= bound")
+
+
+def test_a_clearance_that_the_fastest_motion_keeps_anyway_changes_nothing() -> None:
+    """The times of a grid's path are not those of a motion: no finer grid is searched for them."""
+    task = qt.load_task("deburring_cell")
+    cell = dataclasses.replace(
+        task, waypoints=task.waypoints[:101:5], flipped_waypoints=None, durations=None
+    )
+    kept, free = (qt.plan(t, "time", seeds=()) for t in (cell, cell.without_clearance()))
+    assert cell.clearances[0].margins(free.motion()).min() > 0.0
+    assert np.array_equal(kept.motion(), free.motion())
+    assert str(kept.certificate.grid) == str(free.certificate.grid)
 
 
 def test_where_the_feed_cannot_be_kept_a_plan_is_slower_and_says_where() -> None:
