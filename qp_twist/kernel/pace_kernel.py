@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from qp_twist.kernel.compiling import kernel
 from qp_twist.kernel.copying import put
 
@@ -74,8 +76,12 @@ def _share(k, h, D, most, room, pace):
 
 @kernel
 def _lower(h, D, most, room, rests, pace):
-    """Lower paces until all limits are kept: of two pieces one, or both, whichever costs least."""
+    """Lower paces until all limits are kept: of two pieces one, or both, whichever costs least.
+
+    Two pieces are looked at again only if the pace of one of them has changed.
+    """
     n = len(h)
+    stale = np.ones(n + 1, dtype=np.bool_)  # pieces k − 1 and k
     for _ in range(_SWEEPS):
         lowered = False
         for turn in range(2):
@@ -83,13 +89,17 @@ def _lower(h, D, most, room, rests, pace):
                 for end, beside in ((0, -1), (n - 1, n)):
                     x = _fastest(end, beside, pace[end], h, D, most, room, pace)
                     lowered = lowered or x < pace[end] * (1.0 - _KEPT)
-                    pace[end] = x
+                    if x < pace[end]:
+                        pace[end], stale[end], stale[end + 1] = x, True, True
             for i in range(n - 1):
                 k = i if turn == 0 else n - 2 - i
+                if not stale[k + 1]:
+                    continue
                 share = _share(k, h, D, most, room, pace)
                 if share <= 1.0 + _KEPT:
+                    stale[k + 1] = False
                     continue
-                lowered = True
+                lowered, stale[k], stale[k + 2] = True, True, True
                 x = _fastest(k, k + 1, pace[k], h, D, most, room, pace)
                 y = _fastest(k + 1, k, pace[k + 1], h, D, most, room, pace)
                 less = 1.0 / math.sqrt(share)
@@ -109,19 +119,23 @@ def _lower(h, D, most, room, rests, pace):
 
 @kernel
 def _raise(h, D, most, room, rests, pace):
-    """Raise each pace as far as those beside it permit, in turn."""
+    """Raise each pace as far as those beside it permit, in turn; again if one of them has risen."""
     n = len(h)
+    stale = np.ones(n, dtype=np.bool_)
     for _ in range(_CLIMBS):
         raised = False
         for i in range(2 * n):
             k = i if i < n else 2 * n - 1 - i
-            x = 1.0
+            if not stale[k] or pace[k] == 1.0:
+                continue
+            x, stale[k] = 1.0, False
             if rests or k > 0:
                 x = _fastest(k, k - 1, x, h, D, most, room, pace)
             if rests or k < n - 1:
                 x = _fastest(k, k + 1, x, h, D, most, room, pace)
             if x > pace[k] * (1.0 + _GAINED):
                 pace[k], raised = x, True
+                stale[max(k - 1, 0)] = stale[min(k + 1, n - 1)] = True
         if not raised:
             break
 
