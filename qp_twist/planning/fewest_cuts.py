@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from qp_twist.paths import in_joint_moves
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.level_search import ABOUT, CloserLooks, LevelSearch
-from qp_twist.planning.levels import COARSE, Grid, Level, Levels, Progress, SearchStage
+from qp_twist.planning.levels import COARSE, FAR, SHORT, Grid, Level, Levels, Progress, SearchStage
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.problem import Problem
 
@@ -44,6 +45,8 @@ class FewestCuts:
         self.problem, self._progress = problem, progress
         self._levels, steps = Levels(problem, progress), problem.limits.steps
         self._stage = COARSE if problem.freedom >= COVERED else _GRID
+        if problem.freedom < COVERED and np.median(steps) > FAR:
+            self._stage = replace(_GRID, longest=SHORT.longest)
         task = problem.path_task
         self._moves, ends = in_joint_moves(task), np.array(task.joint_moves, dtype=np.intp)
         self.blocked: set[int] = set()
@@ -75,7 +78,7 @@ class FewestCuts:
             # A stretch has two waypoints at least: between layers there are others, or it has two.
             alone = ~np.append(near, at[-1] == last) | ~np.append(at[0] == 0, near)
             search = LevelSearch(
-                self.problem, self._levels, level, True, self._stage.most, CloserLooks({}, set()),
+                self.problem, self._levels, level, True, self._stage, CloserLooks({}, set()),
                 self._progress,
             )  # fmt: skip
             prices = np.where(moves, 0.0, np.where(barred, np.inf, 1.0))
@@ -86,7 +89,8 @@ class FewestCuts:
             new = [self.look_about(k) for k in cuts]
             if not any(new):
                 after = tuple(k + 1 for k in cuts)
-                return Cuts(after, level.covers and not self.problem.has_clearance)
+                covered = level.covers and not np.isfinite(self._stage.longest)
+                return Cuts(after, covered and not self.problem.has_clearance)
 
     def look_about(self, k: int) -> bool:
         """Make layers at every waypoint near interval k; whether one beside it had none."""

@@ -15,7 +15,7 @@ from qp_twist.planning.certificate import CLOSE
 from qp_twist.planning.graph import Edges, LayerPath, alike, cheapest_path, edges, interrupted_path
 from qp_twist.planning.hard_constraints import BETWEEN, SHARES
 from qp_twist.planning.layer import Layer
-from qp_twist.planning.levels import STAGES, Level, Levels, Progress
+from qp_twist.planning.levels import STAGES, Level, Levels, Progress, SearchStage
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
 
@@ -61,8 +61,8 @@ class LevelSearch:
     jump between branches where a longer step just reaches, and could not be corrected into the
     limits. Nodes and edges are checked when a path reaches them.
 
-    ``strict``: the price is that of a feasible path, not of the best one. ``most`` is the largest
-    motion of a joint from layer to layer, rad or m; ``closer`` says where edges are evaluated more
+    ``strict``: the price is that of a feasible path, not of the best one. ``stage`` says how
+    far joints may move from layer to layer; ``closer`` says where edges are evaluated more
     closely, and is added to; ``progress`` is called with the current phase and its share done.
     """
 
@@ -70,7 +70,7 @@ class LevelSearch:
     levels: Levels
     level: Level
     strict: bool
-    most: float
+    stage: SearchStage
     closer: CloserLooks
     progress: Progress
 
@@ -241,8 +241,9 @@ class LevelSearch:
     def _steps(self) -> list[Array]:
         """Largest step of each joint from each layer to the next, (nv,) each."""
         steps, stride = self.problem.limits.steps, self.level.stride
+        steps, most = np.minimum(steps, self.stage.longest), self.stage.most
         return [
-            np.minimum(steps[a : min(b, a + stride)].sum(axis=0), np.maximum(self.most, steps[a]))
+            np.minimum(steps[a : min(b, a + stride)].sum(axis=0), np.maximum(most, steps[a]))
             for a, b in itertools.pairwise(self.level.waypoints)
         ]
 
@@ -337,7 +338,7 @@ def search_windows(
         level = replace(level, layers=layers)
         if level.has_gaps:
             return None
-        way = LevelSearch(problem, levels, level, strict, np.inf, closer, progress).best(
+        way = LevelSearch(problem, levels, level, strict, STAGES[-1], closer, progress).best(
             -np.inf if problem.objective.margin else np.inf,
             _DETOUR if problem.has_clearance else _WITHIN,
         )

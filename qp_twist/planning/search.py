@@ -28,7 +28,16 @@ from qp_twist.planning.level_search import (
     LevelSearch,
     search_windows,
 )
-from qp_twist.planning.levels import COARSE, STAGES, Level, Levels, Progress, SearchStage
+from qp_twist.planning.levels import (
+    COARSE,
+    FAR,
+    SHORT,
+    STAGES,
+    Level,
+    Levels,
+    Progress,
+    SearchStage,
+)
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.preferred_nodes import with_preferred
@@ -200,7 +209,7 @@ class PlanSearch:
         best: JudgedPath | None = None
         for trial in () if problem.start is None else self._tried(problem, problem.start):
             best = self._kept.better(best, trial)
-        stages = (COARSE, *STAGES) if problem.freedom >= COVERED else STAGES
+        stages = _stages(problem)
         for stage in stages[:1] if self._may_slow and problem.freedom > COVERED else stages:
             found = self._stage(problem, stage, best)
             best = self._kept.better(best, found.path)
@@ -290,9 +299,7 @@ class PlanSearch:
     def _search(
         self, problem: Problem, level: Level, stage: SearchStage, *, strict: bool
     ) -> LevelSearch:
-        return LevelSearch(
-            problem, self.levels, level, strict, stage.most, self._closer, self.progress
-        )
+        return LevelSearch(problem, self.levels, level, strict, stage, self._closer, self.progress)
 
     def _ended(
         self, problem: Problem, level: Level, way: LayerPath, best: JudgedPath | None
@@ -476,6 +483,13 @@ def _with_pace(
     if without > 1.0:
         note += f"; {without:.3g} times slower none was found"
     return replace(certificate, slower=needed, note=note)
+
+
+def _stages(problem: Problem) -> tuple[SearchStage, ...]:
+    """The stages of a search."""
+    if problem.freedom >= COVERED:
+        return COARSE, *STAGES
+    return (SHORT, *STAGES) if np.median(problem.limits.steps) > FAR else STAGES
 
 
 def _alike(value: float, best: float, share: float = _ROUNDED) -> bool:

@@ -19,16 +19,21 @@ AXIS = qt.TwistProjector(
 ELBOW_UP = np.radians([10.0, -80.0, 100.0, -110.0, -90.0, 0.0])
 
 
-def around(model: mujoco.MjModel, first: mink.SE3, span: float) -> qt.PathTask:
-    """A path that turns about the base's axis, its tool as at the beginning."""
-    angles = np.linspace(0.0, span, 2 + int(span / np.radians(10.0)))
+def around(model: mujoco.MjModel, first: mink.SE3, span: float, spacing: float) -> qt.PathTask:
+    """A path that turns about the base's axis, its tool as at the beginning.
+
+    With waypoints 40° apart joints may move by 306° to the next one.
+    """
+    count = 1 + int(np.ceil(np.degrees(span) / spacing))
+    angles = np.linspace(0.0, span, 1 + count)
     turns = (mink.SE3.from_rotation(mink.SO3.from_z_radians(angle)) for angle in angles)
     whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
     return qt.PathTask(
         name="around", title="around", source=None, scene=Path("around.xml"), model=model,
         frame_name="tool", frame_type="site", projector=AXIS, operational=whole,
         waypoints=tuple(turn @ first for turn in turns), flipped_waypoints=None, start=ELBOW_UP,
-        durations=None, velocity_limits=np.full(6, np.inf), acceleration_limits=np.full(6, np.inf),
+        durations=None if spacing < 20.0 else np.append(0.0, np.full(count, 1.7)),
+        velocity_limits=np.full(6, np.pi), acceleration_limits=np.full(6, np.inf),
     )  # fmt: skip
 
 
@@ -56,8 +61,10 @@ def base_angles(model: mujoco.MjModel, pose: mink.SE3) -> Array:
     return np.sort(found)
 
 
-@pytest.mark.parametrize("beyond", [-12.0, 12.0])
-def test_an_arm_winds_about_its_base_as_far_as_its_range_and_no_further(beyond: float) -> None:
+@pytest.mark.parametrize(("beyond", "spacing"), [(-12.0, 13.0), (-12.0, 40.0), (12.0, 40.0)])
+def test_an_arm_winds_about_its_base_as_far_as_its_range_and_no_further(
+    beyond: float, spacing: float
+) -> None:
     """By symmetry configurations further along are those at the beginning, turned about the base.
 
     So joint 1 goes from a band of its values at the first waypoint to the same band turned by the
@@ -75,10 +82,11 @@ def test_an_arm_winds_about_its_base_as_far_as_its_range_and_no_further(beyond: 
         upper - band.min() - turn
         for band in bands for turn in turns if lower <= band.max() + turn <= upper
     )  # fmt: skip
-    task = around(model, first, furthest + np.radians(beyond))
+    task = around(model, first, furthest + np.radians(beyond), spacing)
     plan = qt.plan(task, "travel", seeds=())
     if beyond < 0.0:
         assert np.ptp(plan.motion()[:, 0]) > furthest - np.radians(20.0)
     else:
         assert plan.q is None and plan.certificate.covered
         assert plan.certificate.joints == (model.joint(0).name,)
+        assert len(qt.plan(task, "travel", cuts="fewest", seeds=()).cuts) == 1
