@@ -115,7 +115,7 @@ class ManifoldNet:
         if inside.any():
             solved = solved[inside]
         # What a narrow passage, or speed limits, leave of one layer goes on in the next.
-        begun = [] if before is None else [centred(before.q, self.ranges)]
+        begun = [] if before is None else [centred(before.q[before.copies[0]], self.ranges)]
         if self.seeds.cover(index):
             return solved if freedom > 1 else np.vstack([*begun, solved])
         if self.rows.hard:  # many corrections into narrow bands would take long
