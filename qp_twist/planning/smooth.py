@@ -230,7 +230,8 @@ def _solved(
         # Rows that no u within the radius can reach are left out.
         near = np.flatnonzero(g <= largest * np.asarray(abs(on_u).sum(axis=1)).ravel())
         if len(near):
-            rows.append([on_u[near], None, None, -np.ones((len(near), 1))])
+            # What is kept stays so, to first order: without a price a violation would spread.
+            rows.append([on_u[near], None, None, -1.0 * (g[near, None] < 0.0)])
             sides.append(g[near])
     used = [k for k in range(4) if any(row[k] is not None for row in rows)]
     rows = [[row[k] for k in used] for row in rows]
