@@ -25,6 +25,10 @@ feed, by MuJoCo, nine tenths of it and the largest, which is at corners; and the
 *timing_seam*: a weld seam, where a pipe meets a wider one, at 200 mm/s, by a tool of free roll: the
 part of the path at that speed, within the default limits of jerk, too, without and with a constant
 feed; and the dips of the latter. *timing_constant*: likewise of tasks, at their own feed.
+*timing_kinks*: at waypoints the rate changes at which a path turns its tool's axis: the angular
+acceleration that this needs at the feed within the tolerances, beside that of all hinges together,
+as if their axes were parallel. Where it needs more, every motion is slower (products of joint
+speeds aside).
 
 Needs toppra and ruckig (``pip install toppra ruckig``).
 """
@@ -352,6 +356,33 @@ def timing_constant(tasks: str = TASKS_OF_ROLL) -> str:
     return _at_speed({name: qt.load_task(name) for name in tasks.split(",")})
 
 
+def timing_kinks(tasks: str = TASKS_OF_ROLL) -> str:
+    """Where no configuration of a robot's hinges turns its tool's axis fast enough at the feed."""
+    rows = []
+    for name in tasks.split(","):
+        task = qt.load_task(name)
+        assert task.durations is not None
+        ranges, epsilon = JointRanges.of(task.model), task.tolerances.axis
+        limits = with_default_accelerations(motion_limits(task), ranges)
+        most = float(limits.acceleration[ranges.hinge].sum())
+        h = task.durations[1:]
+        axes = task.poses[0][:, :, 2]
+        turns = np.cross(axes[:-1], axes[1:])
+        sines = np.linalg.norm(turns, axis=1)
+        angles = np.arctan2(sines, (axes[:-1] * axes[1:]).sum(axis=1))
+        rates = turns * (angles / np.where(sines > 0.0, sines, 1.0) / h)[:, None]
+        kinks = np.linalg.norm(np.diff(rates, axis=0), axis=1)
+        # An axis that is off by ε at most turns over τ on both sides of a kink Δω by Δω τ − 4 ε
+        # more than straight on: with accelerations of (Δω τ − 4 ε)/τ², which 8 ε/Δω makes largest.
+        tau = np.minimum(8.0 * epsilon / np.maximum(kinks, 1e-9), np.minimum(h[:-1], h[1:]))
+        needed = np.maximum(kinks * tau - 4.0 * epsilon, 0.0) / tau**2
+        short = int((needed > most).sum())
+        large = np.percentile(needed, (75.0, 90.0, 100.0))
+        rows.append((name, len(axes), *map("{:.3g}".format, (*large, most)), short))
+    headings = ["path", "waypoints", "needed there, rad/s²: 75 %", "90 %", "largest"]
+    return markdown_table([*headings, "all hinges together", "waypoints that need more"], rows)
+
+
 def timing_roll(tasks: str = TASKS_OF_ROLL) -> str:
     """Smoothness of the roll without and with a constant feed, and the times."""
     rows = []
@@ -382,6 +413,6 @@ if __name__ == "__main__":
     parts = {
         "timing": timing, "timing_moves": timing_moves, "timing_jumps": timing_jumps,
         "timing_roll": timing_roll, "timing_seam": timing_seam,
-        "timing_constant": timing_constant,
+        "timing_constant": timing_constant, "timing_kinks": timing_kinks,
     }  # fmt: skip
     raise SystemExit(command(__doc__, parts, paths=20, moves=100, repeats=3, tasks=TASKS_OF_ROLL))
