@@ -173,7 +173,7 @@ def _changed(job: Job, points: str, count: int, folder: Path, *, forms: bool) ->
             program = read(changed, job.suffix)
             if len(program.moves) != whole:
                 raise ValueError("other moves")
-            motion = Controller(job.cell, program).run()
+            motion = Controller(job.cell, program).run(most=40)
             found, cut = measured(job, motion), rounded(motion, program.moves)
             assert max(found.off_path, cut) <= 1e-4 and found.off_axis <= np.radians(0.05), found
         except AssertionError as error:

@@ -55,7 +55,7 @@ def krl_frame(text: str) -> Array:
 
 
 def site_of(data: mujoco.MjData) -> Array:
-    return rigid(Rotation.from_matrix(data.site("tool").xmat.reshape(3, 3)), data.site("tool").xpos)
+    return rigid(data.site("tool").xmat.reshape(3, 3), data.site("tool").xpos)
 
 
 def corrected(

@@ -87,9 +87,9 @@ def numbers(text: str) -> list[float]:
     return [float(each) for each in re.findall(N, text)]
 
 
-def rigid(turn: Rotation, place: object) -> Array:
+def rigid(turn: Array, place: object) -> Array:
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn.as_matrix(), place
+    pose[:3, :3], pose[:3, 3] = turn, place
     return pose
 
 
@@ -101,7 +101,7 @@ def angles_pose(x: float, y: float, z: float, a: float, b: float, c: float) -> A
 
 
 def quaternion_pose(x: float, y: float, z: float, w: float, i: float, j: float, k: float) -> Array:
-    return rigid(Rotation.from_quat([i, j, k, w]), MS * np.array([x, y, z]))
+    return rigid(Rotation.from_quat([i, j, k, w]).as_matrix(), MS * np.array([x, y, z]))
 
 
 def read(text: str, suffix: str) -> Text:
@@ -272,7 +272,7 @@ class Controller:
 
     def frame(self, name: str) -> Array:
         body = self.data.body(name)
-        return rigid(Rotation.from_matrix(body.xmat.reshape(3, 3)), body.xpos)
+        return rigid(body.xmat.reshape(3, 3), body.xpos)
 
     @property
     def part(self) -> Array:
@@ -281,7 +281,7 @@ class Controller:
     @property
     def site(self) -> Array:
         site = self.data.site(self.cell.tool)
-        return rigid(Rotation.from_matrix(site.xmat.reshape(3, 3)), site.xpos)
+        return rigid(site.xmat.reshape(3, 3), site.xpos)
 
     def joints(self, move: Move, q: Array) -> Array:
         """All joints at the point of a move: those of the arm, if it has a pose, as they are."""
@@ -334,7 +334,8 @@ class Controller:
             q[self.own] += np.linalg.solve((J - of_part)[:, self.own], off)
         raise AssertionError("the joints do not follow")
 
-    def run(self) -> Motion:
+    def run(self, most: int = 1_000_000) -> Motion:
+        """At 1 ms, or at ``most`` instants of each move: a path is the same however slow it is."""
         first, *moves = self.program.moves
         q = self.joints(first, np.zeros(self.model.nq))
         self.put(q)
@@ -359,7 +360,7 @@ class Controller:
             seconds = move.seconds
             if np.isnan(seconds):
                 seconds = max(way / move.speeds[0], turn / move.speeds[1])
-            shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(seconds / MS)))[1:]
+            shares = np.linspace(0.0, 1.0, 1 + min(int(np.ceil(seconds / MS)), most))[1:]
             begin = q
             spots, turns = moved(at, end, shares, via, move.rule)
             for k, s in enumerate(shares):
@@ -367,7 +368,7 @@ class Controller:
                     near = q.copy()
                     for place, _ in self.places.values():
                         near[place] = begin[place] + s * (there[place] - begin[place])
-                    pose = rigid(Rotation.from_matrix(turns[k]), spots[k])
+                    pose = rigid(turns[k], spots[k])
                     then = self.reach(near, pose)
                 else:
                     then = begin + along(s, move.ramp) * (there - begin)

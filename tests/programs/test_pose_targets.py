@@ -70,7 +70,7 @@ def test_a_controller_keeps_the_path_and_the_branch(
         mujoco.mj_forward(model, data)
 
     put(first.theta)
-    base = rigid(Rotation.from_matrix(data.body("base").xmat.reshape(3, 3)), data.body("base").xpos)
+    base = rigid(data.body("base").xmat.reshape(3, 3), data.body("base").xpos)
     own_tool = np.linalg.inv(base @ links(name, first.theta)[-1]) @ site_of(data)
     tool = own_tool if found.tool is None else found.tool
     frame = np.linalg.inv(base) if found.frame is None else found.frame
