@@ -24,8 +24,9 @@ EXCEEDED = 1e-6
 FASTER = 1e-3
 """Share by which the feed has to be exceeded to count."""
 FASTER_MATCHED = 0.02
-"""The same between two waypoints if their times were searched, which are known as well as that:
-over K in a row a K-th of it, but at least twice FASTER, of the motion and of printed speeds."""
+"""The same between two waypoints if their times were searched. That of each is known as well as
+that of one move: over K in a row it is twice a K-th of it at most, once for each end, and at least
+twice FASTER, of the motion and of printed speeds."""
 RUSHED = 1.5
 """Factor of the feed that counts as exceeded between two waypoints: the ratio of the largest to the
 mean speed of a cubic from rest to rest."""
@@ -478,6 +479,11 @@ def _largest(
 # ---------------------------------------------------------------- feed
 
 
+def _matched(count: int) -> float:
+    """The share allowed over so many waypoints in a row whose times were searched."""
+    return min(FASTER_MATCHED, max(2.0 * FASTER_MATCHED / count, 2.0 * FASTER))
+
+
 def _fastest_part(durations: Array, took: Array, counts: Mask, passing: Passing) -> Finding:
     """The part of the path that is faster than the feed by the most of what is allowed there.
 
@@ -491,7 +497,7 @@ def _fastest_part(durations: Array, took: Array, counts: Mask, passing: Passing)
 
     parts = list[tuple[float, float, float, str]]()
     for count in [1] if passing.by_row else (2 ** np.arange(len(took).bit_length())).tolist():
-        most = 1.0 + FASTER if passing.by_row else 1.0 + max(FASTER_MATCHED / count, 2.0 * FASTER)
+        most = 1.0 + FASTER if passing.by_row else 1.0 + _matched(count)
         use = np.where(over(count, counts) == count, over(count, durations) / over(count, took), 0)
         k = int(np.argmax(use))
         where = f"waypoints {k + 1} to {k + 1 + count}"

@@ -126,7 +126,7 @@ def test_a_feed_that_is_a_little_too_fast_counts_over_many_waypoints(
     if not feed.passes:
         assert feed.value == pytest.approx(100.0 * faster, abs=0.15) and feed.limit is not None
         first, last = map(int, re.findall(r"\d+", feed.where))
-        assert feed.limit == pytest.approx(100.0 + max(2.0 / (last - first), 0.2))
+        assert feed.limit == pytest.approx(100.0 + min(2.0, max(4.0 / (last - first), 0.2)))
 
 
 def test_data_of_the_file_hide_those_of_the_system(tmp_path: Path) -> None:
