@@ -40,6 +40,8 @@ def leaves_range(problem: Problem, levels: Levels) -> Certificate | None:
     count = 2 + int(moved[-1] / _SPACING)
     s = np.interp(np.linspace(0.0, moved[-1], count), moved, np.arange(len(moved)))
     q = _solutions(problem, arm, s)
+    if not np.isfinite(q).any(axis=(1, 2, 3)).all():  # out of reach, which layers tell
+        return None
     for joint in wide.tolist():
         start = None if problem.start is None else problem.start[joint]
         ended = _ended(q[..., joint], ranges.lower[joint], ranges.upper[joint], start)

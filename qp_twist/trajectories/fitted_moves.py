@@ -20,6 +20,7 @@ from qp_twist.geometry import (
 from qp_twist.paths import PathTask
 from qp_twist.paths.tool_moves import ToolMove
 from qp_twist.programs import PACE, Dialect, Turning
+from qp_twist.referee import CORNER, turns_of
 from qp_twist.robots import ToolChain
 from qp_twist.robots.tool_chain import Poses
 from qp_twist.trajectories.corners import task_rows
@@ -408,11 +409,16 @@ def _reach(
 
 
 def _changing(times: Array, poses: Poses, period: float) -> Mask:
-    """Rows (N,) at which the tool changes its speed, or is so slow that moves may have times."""
+    """Rows (N,) at which the tool changes its speed, or is so slow that moves may have times.
+
+    But for corners, which are points: a move that ends before one would cut it, and leads at one
+    speed from the feed before to that behind.
+    """
     ways = np.linalg.norm(np.diff(poses.positions[::2], axis=0), axis=1)
     before, behind = (np.insert(ways / np.diff(times), end, 0.0) for end in (0, len(ways)))
     most = np.maximum(before, behind)
     changing: Mask = (np.abs(behind - before) > PACE * most) | (most * period < _SLOW)
+    changing[1:-1] &= turns_of(poses.positions[::2]) < CORNER
     return changing
 
 
