@@ -204,7 +204,8 @@ def tool_speed(
     share[(of_path[piece] <= 0.0) & (turning[piece] <= 0.0)] = 1.0
     stops = np.zeros(0) if stops is None else stops[(stops >= times[0]) & (stops <= times[-1])]
     after = np.searchsorted(times, stops)
-    share[np.concatenate([np.maximum(after - 1, 0), after])] = 0.0
+    stands = np.isin(np.arange(len(times)), [np.maximum(after - 1, 0), after])
+    share[stands] = 0.0
     found: list[Dip] = []
     ramps, seconds, longest = 0, 0.0, 0.0
     run = np.cumsum(np.append(True, _begins(path_task, of_path)))[piece]
@@ -221,9 +222,8 @@ def tool_speed(
             part[0] == 0 or run[part[0] - 1] != run[part[0]],
             part[-1] == len(times) - 1 or run[part[-1] + 1] != run[part[-1]],
         ]
-        up, down = _ramps(
-            times[part], share[part], held[part], spent[part], begins=ends[0], ends=ends[1]
-        )
+        of = (each[part] for each in (times, share, held, spent, stands))
+        up, down = _ramps(*of, begins=ends[0], ends=ends[1])
         for ramp in (part[:up], part[down:]):
             if len(ramp):
                 ramps += 1
@@ -335,18 +335,20 @@ def _joined(slow: Mask, run: Indices, times: Array) -> Mask:
 
 
 def _ramps(
-    times: Array, share: Array, held: Array, spent: Mask, *, begins: bool, ends: bool
+    times: Array, share: Array, held: Array, spent: Mask, stands: Mask, *, begins: bool, ends: bool
 ) -> tuple[int, int]:
     """Where the ramp at the begin of a slow stretch ends, and where that at its end begins.
 
     ``held`` (K,) is the time for which the joints keep their speeds at each instant, s; where a
-    joint has ``spent`` (K,) its speed limit, the tool is not on its way to a higher speed.
+    joint has ``spent`` (K,) its speed limit, or the tool ``stands`` (K,) behind where it has moved,
+    it is not on its way to a higher speed.
     """
     count, within = len(times), _WITHIN + held
 
     def rising(t: Array, x: Array, places: slice) -> int:
         t, x, later = t[places], x[places], t[places] + within[places]
-        stays = (np.interp(later, t, x) - x < _RISES) & (later <= t[-1]) | spent[places]
+        again = stands[places] & np.logical_or.accumulate(~stands[places])
+        stays = (np.interp(later, t, x) - x < _RISES) & (later <= t[-1]) | spent[places] | again
         return int(np.argmax(stays)) if stays.any() else len(t)
 
     top = int(np.argmax(share)) if begins and ends else count

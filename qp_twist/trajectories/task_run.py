@@ -116,13 +116,18 @@ def _at_constant_speed(
 
 
 def _better(best: _Timed, other: _Timed) -> _Timed:
-    """The other if it passes, dips aside, and more of it is at speed, or it is only faster."""
+    """The other if it passes, dips aside, and is better.
 
-    def share(of: _Timed) -> tuple[float, float]:
-        return of.speed.at_speed, -float(of.timed.motion.times[-1])
+    Better is one without a dip that is too deep, then with more of it at speed, then a faster one.
+    """
+    task = other.trajectory.path_task
 
-    task = replace(other.trajectory.path_task, max_dip=None)
-    better = share(other) > share(best) and check_trajectory(other.timed, task).passes
+    def share(of: _Timed) -> tuple[bool, float, float]:
+        shallow = of.speed.finding(task.max_dip).passes
+        return shallow, of.speed.at_speed, -float(of.timed.motion.times[-1])
+
+    any_dip = replace(task, max_dip=None)
+    better = share(other) > share(best) and check_trajectory(other.timed, any_dip).passes
     return other if better else best
 
 

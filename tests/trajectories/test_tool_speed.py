@@ -15,8 +15,10 @@ from oracles.mounted_robots import mounted
 import qp_twist as qt
 from qp_twist.errors import InvalidInput, TaskFileError
 from qp_twist.referee import (
+    Passing,
     ToolSpeed,
     motion_limits,
+    tool_speed,
     with_default_accelerations,
     with_default_jerks,
 )
@@ -92,6 +94,19 @@ def test_ramps_at_both_ends_are_no_dips_but_a_speed_held_below_is_one() -> None:
     (dip,) = speed_of(at_shares(shares), line_task()).dips
     assert dip.share == pytest.approx(0.6)
     assert dip.length == pytest.approx(0.26, abs=0.015)
+
+
+@pytest.mark.parametrize("stops", [(0.0,), (0.0, 0.6), (0.0, 5.0)])
+def test_a_stop_is_a_dip_but_where_a_ramp_begins(stops: tuple[float, ...]) -> None:
+    """Within a second the tool comes to its speed, if its controller does not stop on the way."""
+    shares = np.ones(100)
+    shares[:5] = np.linspace(0.1, 0.9, 5)
+    task, motion = line_task(), at_shares(shares).motion
+    passing = Passing(motion.times, timed=True, by_row=True)
+    found = tool_speed(task, motion, passing, motion_limits(task), np.array(stops))
+    assert found is not None
+    assert [dip.share for dip in found.dips] == [0.0] * (len(stops) - 1)
+    assert all("stop" in str(dip) for dip in found.dips)
 
 
 def test_a_change_of_the_feed_is_no_dip() -> None:
@@ -213,6 +228,42 @@ def test_a_path_is_rounded_within_its_tolerances_where_waypoints_make_it_a_polyg
         shares.append(float(ways[speeds >= 0.98 * 0.2].sum() / ways.sum()))
     assert shares[0] < 0.3 and shares[1] > 0.7
     assert run.check.speed is not None and not run.check.speed.dips
+
+
+def test_a_motion_whose_dips_are_shallow_enough_is_written_not_one_with_more_at_speed(
+    tmp_path: Path,
+) -> None:
+    """A zigzag of 4° is rounded, and then faster, but dips deeper at the corners to its ways."""
+    x = np.linspace(0.0, 20.0, 41)
+    rows = [f"{a},{0.038 * (k % 2)},0,0,0,1" for k, a in enumerate(x)]
+    (tmp_path / "zigzag.csv").write_text("\n".join(["x [mm],y [mm],z [mm],nx,ny,nz", *rows]))
+    (tmp_path / "zigzag.toml").write_text(
+        """
+        title = "zigzag"
+        robot = { scene = "m16ib_deburring.xml", frame = "tool" }
+        start = { central = true }
+        feed = { speed = 0.1, mode = "constant" }
+        [projector]
+        linear = "full"
+        angular = { plane = [0, 0, 1] }
+        frame = "body"
+        [path]
+        kind = "file"
+        file = "zigzag.csv"
+        tool = "into"
+        placement = { position = [0.9, 0.1, 0.6] }
+        approach = { distance = 0.02, steps = 4 }
+        retreat = { distance = 0.02, steps = 4 }
+        """
+    )
+    task, found = qt.load_task(tmp_path / "zigzag.toml"), []
+    for most in (None, 0.65):
+        asked = dataclasses.replace(task, max_dip=most)
+        run = run_task(asked, "qp_gradient", tmp_path / "run.csv")
+        assert run.check is not None and run.check.passes and run.check.speed is not None
+        found.append(run.check.speed)
+    assert found[1].at_speed < found[0].at_speed
+    assert min(dip.share for dip in found[0].dips) < 0.35
 
 
 def test_a_whole_pose_is_rounded_and_a_stated_start_stays(fast: qt.PathTask) -> None:
