@@ -222,8 +222,10 @@ def tool_speed(
             part[0] == 0 or run[part[0] - 1] != run[part[0]],
             part[-1] == len(times) - 1 or run[part[-1] + 1] != run[part[-1]],
         ]
-        of = (each[part] for each in (times, share, held, spent, stands))
-        up, down = _ramps(*of, begins=ends[0], ends=ends[1])
+        up, down = _ramps(
+            times[part], share[part], held[part], spent[part], stands[part],
+            begins=ends[0], ends=ends[1],
+        )  # fmt: skip
         for ramp in (part[:up], part[down:]):
             if len(ramp):
                 ramps += 1
