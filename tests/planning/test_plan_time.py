@@ -146,6 +146,16 @@ def test_a_clearance_that_the_fastest_motion_keeps_anyway_changes_nothing() -> N
     assert str(kept.certificate.grid) == str(free.certificate.grid)
 
 
+def test_a_plan_under_a_fast_feed_is_no_slower_than_the_fastest_motion_that_then_keeps_it() -> None:
+    """Where the feed allows most steps, accelerations decide, which the grid does not know."""
+    task = qt.load_task("part_in_hand")
+    assert task.durations is not None
+    capped = dataclasses.replace(task, durations=task.durations / 10.0)
+    fastest = qt.plan(dataclasses.replace(task, durations=None), "time").motion()
+    goal = Objective.of(qt.JointRanges.of(task.model), "time").along(capped)
+    assert qt.plan(capped, "time").value <= goal.value(fastest)
+
+
 def test_where_the_feed_cannot_be_kept_a_plan_is_slower_and_says_where() -> None:
     task = line(13, 0.01)
     at_feed = qt.plan(task, seeds=())
