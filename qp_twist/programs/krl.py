@@ -154,7 +154,7 @@ _TRIGGER = (
 _NOTED: Mapping[Kind, Sequence[str]] = {
     # outputs, flags, timers, names for them, and how far from a point rounding begins
     "passed": (
-        r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$ADVANCE|\$BWDSTART"
+        r"(\$(?:OUT|ANOUT|FLAG|TIMER|TIMER_STOP)\s*\[[^\]]*\]|\$BWDSTART"
         r"|\$APO\.\w+|\$H_POS)\s*=(?!=)(.*)",
         rf"(?=(PULSE)){_PULSE}",
         r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
@@ -179,6 +179,14 @@ _BEGIN = (
     r"|INTERRUPT ON 3|BAS\s*\(\s*#INITMOV\s*,\s*0\s*\)"
 )
 """What a controller's programs begin with."""
+_STOPS = re.compile(
+    r"(?!TRIGGER|SIGNAL|(?:GLOBAL\s+)?INTERRUPT)(?:(?:WAIT|HALT|PULSE|BAS\s*\(\s*#INITMOV)\b"
+    r"|.*\$(?:(?:DIG)?(?:IN|OUT)\d*|AN(?:IN|OUT)|TIMER\w*|(?:POS|AXIS)_\w+)\b).*",
+    re.IGNORECASE | re.ASCII | re.DOTALL,
+)
+"""At which the controller reads no farther until the robot rests at the point before (a stop of the
+advance run): waits, and what reads or writes the outside. KUKA's list was not at hand; a stop too
+many promises nothing, since its point is judged as rounded, too."""
 _REST = r"(?P<rest>(?:\s*\bC_\w+|\s+#(?:BASE|TOOL)|\s+WITH\s.*)*)"
 _MARKS = {"C_DIS", "C_VEL", "C_ORI", "C_PTP", "C_SPL"}
 """By which a point is rounded."""
@@ -238,6 +246,7 @@ class KrlProgram(KrlFrames):
         super().__init__(krl_values(), moves)
         self._at: Frame | None = None
         self._before_spline = moves.frame, moves.feed, self.circle
+        self._reads_ahead = True
 
     def grammar(self) -> Sequence[Rule]:
         """Moves, splines and their times, frames, speeds, data, what moves nothing, calls."""
@@ -260,6 +269,7 @@ class KrlProgram(KrlFrames):
             (r"(?P<word>\$APO(?:\.CDIS)?)\s*=(?!=)(?P<value>.*)", self._rounding, "setting"),
             (r"\$BASE\s*[.\[].*", self.refuse, "path"),
             (r"(\$(?:IPO_MODE|ORI_TYPE|CIRC_TYPE))\s*=(?!=)\s*(.*)", self._mode, "setting"),
+            (r"(\$ADVANCE)\s*=(?!=)(.*)", self._advance, "passed"),
             (r"(?P<word>\$VEL)\s*=(?!=)(?P<value>.*)", self._speeds, "speed"),
             (r"(?P<word>BAS)\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,(?P<value>.*)\)", self._speed,
              "speed"),
@@ -338,10 +348,22 @@ class KrlProgram(KrlFrames):
         kinds |= {self.values.base(name): match["kind"].lower() for name in names.split(",")}
 
     def assign(self, line: int, match: re.Match[str]) -> None:
-        """An assignment or declaration."""
+        """An assignment or declaration; a name that nothing declares may be an output's."""
         if "kind" in match.groupdict():
             self._declare(match)
+        elif self.moves.strict and self.values.base(match["name"]) not in (self.values.kinds or ()):
+            self.moves.wait(line, "", 0.0)
         super().assign(line, match)
+
+    def before(self, line: int, text: str) -> None:
+        """A stop of the advance run."""
+        if self.moves.strict and _STOPS.match(text):
+            self.moves.wait(line, "", 0.0)
+
+    def _advance(self, line: int, match: re.Match[str]) -> None:
+        """How many moves the controller reads ahead; where it reads none, it rounds no point."""
+        self._note("passed", line, match)
+        self._reads_ahead = self.values.number(match[2]) >= 1.0
 
     # ------------------------------------------------------------ moves
 
@@ -417,6 +439,8 @@ class KrlProgram(KrlFrames):
             angle = float(sweep["number"]) if sweep else None
             moves.arc(line, poses[0], poses[1], angle, self.circle or "space")
             self._at = None if sweep else self._at
+        if not (self._reads_ahead or self.spline.open):
+            moves.rests()
         moves.frame, moves.feed, self.circle = before
 
     def _straight_rule(self) -> Sequence[Rule]:
@@ -459,7 +483,8 @@ class KrlProgram(KrlFrames):
         name = self.moves.frame[0]
         frame = ProgramFrame(*self.moves.frame, "positioner" if name.startswith("EK(") else "")
         if not frame.name or not self.tool[0]:
-            raise refuse(line, text, "expected $TOOL and $BASE before it; a line was lost.")
+            why = "expected $TOOL and $BASE before it, behind BAS(#INITMOV,…); a line is lost."
+            raise refuse(line, text, why)
         self.moves.uses(self.tool[0], frame.name)
         return Target(pose, ProgramFrame(*self.tool), frame, tuple(map(int, data)), line)
 

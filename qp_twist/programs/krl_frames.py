@@ -68,8 +68,12 @@ class KrlFrames(Program):
             self.moves.noted(line, match["word"], kind)
 
     def _begin(self, line: int, match: re.Match[str]) -> None:
-        """What a program begins with, among it the controller's own settings."""
-        self.zone = self.zone if "INITMOV" not in match[0].upper() else math.inf
+        """What a program begins with, among it a controller's own settings in place of all."""
+        if "INITMOV" in match[0].upper():
+            self.zone, self.moves.feed, self.circle = math.inf, math.nan, None
+            self.turns = dict.fromkeys(self.turns, math.nan)
+            if self.moves.strict:
+                self.tool = self.moves.frame = "", None
 
     def _rounding(self, line: int, match: re.Match[str]) -> None:
         """``$APO.CDIS``, from how far before a point on it is rounded, also in a record."""

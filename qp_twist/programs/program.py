@@ -97,6 +97,7 @@ class Program(Acts):
             try:
                 if opened is None:
                     act, match, _ = self.listing.act(text)
+                    self.before(line, text)
                     signal = act if isinstance(act, str) else act(line, match) or ""
                 else:
                     role, match, close = opened
@@ -112,6 +113,9 @@ class Program(Acts):
             if signal:
                 return signal
         return ""
+
+    def before(self, line: int, text: str) -> None:
+        """What a controller does before it executes a statement, whatever that is."""
 
     def call(self, line: int, match: re.Match[str]) -> str | None:
         """A call: groups ``called`` and ``arguments``."""

@@ -93,8 +93,8 @@ def krl_text(zone: str, before: str) -> str:
     axes = ",".join(f"A{k} {x:.8f}" for k, x in enumerate(np.degrees(theta[0]), start=1))
     corner, end = (pose_text(task.waypoints[k]) for k in (10, 20))
     return (
-        f"DEF other( )\n$TOOL={pose_text(tool)}\n$BASE={pose_text(base)}\n$VEL.CP=0.05\n"
-        f"PTP {{{axes}}}\n{before}\nLIN {corner} {zone}\nLIN {end}\nEND\n"
+        f"DEF other( )\n{before}\n$TOOL={pose_text(tool)}\n$BASE={pose_text(base)}\n"
+        f"$VEL.CP=0.05\nPTP {{{axes}}}\nLIN {corner} {zone}\nLIN {end}\nEND\n"
     )
 
 
@@ -236,6 +236,44 @@ def test_a_wait_behind_a_point_is_a_stop_and_moves_need_their_times(
     assert [each.value for each in found] == [
         pytest.approx(100.0 / 3.0 * (4.0 if waits else 2.0) * way / 0.4**2, rel=1e-6) for _ in timed
     ]
+
+
+@pytest.mark.parametrize(
+    ("statement", "stops"),
+    [
+        ("$OUT[1]=TRUE", True), ("$ANOUT[1]=0.5", True), ("PULSE($OUT[1],TRUE,0.2)", True),
+        ("DECL BOOL SEEN=$IN[3]", True), ("GRIP=TRUE", True), ("$TIMER[1]=0", True),
+        ("DECL INT N=3", False), ("FDAT_ACT=F1\nBAS(#CP_DAT)", False), ("$FLAG[1]=TRUE", False),
+        ("TRIGGER WHEN DISTANCE=0 DELAY=0 DO $OUT[1]=TRUE", False), ("$ADVANCE=0", False),
+        ("SIGNAL GRIP $OUT[1]", False),
+    ],
+)  # fmt: skip
+def test_a_krl_program_stops_where_it_reads_or_writes_the_outside(
+    statement: str, stops: bool, tmp_path: Path
+) -> None:
+    """KUKA's stops of the advance run; a name that nothing declares may be an output's."""
+    corner, behind = krl_text("C_DIS", "$APO.CDIS=0.2").split(" C_DIS\n")
+    for text in (f"{corner} C_DIS\n{statement}\n{behind}", f"{statement}\n".join(
+        [corner[: corner.index("PTP")], f"{corner[corner.index('PTP') :]} C_DIS\n{behind}"]
+    )):  # fmt: skip
+        (path := tmp_path / "other.src").write_text(text)
+        rows = read_trajectory(path, None, cell("KUKA KR 16-2")[1])
+        assert rows.points is not None
+        before = text.index(statement) < text.index("PTP")
+        stopped = "ADVANCE=0" in text if before else stops
+        assert [*rows.points].index(rows.stops[1]) == (1 if stopped else 2)
+        assert rows.zones[1] is not None  # judged as rounded, too
+
+
+def test_the_controllers_own_settings_replace_what_a_program_states(tmp_path: Path) -> None:
+    text = krl_text("C_DIS", "$APO.CDIS=0.2").replace("\nLIN", "\nBAS(#INITMOV,0)\nLIN", 1)
+    with pytest.raises(qt.InvalidInput, match=r"line \d+.*expected \$TOOL and \$BASE"):
+        checked("KUKA KR 16-2", text, ".src", tmp_path)
+    tool, base, speed = re.findall(r"(?m)^\$(?:TOOL|BASE|VEL).*\n", text)
+    for stated, timed in ((tool + base, False), (tool + base + speed, True)):
+        (path := tmp_path / "other.src").write_text(text.replace("\nLIN", f"\n{stated}LIN", 1))
+        rows = read_trajectory(path, None, cell("KUKA KR 16-2")[1])
+        assert (rows.times is not None) == timed
 
 
 @pytest.mark.parametrize("seed", range(12))
