@@ -235,6 +235,7 @@ _FIELD = re.compile(
 )
 _FEEDS = {"mm/sec": 1e-3, "cm/min": 1e-2 / 60.0, "inch/min": 0.0254 / 60.0}
 """m/s in units of speeds."""
+_OF_GROUP_2 = " of group 2"
 _UNITS = ("mm/sec", "cm/min")
 """Those of speeds that are written, which are whole numbers."""
 _NUMBERED = r"(?P<{}>PR?)\[\s*(?P<{}_number>R\s*\[[^\]]*\]|\w+)\s*(?::[^\]]*)?\]"
@@ -422,7 +423,8 @@ class TpProgram(TpFiles):
 
     def _set_number(self, line: int, match: re.Match[str]) -> None:
         self.moves.noted(line, match["word"], "setting")
-        self._numbers[match["word"][:2].upper()] = match["number"]
+        for group in ("", _OF_GROUP_2):
+            self._numbers[f"{match['word'][:2].upper()}{group}"] = match["number"]
 
     # ------------------------------------------------------------ moves
 
@@ -514,14 +516,17 @@ class TpProgram(TpFiles):
             return _Point()
         axes, frame, external = _fields(f"P[{number}]", inside, strict=self.moves.strict)
         tool = (re.search(r"\bUT\s*:\s*(\w+)", inside) or ["", ""])[1]
-        for key, own in (("UF", frame), ("UT", tool)):
-            now = self._numbers.setdefault(key, own) if own.isdecimal() else own
-            if self.moves.strict and now != own and int(now) != int(own):
-                raise InvalidInput(
-                    f"P[{number}] has {key} : {own}, but {key}{'RAME' if key == 'UF' else 'OOL'}"
-                    f"_NUM, or a point before it, has {now}; the controller stops there.",
-                    line=line,
-                )
+        own_group, _, others = inside.partition("GP2")
+        for group, text in (("", own_group), (_OF_GROUP_2, others)):
+            for key, own in re.findall(r"\b(UF|UT)\s*:\s*(\d+)\b", text):
+                now = self._numbers.setdefault(f"{key}{group}", own)
+                if self.moves.strict and int(now) != int(own):
+                    raise InvalidInput(
+                        f"P[{number}] has {key} : {own}{group}, but "
+                        f"{'UFRAME' if key == 'UF' else 'UTOOL'}_NUM, or a point before it, has "
+                        f"{now}; the controller stops there.",
+                        line=line,
+                    )
         if not {*"XYZ"} & axes.keys():
             angles = [value for _, value in sorted(axes.items())]
             return _Point(angles, None, external, f"tool {tool}" if tool else "")

@@ -1,7 +1,8 @@
 """The comment at the top of a program: what it claims, and whether that is so.
 
 The claims are facts that a person can look up in the program: its robot, unit, axes, number of
-points and time. A program whose lines contradict them has been changed, and is refused. What the
+points and time. A program whose lines contradict them has been changed, and is refused; the time
+counts where all moves state theirs, since that of speeds changes with a corrected point. What the
 motion does is not claimed here, but checked against the task.
 """
 

@@ -33,8 +33,8 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
 }  # fmt: skip
 _WORD = re.compile(r"[\w$]+")
 _NUMBER = re.compile(NUMBER, re.ASCII)
-_OF_PYTHON = re.compile(r"(?<![\w$])\.?\d[\d.]*[$_xXoObBjJ]", re.ASCII)
-"""Numbers of Python alone: 1_000, 0x10, 1j."""
+_OF_PYTHON = re.compile(r"'|(?<![\w$])\.?\d[\d.]*[$_xXoObBjJ]", re.ASCII)
+"""Numbers of Python alone, 1_000, 0x10, 1j, and its texts."""
 
 
 class Unknown(InvalidInput):

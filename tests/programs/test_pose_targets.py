@@ -200,6 +200,8 @@ END
         ("KUKA KR 16-2", (r"C_DIS\n", "C_DIS WITH $VEL.CP=1\n"), "WITH"),
         ("KUKA KR 16-2", (r"C_DIS\n", "C_DI\n"), "C_DI is none of C_DIS"),
         ("KUKA KR 16-2", (r"(LIN {X -?\d+\.\d)\d", r"\1$"), "number as the language writes it"),
+        ("KUKA KR 16-2", (r"(LIN {X )(-?\d+\.\d+)", r"\1'\2'"), "number as the language writes it"),
+        ("ABB IRB 120", (r"MoveL \[\[(-?\d+\.\d+)", r"MoveL [['\1'"), "number as the language"),
         ("KUKA KR 16-2", (r"\$VEL\.CP=0\.0\d+\n", ""), "how fast|seconds|no time"),
         ("ABB IRB 120", (r"  LOCAL PERS tooldata.*\n", ""), "does not state the pose of task_tool"),
         ("ABB IRB 120", (r"wobj:=\[FALSE,TRUE,", "wobj:=[FALSE,"), "pose of task_wobj"),

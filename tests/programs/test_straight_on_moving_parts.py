@@ -191,6 +191,22 @@ def test_changed_values_of_external_axes_do_not_pass(tmp_path: Path) -> None:
             assert not check.passes
 
 
+@pytest.mark.parametrize("key", ["UF", "UT"])
+@pytest.mark.parametrize("point", ["9", r"\d+"])
+def test_the_numbers_of_the_positioners_group_are_those_in_force(
+    point: str, key: str, tmp_path: Path
+) -> None:
+    of = job(FANUC, "positioner")
+    path = program(of, LinearMotion(2), tmp_path)
+    changed, count = re.subn(
+        rf"(P\[{point}\][^;]*GP2:[^;]*{key} : )\d+", r"\g<1>7", path.read_text()
+    )
+    assert count == 1 or point != "9"
+    path.write_text(changed)
+    with pytest.raises(qt.InvalidInput, match=rf"line \d+: P\[\d+\] has {key} : 7 of group 2"):
+        read_trajectory(path, None, of.joints)
+
+
 def test_a_unit_that_the_file_states_is_read(tmp_path: Path) -> None:
     of = job(ABB, "positioner")
     path = program(of, LinearMotion(2), tmp_path)
