@@ -10,7 +10,16 @@ import numpy as np
 from qp_twist.paths import in_joint_moves
 from qp_twist.planning.layer import Layer
 from qp_twist.planning.level_search import ABOUT, CloserLooks, LevelSearch
-from qp_twist.planning.levels import COARSE, FAR, SHORT, Grid, Level, Levels, Progress, SearchStage
+from qp_twist.planning.levels import (
+    COARSE,
+    SHORT,
+    Grid,
+    Level,
+    Levels,
+    Progress,
+    SearchStage,
+    are_far,
+)
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.problem import Problem
 
@@ -44,9 +53,8 @@ class FewestCuts:
     def __init__(self, problem: Problem, progress: Progress) -> None:
         self.problem, self._progress = problem, progress
         self._levels, steps = Levels(problem, progress), problem.limits.steps
-        self._stage = COARSE if problem.freedom >= COVERED else _GRID
-        if problem.freedom < COVERED and np.median(steps) > FAR:
-            self._stage = replace(_GRID, longest=SHORT.longest)
+        exact = replace(_GRID, longest=SHORT.longest) if are_far(steps) else _GRID
+        self._stage = COARSE if problem.freedom >= COVERED else exact
         task = problem.path_task
         self._moves, ends = in_joint_moves(task), np.array(task.joint_moves, dtype=np.intp)
         self.blocked: set[int] = set()

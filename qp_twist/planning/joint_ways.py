@@ -11,7 +11,7 @@ from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.layer import TURN, wound
 from qp_twist.planning.levels import Grid, Levels
 from qp_twist.planning.problem import Problem
-from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+from qp_twist.planning.roll_grid import RollGrid, closed_form_arm, roll_axis
 
 _SPACING = np.radians(15.0)
 """Spacing of rolls, and of the path's samples by the motion that it asks of the joints at least.
@@ -60,9 +60,7 @@ def _solutions(problem: Problem, arm: ParametrisedArm, s: Array) -> Array:
     axes = np.zeros((len(s), 3))
     for k, projector in enumerate(path.projectors):
         if projector.angular.kind is ProjectorKind.PLANE:
-            axes[k] = projector.angular.axis
-            if projector.frame == "world":
-                axes[k] = path.rotations[k].T @ axes[k]
+            axes[k] = roll_axis(projector, path.rotations[k])
     turned = path.rotations[:, None] @ rotation_matrix(rolls[:, None] * axes[:, None])
     places = np.repeat(path.positions, len(rolls), axis=0)
     found = arm.branches(turned.reshape(-1, 3, 3), places)

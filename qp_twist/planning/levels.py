@@ -65,17 +65,22 @@ COARSE = SearchStage(
 """Comes first with two free degrees, where each of the next takes minutes."""
 _FIRST = SearchStage(np.radians(30.0), 10, np.radians(4.0), np.radians(4.0), 0.25)
 SHORT = replace(_FIRST, longest=np.radians(45.0))
-"""Comes first where joints may mostly move by more than :data:`FAR` to the next waypoint. Almost
+"""Comes first where joints may mostly move by more than :data:`_FAR` to the next waypoint. Almost
 all longer motions jump to another branch, and there are millions of them between a UR5e's layers of
 12,288. Deburring in steps of 25 and 17 mm takes 0.8 and 0.5 s so, at most 2 % above the bound; with
 longer motions 4.3 and 4.6 s."""
-FAR = np.radians(60.0)
+_FAR = np.radians(60.0)
 """rad or m; up to it there are few longer motions."""
 STAGES = (
     _FIRST,
     SearchStage(np.radians(10.0), 4, np.radians(2.0), np.radians(2.0), 0.25),
     SearchStage(0.0, 1, np.radians(1.0), np.radians(1.0), 0.25),
 )
+
+
+def are_far(steps: Array) -> bool:
+    """Whether joints may mostly move far to the next waypoint, by ``steps`` (N − 1, nv)."""
+    return bool(np.median(steps) > _FAR)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from qp_twist.checks import Array, Mask
 from qp_twist.constraints import JointCouplings
-from qp_twist.geometry import ProjectorKind, rotation_matrix
+from qp_twist.geometry import ProjectorKind, TwistProjector, rotation_matrix
 from qp_twist.kinematics import JointRanges, ParametrisedArm, SerialChain
 from qp_twist.paths import PathTask
 from qp_twist.planning.hard_constraints import WITHIN, HardConstraints
@@ -46,6 +46,13 @@ def rolled(path_task: PathTask, index: int, rolls: Array) -> tuple[Array, Array]
     return rotations, np.tile(waypoint.translation(), (len(rolls), 1))
 
 
+def roll_axis(projector: TwistProjector, rotation: Array) -> Array:
+    """Axis of the roll that a projector leaves free at a rotation (3, 3), in its axes, (3,)."""
+    axis = projector.angular.axis
+    assert axis is not None
+    return rotation.T @ axis if projector.frame == "world" else axis
+
+
 class RollGrid:
     """All branches of the inverse kinematics at every roll of a grid, relative to a waypoint."""
 
@@ -79,12 +86,8 @@ class RollGrid:
     @staticmethod
     def axis(path_task: PathTask, index: int) -> Array:
         """Axis of the roll at a waypoint, in the axes of the frame, (3,)."""
-        projector = path_task.in_force[index]
-        axis = projector.angular.axis
-        assert axis is not None
-        if projector.frame == "world":
-            axis = path_task.waypoints[index].rotation().as_matrix().T @ axis
-        return axis
+        rotation = path_task.waypoints[index].rotation().as_matrix()
+        return roll_axis(path_task.in_force[index], rotation)
 
     def layer(self, index: int) -> Layer:
         """The configurations at a waypoint."""

@@ -30,13 +30,13 @@ from qp_twist.planning.level_search import (
 )
 from qp_twist.planning.levels import (
     COARSE,
-    FAR,
     SHORT,
     STAGES,
     Level,
     Levels,
     Progress,
     SearchStage,
+    are_far,
 )
 from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
@@ -489,7 +489,7 @@ def _stages(problem: Problem) -> tuple[SearchStage, ...]:
     """The stages of a search."""
     if problem.freedom >= COVERED:
         return COARSE, *STAGES
-    return (SHORT, *STAGES) if np.median(problem.limits.steps) > FAR else STAGES
+    return (SHORT, *STAGES) if are_far(problem.limits.steps) else STAGES
 
 
 def _alike(value: float, best: float, share: float = _ROUNDED) -> bool:

@@ -37,6 +37,7 @@ from qp_twist.programs.joint_moves import (
     Target,
     Zone,
 )
+from qp_twist.programs.krl_data import ASSIGNMENT, DECLARED, NAME
 from qp_twist.programs.krl_frames import CIRCLES, KrlFrames
 from qp_twist.programs.krl_spline import Spline
 from qp_twist.programs.krl_values import POSE, Frame, frame_pose, krl_values, pose_text
@@ -138,14 +139,6 @@ def _lines(moves: JointMoves, places: Sequence[int]) -> list[str]:
 
 
 _TYPES_OF = {rule: word for word, rule in CIRCLES.items()}
-_NAME = r"[A-Za-z]\w*"
-_TYPES = r"INT|REAL|BOOL|CHAR|FRAME|POS|E6POS|AXIS|E6AXIS|FDAT|PDAT|LDAT|LOAD"
-_DECLARED = [
-    rf"(?:GLOBAL\s+)?{word}(?P<kind>{kinds})\s+(?P<name>{_NAME})(?P<part>(?:\s*\[[\d\s,]*\])?"
-    rf"(?:\s*,\s*{_NAME}(?:\s*\[[\d\s,]*\])?)*)\s*(?:=(?!=)(?P<value>.*))?"
-    for word, kinds in ((r"DECL\s+(?:GLOBAL\s+)?(?:CONST\s+)?", _NAME), ("", _TYPES))
-]
-_ASSIGNMENT = rf"(?P<name>{_NAME})(?P<part>(?:\s*\[[^\]]*\]|\s*\.\s*\w+)*)\s*=(?!=)(?P<value>.*)"
 _PULSE = r"PULSE\s*\(\s*\$OUT\s*\[\w+\]\s*,\s*\w+\s*,\s*[\d.]+\s*\)"
 _TRIGGER = (
     r"(TRIGGER)\s+WHEN\s+(?:PATH|DISTANCE)\s*=\s*[-\d.]+(?:\s+ONSTART)?\s+DELAY\s*=\s*[-\d.]+\s+DO"
@@ -158,8 +151,8 @@ _NOTED: Mapping[Kind, Sequence[str]] = {
         r"|\$APO\.\w+|\$H_POS)\s*=(?!=)(.*)",
         rf"(?=(PULSE)){_PULSE}",
         r"(SET_CD_PARAMS)\s*\(\s*\d+\s*\)",
-        rf"(EXT)\s+{_NAME}\s*\([^()]*\)",
-        rf"(SIGNAL)\s+{_NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?",
+        rf"(EXT)\s+{NAME}\s*\([^()]*\)",
+        rf"(SIGNAL)\s+{NAME}\s+\$\w+\[\d+\](?:\s+TO\s+\$\w+\[\d+\])?",
         _TRIGGER,
     ),
     "setting": (
@@ -284,8 +277,8 @@ class KrlProgram(KrlFrames):
             (r"(?P<word>FDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_frame, "setting"),
             (r"(?P<word>LDAT_ACT)\s*=(?!=)(?P<value>.*)", self._inline_line, "speed"),
             *self.noting(_NOTED),
-            *((pattern, self.assign, "assigns") for pattern in _DECLARED),
-            (_ASSIGNMENT, self.assign, "assigns"),
+            *((pattern, self.assign, "assigns") for pattern in DECLARED),
+            (ASSIGNMENT, self.assign, "assigns"),
             (r"\$\w+(?:\[[^\]]*\])?(?:\.\w+)?\s*=(?!=)[^{]*", self.skip, "skip"),
             (r"&.*", "", "silent"),
             (r"TRIGGER\s+WHEN\s+PATH\s*=\s*0\s+ONSTART\s+DELAY\s*=\s*0\s+DO\s+(?P<called>(?P<beside>\w+))\s*"
@@ -324,36 +317,6 @@ class KrlProgram(KrlFrames):
             spline = word == "PTP_SPLINE" or (spline and word != "ENDSPLINE")
         if spline:
             raise InvalidInput("the spline has no end (ENDSPLINE); a line was lost.")
-
-    def read_data(self, file: str, lines: Sequence[str]) -> None:
-        """The points of the data file beside a program; another run may have changed its values."""
-        for number, line in enumerate(lines, start=1):
-            code = line.partition(";")[0].strip()
-            for pattern in (*_DECLARED, _ASSIGNMENT):
-                match = re.fullmatch(pattern, code, self.language.flags)
-                if match and match["value"]:
-                    name = self.values.key(match["name"])
-                    self.listing.assigned.setdefault(name, []).append(f"{number} of {file}")
-                    if "kind" in match.groupdict():
-                        self._declare(match)
-                        self.values.assign(number, match["name"], match["value"])
-                        self.values.kept.add(self.values.key(match["name"]))
-                    break
-
-    def _declare(self, match: re.Match[str]) -> None:
-        """Remember the type of variables."""
-        names = re.sub(r"\[[^\]]*\]", "", f"{match['name']}{match['part']}")
-        kinds = self.values.kinds
-        assert kinds is not None
-        kinds |= {self.values.base(name): match["kind"].lower() for name in names.split(",")}
-
-    def assign(self, line: int, match: re.Match[str]) -> None:
-        """An assignment or declaration; a name that nothing declares may be an output's."""
-        if "kind" in match.groupdict():
-            self._declare(match)
-        elif self.moves.strict and self.values.base(match["name"]) not in (self.values.kinds or ()):
-            self.moves.wait(line, "", 0.0)
-        super().assign(line, match)
 
     def before(self, line: int, text: str) -> None:
         """A stop of the advance run."""

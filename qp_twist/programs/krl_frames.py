@@ -12,9 +12,9 @@ import mink
 
 from qp_twist.errors import InvalidInput
 from qp_twist.programs.joint_moves import Turning
+from qp_twist.programs.krl_data import KrlData
 from qp_twist.programs.krl_values import Frame, frame_pose
 from qp_twist.programs.moves import Kind, Moves
-from qp_twist.programs.program import Program
 from qp_twist.programs.statements import CARRIES, refuse
 from qp_twist.programs.values import Unknown, Values
 
@@ -29,7 +29,7 @@ _COUPLED = re.compile(
 processor for KUKA)."""
 
 
-class KrlFrames(Program):
+class KrlFrames(KrlData):
     """A program with its frames and speeds.
 
     Attributes:

@@ -192,9 +192,10 @@ def _at_feed(path_task: PathTask, count: int) -> Array:
     return np.where(moves, 0.0, path_task.durations[1:count])
 
 
-def _allowed(passing: Passing) -> float:
-    """The share of the feed that does not count as exceeded."""
-    return 1.0 + (FASTER if passing.by_row else FASTER_MATCHED)
+def _allowed(passing: Passing, count: int = 1) -> float:
+    """The share of the feed that does not count as exceeded, over so many waypoints in a row."""
+    matched = min(FASTER_MATCHED, max(2.0 * FASTER_MATCHED / count, 2.0 * FASTER))
+    return 1.0 + (FASTER if passing.by_row else matched)
 
 
 # ---------------------------------------------------------------- errors, bands, constraints
@@ -479,11 +480,6 @@ def _largest(
 # ---------------------------------------------------------------- feed
 
 
-def _matched(count: int) -> float:
-    """The share allowed over so many waypoints in a row whose times were searched."""
-    return min(FASTER_MATCHED, max(2.0 * FASTER_MATCHED / count, 2.0 * FASTER))
-
-
 def _fastest_part(durations: Array, took: Array, counts: Mask, passing: Passing) -> Finding:
     """The part of the path that is faster than the feed by the most of what is allowed there.
 
@@ -497,7 +493,7 @@ def _fastest_part(durations: Array, took: Array, counts: Mask, passing: Passing)
 
     parts = list[tuple[float, float, float, str]]()
     for count in [1] if passing.by_row else (2 ** np.arange(len(took).bit_length())).tolist():
-        most = 1.0 + FASTER if passing.by_row else 1.0 + _matched(count)
+        most = _allowed(passing, count)
         use = np.where(over(count, counts) == count, over(count, durations) / over(count, took), 0)
         k = int(np.argmax(use))
         where = f"waypoints {k + 1} to {k + 1 + count}"

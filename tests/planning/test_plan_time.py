@@ -41,13 +41,19 @@ def changes(q: Array, times: Array, room: Array) -> Array:
     return np.vstack([inner, ends])
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_times_keep_all_limits_and_are_as_short_as_a_general_optimisers(seed: int) -> None:
+def random_path(seed: int, steps: int) -> tuple[Array, Array, Array, Array]:
+    """A joint path with so many steps, their rooms, their times and the least ones by speeds."""
     rng = np.random.default_rng(seed)
-    q = np.cumsum(rng.normal(scale=0.1, size=(7, 3)), axis=0)
-    feed, room = rng.uniform(0.0, 0.15, 6), np.where(rng.random(6) < 0.3, 0.4, 1.0)
+    q = np.cumsum(rng.normal(scale=0.1, size=(steps + 1, 3)), axis=0)
+    feed, room = rng.uniform(0.0, 0.15, steps), np.where(rng.random(steps) < 0.3, 0.4, 1.0)
     times = Pace(feed, SPEED, ACCELERATION, room, rests=True).seconds(q)
     floor = np.maximum(feed, (np.abs(np.diff(q, axis=0)) / SPEED).max(axis=1))
+    return q, room, times, floor
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_times_keep_all_limits_and_are_as_short_as_a_general_optimisers(seed: int) -> None:
+    q, room, times, floor = random_path(seed, 6)
     assert (times >= floor - 1e-12).all()
     assert changes(q, times, room).max() <= 1.0 + 1e-6
     best = min(
@@ -67,11 +73,7 @@ def test_times_keep_all_limits_and_are_as_short_as_a_general_optimisers(seed: in
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_step_of_a_long_path_could_be_shorter_by_itself(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    q = np.cumsum(rng.normal(scale=0.1, size=(60, 3)), axis=0)
-    feed, room = rng.uniform(0.0, 0.15, 59), np.where(rng.random(59) < 0.3, 0.4, 1.0)
-    times = Pace(feed, SPEED, ACCELERATION, room, rests=True).seconds(q)
-    floor = np.maximum(feed, (np.abs(np.diff(q, axis=0)) / SPEED).max(axis=1))
+    q, room, times, floor = random_path(seed, 59)
     assert changes(q, times, room).max() <= 1.0 + 1e-6
     for k in np.flatnonzero(times > 1.001 * floor):
         shorter = times.copy()
