@@ -3,8 +3,10 @@
     python benchmarks/placements.py [placements] [--placements 1000] [--methods a,b] [--starts 3]
         [--jobs 2] [--seed 0] [--keep DIR] [--write]
     python benchmarks/placements.py [placements_gains] [placements_gains_mink] [--write]
-    python benchmarks/placements.py best_placement [--objectives centering,travel] [--write]
-    python benchmarks/placements.py part_tolerance [--placements 1000] [--write]
+    python benchmarks/placements.py best_placement [--placements 1000]
+        [--objectives centering,travel] [--jobs 2] [--keep DIR] [--write]
+    python benchmarks/placements.py part_tolerance [--placements 1000] [--tasks deburring,…]
+        [--methods qp_planned,…] [--jobs 2] [--keep DIR] [--write]
 
 Places the part at random, starts where the joints are nearest to the middle of their ranges, and
 follows the run with every method. A run is over at its first fault: a joint outside its range, an
@@ -30,7 +32,6 @@ from page import command, each, markdown_table
 import collections
 import dataclasses
 import functools
-import itertools
 import statistics
 import sys
 import time
@@ -561,23 +562,22 @@ def at_gains(methods: Sequence[str], options: Options) -> str:
 BOX = np.array([0.3, 0.15, 0.15])  # m, to either side of where the part is
 
 
-def best_placement(placements: int, seed: int, objectives: str) -> str:
+def best_placement(placements: int, seed: int, objectives: str, jobs: int, keep: str) -> str:
     """The best of a search within a minute beside the best of random placements."""
     task, rows = qt.load_task("deburring"), []
+    shifts = np.random.default_rng(seed).uniform(-BOX, BOX, (placements, 3)).tolist()
     for objective in objectives.split(","):
         sign = -1.0 if objective == "margin" else 1.0
         began = time.process_time()
         found = qt.best_placement(task, -BOX, BOX, objective, seconds=60.0)
-        spent = [time.process_time() - began]
+        spent = time.process_time() - began
         assert found.plan is not None and found.here is not None
-        rng, values = np.random.default_rng(seed), []
-        for shift in rng.uniform(-BOX, BOX, (placements, 3)):
-            there = at_shift(task, found.about, shift)
-            values.append(sign * qt.plan(there, objective).value)
-        spent.append(time.process_time() - began - spent[0])
-        best = sign * np.nanmin(values), sign * np.nanmedian(values)
+        options = {"objective": objective, "shifts": shifts, "about": found.about.tolist()}
+        values, seconds = np.transpose([*each(plan_at, range(placements), jobs, keep, **options)])
+        best = sign * np.nanmin(sign * values), sign * np.nanmedian(sign * values)
         row = (found.here.value, best[1], best[0], found.plan.value)
-        rows.append((objective, *(f"{v:.4g}" for v in row), *(f"{t:.0f}" for t in spent[::-1])))
+        cells = [f"{value:.4g}" for value in row] + [f"{t:.0f}" for t in (seconds.sum(), spent)]
+        rows.append((objective, *cells))
     head = (
         "objective", "here", f"median of {placements} at random", "best of them", "the search",
         "processor s of them", "of the search",
@@ -585,32 +585,70 @@ def best_placement(placements: int, seed: int, objectives: str) -> str:
     return markdown_table(head, rows)
 
 
+def plan_at(
+    index: int, objective: qt.Objective, shifts: list[list[float]], about: list[float]
+) -> tuple[float, float]:
+    """Value of the best whole plan at a shift of the part, NaN if there is none; seconds."""
+    shifted = at_shift(qt.load_task("deburring"), np.array(about), np.array(shifts[index]))
+    began = time.process_time()
+    return float(qt.plan(shifted, objective).value), time.process_time() - began
+
+
 def at_shift(task: qt.PathTask, about: Array, shift: Array) -> qt.PathTask:
     """The task with its path and its part's body shifted."""
     return qt.paths.placed(task, mink.SO3.identity(), about, about + shift, "part")
 
 
-def part_tolerance(placements: int, seed: int) -> str:
+def part_tolerance(
+    placements: int, seed: int, tasks: str, methods: str, jobs: int, keep: str
+) -> str:
     """Failures at random placements in the boxes that are proven, and that were sampled."""
-    rows, rng = [], np.random.default_rng(seed + 1)
-    for name, method in itertools.product(
-        ("deburring", "dome_seams"), ("qp_planned", "qp_gradient")
-    ):
-        run = qt.follow(qt.load_task(name), method)
-        began = time.process_time()
-        found = qt.part_tolerance(run)
-        spent, judge = time.process_time() - began, PartJudge(run, placing(run.path_task))
-        failed = []
-        for box in (found.proven, found.sampled):
-            drawn = rng.uniform(-box, box, (placements, 6))
-            failed.append(sum(bool(judge(x)) for x in drawn))
-        boxes = half_widths(found.proven), half_widths(found.sampled)
-        rows.append((name, method, *boxes, *map(str, failed), f"{spent:.0f}"))
+    asked = (methods or "qp_planned,qp_gradient").split(",")
+    cases, rows = [f"{t}-{m}" for t in tasks.split(",") for m in asked], []
+    for case, found in zip(cases, each(boxes_of, cases, jobs, keep), strict=True):
+        boxes, failed = (found["proven"], found["sampled"]), []
+        for number, box in enumerate(boxes):
+            chunks = range(-(-placements // CHUNK))
+            options = {"case": case, "box": box, "count": placements, "seed": [seed + 1, number]}
+            failed.append(sum(each(failures_in, chunks, jobs, keep, **options)))
+        rows.append((
+            *case.split("-"), *(half_widths(np.array(box)) for box in boxes), *map(str, failed),
+            f"{found['seconds']:.0f}",
+        ))  # fmt: skip
     head = (
         "task", "method", "proven", "sampled", f"failed of {placements} in the proven box",
         "in the sampled one", "processor s",
     )  # fmt: skip
     return markdown_table(head, rows)
+
+
+CHUNK = 250
+"""Random placements of a box that a process judges at a time."""
+
+
+@functools.cache
+def followed(case: str) -> qt.Trajectory:
+    """The motion of ``TASK-METHOD``: once a process."""
+    task, method = case.split("-")
+    return qt.follow(qt.load_task(task), method)
+
+
+def boxes_of(case: str) -> dict[str, Any]:
+    """How far the part may be off by ``qt.part_tolerance``, and its processor time, s."""
+    run, began = followed(case), time.process_time()
+    found = qt.part_tolerance(run)
+    spent = time.process_time() - began
+    return {
+        "proven": found.proven.tolist(), "sampled": found.sampled.tolist(), "seconds": spent
+    }  # fmt: skip
+
+
+def failures_in(chunk: int, case: str, box: list[float], count: int, seed: list[int]) -> int:
+    """How many of a chunk of random placements in a box fail."""
+    judge = PartJudge(followed(case), placing(followed(case).path_task))
+    size = min(CHUNK, count - chunk * CHUNK)
+    drawn = np.random.default_rng([*seed, chunk]).uniform(-1.0, 1.0, (size, 6))
+    return sum(bool(judge(x)) for x in drawn * box)
 
 
 def pairs(mine: Array, reference: Array) -> str:
@@ -651,6 +689,6 @@ if __name__ == "__main__":
     parts = {part.__name__: part for part in made}
     options = {
         "placements": 1000, "starts": STARTS, "seed": 0, "methods": "", "jobs": 2, "keep": "",
-        "objectives": "centering,travel,margin",
+        "objectives": "centering,travel,margin", "tasks": "deburring,dome_seams",
     }  # fmt: skip
     sys.exit(command(__doc__, parts, **options))

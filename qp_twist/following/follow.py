@@ -63,7 +63,7 @@ def follow(
         stop: Called after every waypoint with q (nq,), the position error (m) and the axis error
             (rad). The run ends if it returns true.
         plan: Plan that ``qp_planned`` follows, with the plan's start; if ``None`` it plans from the
-            task's start.
+            task's start, or from any where that is ``"best"``.
         planning: Called during planning with the current phase and its share done.
         slow_down: Whether to extend a waypoint's duration instead of missing it. The run ends
             before a waypoint that is out of reach for any duration; without ``slow_down`` it goes
@@ -99,14 +99,20 @@ def follow(
     settings = path_task.settings(method)
     if method in path_task.starts:
         path_task = replace(path_task, start=path_task.starts[method], best_start=False)
-    path_task = with_start(path_task, planning, slow_down=slow_down)
-    if settings.secondary != "plan" or METHODS[method].peer:  # these refuse it
+    planned = settings.secondary == "plan" and not METHODS[method].peer  # peers refuse it
+    freely = planned and path_task.best_start is True
+    if not freely:
+        path_task = with_start(path_task, planning, slow_down=slow_down)
+    if not planned:
         plan = None
     elif plan is None:
+        start = None if freely else path_task.start
         plan = plan_path(
-            path_task, settings.objective, path_task.start, slow_down=slow_down, progress=planning
+            path_task, settings.objective, start, slow_down=slow_down, progress=planning
         )
         path_task = _lifted(path_task, plan)
+    if freely and plan is not None:
+        path_task = path_task.started_at(plan.start)
     motion = None if plan is None else plan.at_waypoints
     paced = path_task
     if plan is not None and plan.is_slower:

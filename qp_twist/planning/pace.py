@@ -104,16 +104,29 @@ class Pace:
             return 1.0, ""
         factors = times[slow] / self.feed[slow]
         worst = int(slow[np.argmax(factors)])
-        shares = np.abs(q[worst + 1] - q[worst]) / (self.velocity * times[worst])
+        joint = names[int(np.argmax(self._shares(q, times)[worst]))]
         parts = np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1)
         [longest] = [part for part in parts if worst in part]
         more = f", and at {len(parts) - 1} more stretches" if len(parts) > 1 else ""
         text = (
             f"between waypoints {longest[0] + 1} and {longest[-1] + 2}, after waypoint {worst + 1} "
-            f"{factors.max():.3g} times because of {names[int(np.argmax(shares))]}{more}; in all "
-            f"it takes {times.sum():.4g} s instead of {self.feed.sum():.4g} s"
+            f"{factors.max():.3g} times because of {joint}{more}; in all it takes "
+            f"{times.sum():.4g} s instead of {self.feed.sum():.4g} s"
         )
         return float(factors.max()), text
+
+    def _shares(self, q: Array, times: Array) -> Array:
+        """Of its limits the largest that each joint uses in each step, (N − 1, nv).
+
+        Of accelerations those at both ends of the step.
+        """
+        lasting = np.maximum(times, np.finfo(float).tiny)[:, None]
+        velocity = np.diff(q, axis=0) / lasting
+        shares: Array = np.abs(velocity) / self.velocity
+        mean = 2.0 * lasting[1:] * lasting[:-1] / (lasting[1:] + lasting[:-1])
+        changes = np.abs(np.diff(velocity, axis=0)) / (self.room[1:, None] * mean)
+        at_end = np.pad(changes / self.acceleration, ((1, 1), (0, 0)))
+        return np.maximum(shares, np.maximum(at_end[1:], at_end[:-1]))
 
 
 def _feed(path: Waypoints) -> Array:

@@ -307,7 +307,8 @@ def make_plan(
             found = search.near(found)
     path, certificate = found.path, found.certificate
     if path is not None and timed:
-        factor, where = Pace.stated(path_task).slowest(path.q, ranges.names)
+        pace = Pace.of_run(path_task) if goal.time else Pace.stated(path_task)
+        factor, where = pace.slowest(path.q, ranges.names)
         if factor > 1.0:
             notes = [where] if at_feed is None else [where, f"at the feed, {at_feed.reason}"]
             certificate = replace(certificate, slower=factor, note="; ".join(notes))

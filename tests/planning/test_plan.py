@@ -619,6 +619,15 @@ def test_a_task_file_may_ask_for_the_best_start(tmp_path: Path) -> None:
     plan = qt.plan(task)
     for trajectory in comparison.trajectories.values():
         np.testing.assert_allclose(trajectory.q[0], plan.start, atol=1e-6)
+    # A method that plans has a start of its own: that of the best plan for its objective.
+    shortest = qt.plan(task, "travel")
+    run = qt.follow(task, "qp_planned", objective="travel")
+    np.testing.assert_allclose(run.q[0], shortest.start, atol=1e-9)
+    assert np.abs(shortest.start - plan.start).max() > 1e-3
+    said = list[str]()
+    known = qt.follow(task, "qp_planned", plan=shortest, planning=lambda what, _: said.append(what))
+    np.testing.assert_allclose(known.q, run.q, atol=1e-9)
+    assert not said  # nothing was planned once more
     file.write_text(f'start = "worst"\n{head}{rest}', "utf-8")
     with pytest.raises(qt.TaskFileError, match="start"):
         qt.load_task(file)

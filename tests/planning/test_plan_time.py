@@ -174,6 +174,26 @@ def test_where_the_feed_cannot_be_kept_a_plan_is_slower_and_says_where() -> None
     assert qt.check_trajectory(qt.time_trajectory(qt.refine_trajectory(run)), task).passes
 
 
+def test_a_plan_in_time_names_the_time_that_it_takes() -> None:
+    plan = qt.plan(line(13, 0.01), "time", seeds=())
+    assert f"it takes {plan.value:.4g} s instead of 0.12 s" in str(plan.certificate)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_joint_that_makes_a_path_slower_is_at_one_of_its_limits(seed: int) -> None:
+    q, room, times, _ = random_path(seed, 6)
+    pace = Pace(np.full(6, 1e-3), SPEED, ACCELERATION, room, rests=False)
+    times = pace.seconds(q)
+    factor, said = pace.slowest(q, ("a", "b", "c"))
+    worst = int(np.argmax(times))
+    assert factor == times[worst] / 1e-3
+    assert f"after waypoint {worst + 1} " in said
+    joint = "abc".index(said.partition("because of ")[2][0])
+    speed = abs(q[worst + 1, joint] - q[worst, joint]) / (SPEED[joint] * times[worst])
+    inner = changes(q, times, room)[:-2, joint]
+    assert max(speed, *inner[max(worst - 1, 0) : worst + 1]) > 0.98
+
+
 def test_a_plan_that_keeps_the_feed_is_the_same_whether_or_not_it_might_be_slower() -> None:
     task = line(11, 0.5)
     plain, free = (qt.plan(task, seeds=(), slow_down=slow_down) for slow_down in (False, True))
