@@ -91,6 +91,8 @@ def run(
         done, before = _first_that_passes(methods, followed)
     trajectory, rows, timed, check = done.trajectory, done.rows, done.timed, done.check
     method, how = trajectory.method, [*before, *_how(trajectory, stated=stated)]
+    if done.remark:
+        how.append(f"{method}: {done.remark}")
     if rows is None or check is None:
         cli.say(*how)
         cli.fail(f"{out}: not written: {method} {trajectory.ending}")

@@ -287,11 +287,8 @@ class Displacements(NamedTuple):
 
 def least_displacements(path_task: PathTask, chain: SerialChain, tolerance: Array) -> Displacements:
     """By what the task prescribes, but for errors of the waypoints, m and rad, (≥ 2,)."""
-    ranges, screws = JointRanges.of(path_task.model), chain.screws
-    dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
-    reference = [screw.reference for screw in screws]
-    ends = np.array([ranges.lower[dofs], ranges.upper[dofs]])
-    levers = chain.levers(np.abs(ends - reference).max(axis=0))
+    screws = chain.screws
+    levers, dofs = _levers(path_task, chain)
     farthest = float(levers.max(initial=0.0))
     inner = float(levers[1:].max(initial=0.0))  # the first joint's axis is fixed in the world
     T, first = path_task.in_force, screws[0] if screws else None
@@ -312,6 +309,38 @@ def least_displacements(path_task: PathTask, chain: SerialChain, tolerance: Arra
         found[:, k] = turned - 2.0 * tolerance[1], shift, moved
     turned, shifted, travelled = np.maximum(found, 0.0)
     return Displacements(turned, shifted, travelled, levers, dofs)
+
+
+def steps_beyond_joints(path_task: PathTask, chain: SerialChain, steps: Array) -> Indices:
+    """Steps whose prescribed shift or turn is more than all joints together make, from 0, (K,).
+
+    A theorem for joints that move by at most ``steps`` (N − 1, nv), rad or m.
+    """
+    levers, dofs = _levers(path_task, chain)
+    tolerance, T, within = _tolerances(path_task), path_task.in_force, steps[:, dofs]
+    rotations, positions = path_task.poses
+    turn = within.sum(axis=1) + 2.0 * tolerance[1]
+    shift = np.where(levers > 0.0, levers * within, 0.0).sum(axis=1) + 2.0 * tolerance[0]
+    apart = np.diff(positions, axis=0)
+    change = np.einsum("kij,kij->k", rotations[1:], rotations[:-1])  # its trace: 1 + 2 cos
+    turned = np.arccos(np.clip(0.5 * (change - 1.0), -1.0, 1.0))
+    near = np.flatnonzero((np.linalg.norm(apart, axis=1) > shift) | (turned > turn))
+    beyond = [
+        k
+        for k in near.tolist()
+        if _least_shift(T[k], T[k + 1], apart[k]) > shift[k]
+        or _least_turn(T[k], T[k + 1], rotations[k], rotations[k + 1]) > turn[k]
+    ]
+    return np.array(beyond, dtype=np.intp)
+
+
+def _levers(path_task: PathTask, chain: SerialChain) -> tuple[Array, Indices]:
+    """Largest distance of the frame from each joint's axis, m, 1 for slides; and its dof, (n,)."""
+    ranges, screws = JointRanges.of(path_task.model), chain.screws
+    dofs = np.array([screw.dof for screw in screws], dtype=np.intp)
+    reference = [screw.reference for screw in screws]
+    ends = np.array([ranges.lower[dofs], ranges.upper[dofs]])
+    return chain.levers(np.abs(ends - reference).max(axis=0)), dofs
 
 
 def _least_time(pace: Pace, least: Displacements) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from qp_twist.checks import Indices
+from qp_twist.planning.bound import steps_beyond_joints
 from qp_twist.planning.certificate import Certificate, empty_layers
 from qp_twist.planning.joint_ways import leaves_range
 from qp_twist.planning.layer import Layer, centred
@@ -21,13 +22,31 @@ are further seeds of waypoints without one."""
 
 
 def find_impossible(problem: Problem, levels: Levels) -> Certificate | None:
-    """What no motion can change: a prescribed distance, a waypoint out of reach, a range."""
+    """What no motion can change: a distance, a waypoint out of reach, a joint's range, a step."""
     grid = levels.grid(STAGES[0], problem.limits.steps)
     for clearance in problem.path_task.clearances:
         near = too_near(problem.path_task, clearance, grid)
         if near is not None:
             return near
-    return _find_unreached(problem.free) or leaves_range(problem, levels)
+    found = _find_unreached(problem.free) or leaves_range(problem, levels)
+    return found or _find_beyond_joints(problem, grid)
+
+
+def _find_beyond_joints(problem: Problem, grid: Grid) -> Certificate | None:
+    """Two waypoints, both in reach, further apart than all joints together move the tool."""
+    limits = problem.limits
+    beyond = steps_beyond_joints(problem.path_task, problem.rows.chain, limits.steps)
+    if not len(beyond):
+        return None
+    first = int(beyond[0])
+    ends = [first, first + 1]
+    roadmap = Roadmap(problem.path_task, problem.rows, grid)
+    level = Level(roadmap, ends, roadmap.layers(ends))
+    if level.has_gaps:  # the search tells which waypoint is out of reach, or why
+        return None
+    note = "all joints together cannot move the tool so far"
+    at = (first + 1, first + 2)
+    return Certificate("speed", grid, at, note=note, step_limit=limits.step_limit)
 
 
 def _find_unreached(problem: Problem) -> Certificate | None:

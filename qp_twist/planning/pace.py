@@ -126,7 +126,8 @@ class Pace:
         mean = 2.0 * lasting[1:] * lasting[:-1] / (lasting[1:] + lasting[:-1])
         changes = np.abs(np.diff(velocity, axis=0)) / (self.room[1:, None] * mean)
         at_end = np.pad(changes / self.acceleration, ((1, 1), (0, 0)))
-        return np.maximum(shares, np.maximum(at_end[1:], at_end[:-1]))
+        largest: Array = np.maximum(shares, np.maximum(at_end[1:], at_end[:-1]))
+        return largest
 
 
 def _feed(path: Waypoints) -> Array:

@@ -43,6 +43,18 @@ def test_where_only_the_feed_is_too_fast_it_is_said_how_much_slower_it_has_to_be
     assert (fastest <= slower.velocity_limits + 1e-9).all()
 
 
+def test_a_feed_that_no_joints_keep_is_known_before_a_search_and_slowed() -> None:
+    task, looked = slowed(1e-4), list[str]()
+    plan = qt.plan(task, seeds=(), slow_down=True, progress=lambda what, _: looked.append(what))
+    said = str(plan.certificate)
+    assert "at the feed, between waypoints" in said
+    assert "all joints together cannot move the tool so far" in said
+    assert all("rolls 4° apart" in what or "off the grid" in what for what in looked)
+    assert plan.is_slower and plan.durations is not None
+    speeds = np.abs(np.diff(plan.motion(), axis=0)) / plan.durations[:, None]
+    assert (speeds <= task.velocity_limits * (1.0 + 1e-9)).all()
+
+
 def test_where_nothing_is_reached_no_speed_is_named() -> None:
     task = slowed(0.02)
     away = mink.SE3.from_translation(np.array([0.0, 5.0, 0.0]))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import qp_twist as qt
+from qp_twist.following import with_options
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.problem import block_diagonal
 from qp_twist.trajectories.task_run import run_task
@@ -149,6 +150,29 @@ def test_a_path_of_few_waypoints_is_planned_and_run_without_a_jump(tmp_path: Pat
     coarse.write_text(text.replace("../scenes/m16ib_deburring.xml", str(shipped.scene)))
     done = run_task(qt.load_task(coarse), "qp_planned", tmp_path / "motion.csv")
     assert done.passes, done.check
+
+
+def test_a_run_in_least_time_is_no_slower_than_one_along_another_plan(tmp_path: Path) -> None:
+    """Between waypoints 37 mm apart a plan in time counts corners that a run passes faster."""
+    shipped = qt.load_task("deburring")
+    few = tuple(shipped.waypoints[i] for i in range(0, 121, 15))
+    task = dataclasses.replace(
+        shipped, waypoints=few, flipped_waypoints=None, lines=None, best_start=True,
+        durations=np.append(0.0, np.full(len(few) - 1, 0.1)),
+    )  # fmt: skip
+    seconds = {}
+    for objective in ("time", "centering"):
+        asked = with_options(task, ["qp_planned"], {"objective": objective}, "")
+        done = run_task(asked, "qp_planned", tmp_path / f"{objective}.csv")
+        assert done.passes and done.timed is not None
+        seconds[objective] = done.timed.motion.times[-1]
+        assert bool(done.remark) == (objective == "time")
+    assert seconds["time"] <= seconds["centering"] + 1e-9
+    # What is written is what is said to be the fastest.
+    written = qt.read_trajectory(tmp_path / "time.csv")
+    asked = with_options(task, ["qp_planned"], {"objective": "time"}, "")
+    assert qt.check_trajectory(written, asked).passes
+    assert written.motion.times[-1] == pytest.approx(seconds["time"], abs=1e-6)
 
 
 def test_no_place_to_be_looked_at_makes_a_program_without_rows() -> None:

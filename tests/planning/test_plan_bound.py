@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 import qp_twist as qt
 from qp_twist.kinematics import frame_jacobian, frame_pose
 from qp_twist.paths import shipped_folder
-from qp_twist.planning.bound import pointwise_bound
+from qp_twist.planning.bound import pointwise_bound, steps_beyond_joints
 from qp_twist.planning.levels import Grid, Roadmap
 from qp_twist.planning.objective import Objective
 from qp_twist.planning.path_rows import PathRows
@@ -238,6 +238,33 @@ def test_a_plan_is_never_better_than_its_bound(
     better = -1.0 if objective == "margin" else 1.0
     assert better * (plan.value - plan.bound) >= 0.0
     assert plan.gap == abs(plan.value - plan.bound)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_that_joints_make_is_never_beyond_them_and_one_of_no_time_is(seed: int) -> None:
+    """Random joint steps through random places: the steps they make are possible, by definition."""
+    task = industrial(0)
+    ranges, rng = qt.JointRanges.of(task.model), np.random.default_rng([5, seed])
+    begin = ranges.random(1, rng)[0]
+    # Full steps of all joints in a common direction are what the bound is about; others are short.
+    longest = rng.uniform(0.001, 0.3, ranges.middle.size)
+    signs = rng.choice([-1.0, 1.0], (6, longest.size)) * rng.choice([1.0, 0.3], (6, 1))
+    q = np.clip(begin + np.cumsum(np.vstack([0.0 * begin, signs * longest]), axis=0),
+                ranges.lower, ranges.upper)  # fmt: skip
+    chain = PathRows(task).chain
+    rotations, positions = chain.poses(q)
+    waypoints = tuple(
+        mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(R), p)
+        for R, p in zip(rotations, positions, strict=True)
+    )
+    whole = qt.TwistProjector(linear=qt.Projector.full(), angular=qt.Projector.full())
+    for projector in (task.projector, whole):
+        path = dataclasses.replace(task, waypoints=waypoints, projector=projector)
+        made = np.abs(np.diff(q, axis=0))
+        assert not len(steps_beyond_joints(path, chain, made))
+        hurried = steps_beyond_joints(path, chain, 1e-3 * made)
+        moved = np.linalg.norm(np.diff(positions, axis=0), axis=1) > 0.02 * made.max(axis=1)
+        assert set(np.flatnonzero(moved)) <= set(hurried)
 
 
 def test_a_task_with_more_than_three_free_degrees_has_no_bound_of_z() -> None:
