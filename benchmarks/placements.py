@@ -586,7 +586,7 @@ def best_placement(placements: int, seed: int, objectives: str, jobs: int, keep:
 
 
 def plan_at(
-    index: int, objective: qt.Objective, shifts: list[list[float]], about: list[float]
+    index: int, objective: str, shifts: list[list[float]], about: list[float]
 ) -> tuple[float, float]:
     """Value of the best whole plan at a shift of the part, NaN if there is none; seconds."""
     shifted = at_shift(qt.load_task("deburring"), np.array(about), np.array(shifts[index]))
