@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import mink
 import numpy as np
@@ -42,7 +43,8 @@ class LiftOffs:
         """Place them.
 
         Raises:
-            InvalidInput: If a waypoint is not one after which the path goes on along itself.
+            InvalidInput: If a waypoint is not one after which the path goes on along itself, or a
+                piece has one waypoint only.
         """
         path_task = without_via_points(path_task)
         count = len(path_task.waypoints)
@@ -51,10 +53,17 @@ class LiftOffs:
             if not 0 < k < count or k in path_task.joint_moves:
                 raise InvalidInput(
                     f"{path_task.name}: the tool cannot lift off after waypoint {k}; expected one "
-                    f"from 1 to {count - 1} without a joint move to the next."
+                    f"from 2 to {count - 2} without a joint move to the next."
                 )
         if list(after) != sorted(set(after)):
             raise InvalidInput(f"cuts: expected ascending waypoints, got {list(after)}.")
+        borders = sorted({0, *path_task.joint_moves, *after, count})
+        for first, last in pairwise(borders):
+            if last - first < 2 and not {first, last}.isdisjoint(after):
+                raise InvalidInput(
+                    f"{path_task.name}: with lift-offs after {list(after)} waypoint {last} is a "
+                    "piece of its own; expected pieces of two waypoints at least."
+                )
         source, beside = [np.arange(count)], [np.arange(count)]
         for k in reversed(after):
             retreat, approach = _leads(path_task.parts, k)

@@ -248,7 +248,7 @@ class PlanSection(Section):
     cuts: Literal["fewest"] | tuple[Count, ...] = Field(
         default=(),
         description='"fewest": lift the tool off where no motion follows the whole path, as rarely '
-        "as possible; or the waypoints after which it does, counted from 1",
+        "as possible; or the waypoints after which it does, from 1; each piece has two at least",
     )
 
     @field_validator("cuts", mode="before")

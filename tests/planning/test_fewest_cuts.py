@@ -257,7 +257,10 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
 @pytest.mark.parametrize(
     ("cuts", "message"),
     [
-        ("[400]", r"plan\.cuts.*cannot lift off after waypoint 400; expected one from 1 to"),
+        ("[400]", r"plan\.cuts.*cannot lift off after waypoint 400; expected one from 2 to 44 "),
+        ("[1]", r"plan\.cuts: .*after \[1\] waypoint 1 is .*; expected pieces of two waypoints"),
+        ("[45]", r"plan\.cuts: .*after \[45\] waypoint 46 is .*; expected pieces of two"),
+        ("[9, 10]", r"plan\.cuts: .*after \[9, 10\] waypoint 10 is .*; expected pieces of two"),
         ("[10, 5]", r"order from 1, .*got \[10, 5\]"),
         ('"few"', r'plan\.cuts: expected "fewest", or .*; got "few"\.$'),
         ("[1.5]", r"plan\.cuts: expected .*; got \[1\.5\]\.$"),
