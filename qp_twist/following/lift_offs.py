@@ -12,22 +12,25 @@ from qp_twist.following.stretches import plan_stretches
 from qp_twist.paths import LiftOffs, PathTask
 from qp_twist.planning import Certificate, Grid, Plan
 from qp_twist.planning.fewest_cuts import Cuts, FewestCuts
+from qp_twist.planning.objective import Objective
+from qp_twist.planning.sentence import Sentence
 
 _ATTEMPTS = 12
 """How often the interruptions are searched again after a plan between them has failed."""
 
 
 def plan_with_fewest_cuts(
-    search: FewestCuts, planned: Callable[[PathTask, Array | None], Plan]
+    search: FewestCuts, goal: Objective, planned: Callable[[PathTask, Array | None], Plan]
 ) -> Plan:
     """The plan of a path with the fewest lift-offs; see :func:`qp_twist.plan`.
 
     Where a plan between the interruptions of the search fails, it looks at every waypoint around;
     if it already had, the path is interrupted there. Where the tool cannot lift off, or no joint
-    move leads on, the path is interrupted elsewhere. ``planned`` plans a path from a start (nv,).
+    move leads on, the path is interrupted elsewhere. ``goal`` is the stated objective, of any path:
+    stretches have times and preferred poses of their own. ``planned`` plans a path from a start
+    (nv,).
     """
     task, start = search.problem.path_task, search.problem.start
-    goal = search.problem.objective
     known: dict[tuple[bytes, bytes | None], Plan] = {}
 
     def once(task: PathTask, start: Array | None) -> Plan:
@@ -48,7 +51,12 @@ def plan_with_fewest_cuts(
         lift_offs = LiftOffs.of(task, cuts.after)
         plan = plan_stretches(lift_offs.task, goal, start, once)
         if plan.q is not None:
-            return _noted(plan, _fewest(cuts.after, least, search.grid)) if cuts.after else plan
+            if not cuts.after:
+                return plan
+            note, own = _fewest(cuts.after, least, search.grid), plan.certificate.note
+            if own:  # where it is slower than the feed, on its path with the lift-offs
+                note += f"; with the waypoints of the lift-offs counted, {own}"
+            return _noted(plan, note)
         if not _looks_elsewhere(search, lift_offs, plan.certificate):
             break
     plan = plan_stretches(task, goal, start, once)
@@ -58,7 +66,8 @@ def plan_with_fewest_cuts(
 
 
 def _noted(plan: Plan, note: str) -> Plan:
-    return dataclasses.replace(plan, certificate=dataclasses.replace(plan.certificate, note=note))
+    certificate = dataclasses.replace(plan.certificate, note=Sentence(note))
+    return dataclasses.replace(plan, certificate=certificate)
 
 
 def _fewest(after: tuple[int, ...], least: Cuts, grid: Grid) -> str:

@@ -121,7 +121,7 @@ def plan(
     if paced:
         return plan_stretches(path_task, goal, first, planned)
     search = _lift_off_search(path_task, goal, first, max_step_deg, progress)
-    return plan_with_fewest_cuts(search, planned)
+    return plan_with_fewest_cuts(search, goal, planned)
 
 
 def whole_plan(

@@ -18,7 +18,9 @@ from qp_twist.paths import MethodSettings, PathTask, stretches
 from qp_twist.planning import EFFORT, JointMoveSearch, NoJointMove, Plan
 from qp_twist.planning.central import best_of_each_branch, central_configurations
 from qp_twist.planning.objective import Objective
+from qp_twist.planning.plan import slower_than_feed
 from qp_twist.planning.preferred import PreferredPoses
+from qp_twist.planning.sentence import Sentence
 from qp_twist.planning.starts import what_forbids
 
 _STARTS = 12
@@ -218,12 +220,14 @@ def _other_plans(
 
 def _none(path_task: PathTask, plan: Plan, run: range, why: str) -> Plan:
     """A plan without a motion, for the reason of one stretch or of the move to it."""
-    changed: dict[str, Any] = {
-        "waypoints": tuple(run.start + k for k in plan.certificate.waypoints)
-    }
+    certificate = plan.certificate.later(run.start)
     if why:
-        changed = {"kind": "move", "waypoints": (run.start, run.start + 1), "detail": why}
-    certificate = dataclasses.replace(plan.certificate, **changed)
+        certificate = dataclasses.replace(
+            certificate,
+            kind="move",
+            waypoints=(run.start, run.start + 1),
+            detail=Sentence(why),
+        )
     return dataclasses.replace(
         plan, path_task=path_task, q=None, value=np.nan, bound=np.nan, certificate=certificate
     )
@@ -254,10 +258,13 @@ def _joined_plans(
     if preferred is not None:
         value += preferred.cost(q[s == np.floor(s)])
     slowest = int(np.argmax([np.nan_to_num(plan.certificate.slower) for plan in plans]))
-    certificate = plans[slowest].certificate
-    if slowest and certificate.note:
-        note = f"counted from waypoint {runs[slowest].start + 1}, {certificate.note}"
-        certificate = dataclasses.replace(certificate, note=note)
+    certificate = plans[slowest].certificate.later(runs[slowest].start)
+    timed = [
+        (run.start, plan.path_task, plan.motion()) for run, plan in zip(runs, plans, strict=True)
+    ]
+    factor, where = slower_than_feed(timed, goal)
+    if factor > 1.0:
+        certificate = dataclasses.replace(certificate, slower=factor, note=where)
     joined = dataclasses.replace(
         plans[-1], path_task=path_task, q=q, s=s, value=value, bound=bound, certificate=certificate
     )

@@ -14,6 +14,7 @@ from .plan import make_plan as make_plan
 from .problem import motion_limits as motion_limits
 from .roll_map import RollMap as RollMap
 from .roll_map import roll_arm as roll_arm
+from .sentence import Sentence as Sentence
 from .starts import NoStart as NoStart
 from .starts import central_starts as central_starts
 from .starts import least_z_start as least_z_start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from qp_twist.planning.graph import LayerPath
 from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.levels import Grid, Level
 from qp_twist.planning.problem import OF_PATH, JudgedPath, Problem
+from qp_twist.planning.sentence import UNSAID, Sentence
 
 CLOSE = tuple((np.arange(1, 16) / 16.0).tolist())
 """Shares of an interval at which edges are evaluated where something was met between others."""
@@ -44,6 +45,8 @@ class Certificate:
             motion that is slower somewhere, the largest factor; NaN if there is none.
         note: What else is known, in words: about slower motions, or what the task prescribes.
         step_limit: What limits the steps between waypoints, in words.
+        at_other_speed: Why there is no motion at another speed: at the feed where there is a slower
+            one, otherwise a slower one; ``None`` if none was searched.
     """
 
     kind: Literal["path", "unreachable", "limits", "band", "speed", "move"]
@@ -51,11 +54,12 @@ class Certificate:
     waypoints: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
     covered: bool = True
-    detail: str = ""
+    detail: Sentence = UNSAID
     bands: tuple[str, ...] = ()
     slower: float = math.nan
-    note: str = ""
+    note: Sentence = UNSAID
     step_limit: str = "the speed limits"
+    at_other_speed: Certificate | None = None
 
     def __str__(self) -> str:
         return self.reason + "."
@@ -94,9 +98,21 @@ class Certificate:
                 text = f"between {where} no joint move was found"
         text += f" ({self.grid})"
         text += "".join(f"; {part}" for part in (self.detail, self.note) if part)
+        if self.at_other_speed is not None:
+            at_feed = self.kind == "path"
+            text += "; at the feed, " if at_feed else "; nor was one found that is slower: "
+            text += self.at_other_speed.reason
         if not self.covered:
             text += "; not all configurations were looked at: this is no proof"
         return text
+
+    def later(self, by: int) -> Certificate:
+        """That of the same path as a part of one with so many waypoints before."""
+        other = self.at_other_speed
+        return replace(
+            self, waypoints=tuple(k + by for k in self.waypoints), detail=self.detail.later(by),
+            note=self.note.later(by), at_other_speed=other and other.later(by),
+        )  # fmt: skip
 
 
 def _listed(waypoints: tuple[int, ...]) -> str:
@@ -116,7 +132,7 @@ def empty_layers(level: Level, covered: bool) -> Certificate:
     unreached = [index for index, layer in pairs if layer.solutions == 0]
     sampled = all(roadmap.samples_all(index) for index in level.waypoints)
     seen, count = len(level.waypoints), len(roadmap.path_task.waypoints)
-    note = "" if seen == count else f"{seen} of {count} waypoints were looked at"
+    note = Sentence("" if seen == count else f"{seen} of {count} waypoints were looked at")
     if unreached:
         at = tuple(index + 1 for index in unreached)
         missed = roadmap.missed(unreached)
@@ -152,10 +168,10 @@ def ended_path(problem: Problem, level: Level, way: LayerPath, covered: bool) ->
         names = tuple(hard.names[k] for k in np.flatnonzero(margins < -WITHIN))
     allowed = problem.limits.step_limit
     if names:
-        detail = (
-            f"between waypoints {at[0]} and {at[1]} no connection was found that keeps {allowed}, "
-            "too"
-        )
+        detail = Sentence(
+            "between waypoints ", at[0], " and ", at[1],
+            f" no connection was found that keeps {allowed}, too",
+        )  # fmt: skip
         return Certificate("band", level.grid, at, (), covered, detail, names)
     # A sampled layer may lack the configurations near this one: it says nothing about joints.
     beyond = zip(problem.limits.ranges.names, share[best], strict=True)
@@ -169,32 +185,33 @@ def violating_path(
     """What the best path violates that was found through a level; ``None``: it left the task."""
     allowed = problem.limits.step_limit
     if path is None:
-        detail = "the grid's path leaves the task"
+        detail = Sentence("the grid's path leaves the task")
         return Certificate("speed", grid, (), (), covered, detail, step_limit=allowed)
     worst = problem.limits.worst(path.q)
     at = worst.waypoint + 1
     amount = amount_of(worst.excess, worst.unit)
     if worst.kind == "band":
         where: tuple[int, ...] = (at,)
-        detail = f"at waypoint {at} the best is outside by {amount}"
+        detail = Sentence("at waypoint ", at, f" the best is outside by {amount}")
         if worst.between:
             where = at - 1, at
-            detail = (
-                f"between waypoints {at - 1} and {at}, where joints go straight, the best is "
-                f"outside by {amount} more than what is allowed there; put more waypoints there"
+            what = (
+                ", where joints go straight, the best is outside by "
+                f"{amount} more than what is allowed there; put more waypoints there"
             )
             if worst.name == OF_PATH:
-                detail = f"between waypoints {at - 1} and {at} the best jumps to another branch"
+                what = " the best jumps to another branch"
+            detail = Sentence("between waypoints ", at - 1, " and ", at, what)
         return Certificate("band", grid, where, (), covered, detail, (worst.name,))
     if worst.kind == "position":
-        detail = f"at waypoint {at} the best has {worst.name} outside by {amount}"
+        detail = Sentence("at waypoint ", at, f" the best has {worst.name} outside by {amount}")
         return Certificate("limits", grid, (at,), (worst.name,), covered, detail)
     times, number, name = problem.limits.pace(path.q)
     at = number + 1
-    detail = (
-        f"between waypoints {at} and {at + 1} the best needs {times:.3g} times the step that "
-        f"{name} may do"
-    )
+    detail = Sentence(
+        "between waypoints ", at, " and ", at + 1,
+        f" the best needs {times:.3g} times the step that {name} may do",
+    )  # fmt: skip
     return Certificate("speed", grid, (at, at + 1), (name,), covered, detail, step_limit=allowed)
 
 

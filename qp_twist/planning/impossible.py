@@ -13,6 +13,7 @@ from qp_twist.planning.levels import COARSEST, STAGES, Grid, Level, Levels, Road
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.prescribed_pairs import too_near
 from qp_twist.planning.problem import Problem
+from qp_twist.planning.sentence import Sentence
 
 _PROOFS = 12
 """Largest number of waypoints without a configuration that are searched on the finest grid."""
@@ -44,7 +45,7 @@ def _find_beyond_joints(problem: Problem, grid: Grid) -> Certificate | None:
     level = Level(roadmap, ends, roadmap.layers(ends))
     if level.has_gaps:  # the search tells which waypoint is out of reach, or why
         return None
-    note = "all joints together cannot move the tool so far"
+    note = Sentence("all joints together cannot move the tool so far")
     at = (first + 1, first + 2)
     return Certificate("speed", grid, at, note=note, step_limit=limits.step_limit)
 

@@ -12,6 +12,7 @@ from qp_twist.planning.layer import TURN, wound
 from qp_twist.planning.levels import Grid, Levels
 from qp_twist.planning.problem import Problem
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm, roll_axis
+from qp_twist.planning.sentence import Sentence
 
 _SPACING = np.radians(15.0)
 """Spacing of rolls, and of the path's samples by the motion that it asks of the joints at least.
@@ -47,7 +48,9 @@ def leaves_range(problem: Problem, levels: Levels) -> Certificate | None:
         ended = _ended(q[..., joint], ranges.lower[joint], ranges.upper[joint], start)
         if ended:
             at, name = int(np.ceil(s[ended])) + 1, ranges.names[joint]
-            detail = f"{name} is outside its range at waypoint {at}, wherever the motion starts"
+            detail = Sentence(
+                f"{name} is outside its range at waypoint ", at, ", wherever the motion starts"
+            )
             grid = Grid(_SPACING, np.full(task.model.nv, TURN / _CELLS))
             return Certificate("limits", grid, (at,), (name,), detail=detail)
     return None

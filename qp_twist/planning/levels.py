@@ -18,6 +18,7 @@ from qp_twist.planning.manifold_net import COVERED, ManifoldNet
 from qp_twist.planning.path_rows import REACHED, PathRows
 from qp_twist.planning.problem import Problem
 from qp_twist.planning.roll_grid import RollGrid, closed_form_arm
+from qp_twist.planning.sentence import Sentence
 
 Progress = Callable[[str, float], None]
 
@@ -162,16 +163,16 @@ class Roadmap:
         layer = inside_limits(q, np.arange(len(q)), self.ranges)
         return replace(layer, nearby=bool(len(layer.q)))
 
-    def missed(self, waypoints: Sequence[int]) -> str:
+    def missed(self, waypoints: Sequence[int]) -> Sentence:
         """By how much the arm misses waypoints out of reach, of some of them the furthest."""
         chosen = np.unique(np.linspace(0, len(waypoints) - 1, _LOOKED_AT).round().astype(int))
         found = {waypoints[k]: self.rows.nearest(waypoints[k], self._random()) for k in chosen}
         worst = max(found, key=lambda index: found[index][0])
-        return (
-            f"the nearest configuration that was found misses waypoint {worst + 1} by "
-            f"{found[worst][1]}, where a check lets {1e3 * REACHED.position:g} mm and "
-            f"{np.degrees(REACHED.axis):g}° pass"
-        )
+        return Sentence(
+            "the nearest configuration that was found misses waypoint ", worst + 1,
+            f" by {found[worst][1]}, where a check lets {1e3 * REACHED.position:g} mm and "
+            f"{np.degrees(REACHED.axis):g}° pass",
+        )  # fmt: skip
 
     def _random(self) -> Array:
         return self.ranges.random(_NEAREST, np.random.default_rng(0))

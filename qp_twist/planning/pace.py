@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from qp_twist.checks import Array
 from qp_twist.kernel.pace_kernel import fastest_paces
 from qp_twist.kinematics import JointRanges
 from qp_twist.paths import PathTask, Waypoints
+from qp_twist.planning.sentence import UNSAID, Sentence
 from qp_twist.referee import motion_limits, with_default_accelerations
 
 SLOWED = 1e-6
@@ -93,29 +96,7 @@ class Pace:
         times[lasting] = h / pace
         return times
 
-    def slowest(self, q: Array, names: tuple[str, ...]) -> tuple[float, str]:
-        """How many times longer than at the feed a path q (N, nv) takes somewhere, and a sentence.
-
-        The factor is 1 and the sentence empty if the feed is kept everywhere.
-        """
-        times = self.seconds(q)
-        slow = np.flatnonzero((self.feed > 0.0) & (times > (1.0 + SLOWED) * self.feed))
-        if not len(slow):
-            return 1.0, ""
-        factors = times[slow] / self.feed[slow]
-        worst = int(slow[np.argmax(factors)])
-        joint = names[int(np.argmax(self._shares(q, times)[worst]))]
-        parts = np.split(slow, np.flatnonzero(np.diff(slow) > 1) + 1)
-        [longest] = [part for part in parts if worst in part]
-        more = f", and at {len(parts) - 1} more stretches" if len(parts) > 1 else ""
-        text = (
-            f"between waypoints {longest[0] + 1} and {longest[-1] + 2}, after waypoint {worst + 1} "
-            f"{factors.max():.3g} times because of {joint}{more}; in all it takes "
-            f"{times.sum():.4g} s instead of {self.feed.sum():.4g} s"
-        )
-        return float(factors.max()), text
-
-    def _shares(self, q: Array, times: Array) -> Array:
+    def shares(self, q: Array, times: Array) -> Array:
         """Of its limits the largest that each joint uses in each step, (N − 1, nv).
 
         Of accelerations those at both ends of the step.
@@ -126,8 +107,47 @@ class Pace:
         mean = 2.0 * lasting[1:] * lasting[:-1] / (lasting[1:] + lasting[:-1])
         changes = np.abs(np.diff(velocity, axis=0)) / (self.room[1:, None] * mean)
         at_end = np.pad(changes / self.acceleration, ((1, 1), (0, 0)))
-        largest: Array = np.maximum(shares, np.maximum(at_end[1:], at_end[:-1]))
-        return largest
+        most: Array = np.maximum(shares, np.maximum(at_end[1:], at_end[:-1]))
+        return most
+
+
+class PacedStretch(NamedTuple):
+    """A stretch of a path between joint moves, and how it is timed."""
+
+    first: int
+    """Its first waypoint in the path, from 0."""
+    pace: Pace
+    q: Array
+    """Its rows, one for each waypoint, (N, nv)."""
+
+
+def slowest(stretches: Sequence[PacedStretch], names: tuple[str, ...]) -> tuple[float, Sentence]:
+    """How many times longer than at the feed a path takes somewhere, and a sentence.
+
+    The factor is 1 and the sentence empty if the feed is kept everywhere. Waypoints are those of
+    the whole path; times are those of its stretches, without the joint moves between them.
+    """
+    seconds = [pace.seconds(q) for _, pace, q in stretches]
+    feed, times = np.concatenate([of.pace.feed for of in stretches]), np.concatenate(seconds)
+    before = np.concatenate([of.first + np.arange(len(of.q) - 1) for of in stretches])
+    slow = np.flatnonzero((feed > 0.0) & (times > (1.0 + SLOWED) * feed))
+    if not len(slow):
+        return 1.0, UNSAID
+    factors = times[slow] / feed[slow]
+    worst = int(slow[np.argmax(factors)])
+    shares = [of.pace.shares(of.q, times) for of, times in zip(stretches, seconds, strict=True)]
+    joint = names[int(np.argmax(np.concatenate(shares)[worst]))]
+    parts = np.split(slow, np.flatnonzero(np.diff(before[slow]) > 1) + 1)
+    [longest] = [part for part in parts if worst in part]
+    others = len(parts) - 1
+    more = f", and at {others} more stretch{'es' if others > 1 else ''}" if others else ""
+    between = ", outside joint moves" if len(stretches) > 1 else ""
+    return float(factors.max()), Sentence(
+        "between waypoints ", int(before[longest[0]]) + 1, " and ", int(before[longest[-1]]) + 2,
+        ", after waypoint ", int(before[worst]) + 1,
+        f" {factors.max():.3g} times because of {joint}{more}; in all it takes {times.sum():.4g} s "
+        f"instead of {feed.sum():.4g} s{between}",
+    )  # fmt: skip
 
 
 def _feed(path: Waypoints) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,11 +20,12 @@ from qp_twist.planning.hard_constraints import WITHIN
 from qp_twist.planning.joint_move import JointMoveSearch
 from qp_twist.planning.levels import Progress
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.pace import SLOWED, Pace
+from qp_twist.planning.pace import SLOWED, Pace, PacedStretch, slowest
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.preferred import PreferredPoses
 from qp_twist.planning.problem import PathConstraints, Problem, motion_limits
 from qp_twist.planning.search import PlanSearch, SearchResult, Trials
+from qp_twist.planning.sentence import Sentence
 from qp_twist.referee import (
     Finding,
     JointMotion,
@@ -301,22 +302,33 @@ def make_plan(
         )
         found = PlanSearch(slowed, runs, says).run()
         if found.path is None:
-            note = f"nor was one found that is slower: {found.certificate.reason}"
-            found = replace(found, certificate=replace(at_feed, note=note))
-        elif Pace.stated(path_task).slowest(found.path.q, ranges.names)[0] == 1.0:  # it is kept
+            certificate = replace(at_feed, at_other_speed=found.certificate)
+            found = replace(found, certificate=certificate)
+        elif slower_than_feed([(0, path_task, found.path.q)], goal)[0] == 1.0:  # it is kept
             found = search.near(found)
     path, certificate = found.path, found.certificate
     if path is not None and timed:
-        pace = Pace.of_run(path_task) if goal.time else Pace.stated(path_task)
-        factor, where = pace.slowest(path.q, ranges.names)
+        factor, where = slower_than_feed([(0, path_task, path.q)], goal)
         if factor > 1.0:
-            notes = [where] if at_feed is None else [where, f"at the feed, {at_feed.reason}"]
-            certificate = replace(certificate, slower=factor, note="; ".join(notes))
+            certificate = replace(certificate, slower=factor, note=where, at_other_speed=at_feed)
     return Plan(
         path_task, None if path is None else path.q,
         np.nan if path is None else goal.value(path.q), found.bound, certificate, objective,
         dict(joint_weights or {}), found.interrupted,
     )  # fmt: skip
+
+
+def slower_than_feed(
+    stretches: Sequence[tuple[int, PathTask, Array]], goal: Objective
+) -> tuple[float, Sentence]:
+    """How many times longer than at the feed a plan takes somewhere, and a sentence where.
+
+    Of a plan for an objective, in ``stretches`` between joint moves: the first waypoint of each in
+    the whole path, from 0, its task, and its rows (N, nv).
+    """
+    pace = Pace.of_run if goal.time else Pace.stated
+    paced = [PacedStretch(first, pace(task), q) for first, task, q in stretches]
+    return slowest(paced, goal.ranges.names)
 
 
 def stated_objective(

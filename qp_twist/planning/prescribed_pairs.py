@@ -17,6 +17,7 @@ from qp_twist.planning.certificate import Certificate
 from qp_twist.planning.levels import Grid
 from qp_twist.planning.path_rows import REACHED
 from qp_twist.planning.roll_grid import RollGrid
+from qp_twist.planning.sentence import Sentence
 
 _ROLLS, _HALVINGS = 16, 10
 """Number of rolls that are looked at first, and how often the intervals between them are halved."""
@@ -57,10 +58,10 @@ def too_near(path_task: PathTask, clearance: Clearance, grid: Grid) -> Certifica
     best = max(margins, key=min)
     pairs = tuple(f"clearance, {clearance.names[chosen[k]]}" for k in np.flatnonzero(best < 0.0))
     distance, at_first = float(best.min()) + clearance.distance, blocked[0] + 1
-    note = (
-        f"there the task alone decides their distance: at most {1e3 * distance:.3g} mm at waypoint "
-        f"{at_first}, whatever the roll"
-    )
+    note = Sentence(
+        f"there the task alone decides their distance: at most {1e3 * distance:.3g} mm",
+        " at waypoint ", at_first, ", whatever the roll",
+    )  # fmt: skip
     return Certificate("band", grid, tuple(k + 1 for k in blocked), bands=pairs, note=note)
 
 

@@ -42,6 +42,7 @@ from qp_twist.planning.manifold_net import BOUNDED, COVERED
 from qp_twist.planning.on_the_path import OnThePath
 from qp_twist.planning.preferred_nodes import with_preferred
 from qp_twist.planning.problem import JudgedPath, PathConstraints, Problem
+from qp_twist.planning.sentence import Sentence
 from qp_twist.planning.single_steps import impossible_step
 from qp_twist.planning.smooth import ITERATIONS, smooth
 
@@ -396,7 +397,7 @@ def _by_now(search: PlanSearch) -> SearchResult | None:
     if best is None:
         return None
     grid = search.levels.grid(STAGES[0], problem.limits.steps) if level is None else level.grid
-    detail = "the search was interrupted: this is the best motion by then"
+    detail = Sentence("the search was interrupted: this is the best motion by then")
     certificate = Certificate("path", grid, bands=problem.rows.hard.names, detail=detail)
     bound = np.nan
     try:
@@ -445,10 +446,10 @@ def _left_path(problem: Problem, found: SearchResult, beyond: Array) -> SearchRe
         none = violating_path(problem, found.path, certificate.grid, certificate.covered)
         return replace(found, path=None, certificate=none)
     at = int(np.argmax(beyond)) + 1
-    note = (
-        f"where its joints are corrected onto the path, between waypoints {at} and {at + 1}, "
-        "it breaks a band or constraint; no motion was found that does not"
-    )
+    note = Sentence(
+        "where its joints are corrected onto the path, between waypoints ", at, " and ", at + 1,
+        ", it breaks a band or constraint; no motion was found that does not",
+    )  # fmt: skip
     return replace(found, certificate=replace(certificate, note=note))
 
 
@@ -466,8 +467,8 @@ def _with_pace(
             break
         without = times
     else:
-        note = f"nor was one found for the path {without:g} times slower"
-        return replace(certificate, note=note)
+        none = Sentence(f"nor was one found for the path {without:g} times slower")
+        return replace(certificate, note=none)
     needed, number, joint = limits.pace(path.q)
     for _ in range(_HALVINGS):
         times = float(np.sqrt(without * needed))
@@ -476,12 +477,11 @@ def _with_pace(
             without = times
         else:
             needed, number, joint = limits.pace(path.q)
-    note = (
+    bracket = f"; {without:.3g} times slower none was found" if without > 1.0 else ""
+    note = Sentence(
         f"only its speed prevents one: {needed:.3g} times slower the path has a motion, which "
-        f"needs that after waypoint {number + 1}, for {joint}"
-    )
-    if without > 1.0:
-        note += f"; {without:.3g} times slower none was found"
+        "needs that after waypoint ", number + 1, f", for {joint}{bracket}",
+    )  # fmt: skip
     return replace(certificate, slower=needed, note=note)
 
 

@@ -15,6 +15,7 @@ from qp_twist.planning.levels import COARSE, Level, Levels, Progress
 from qp_twist.planning.manifold_net import COVERED
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import Problem
+from qp_twist.planning.sentence import Sentence
 from qp_twist.planning.smooth import refine
 
 _SUSPECTS, _TRIAL, _MOST = 24, 10, 4
@@ -61,8 +62,11 @@ def impossible_step(problem: Problem, q: Array, progress: Progress) -> Certifica
             at, joint = (first + 1, first + 2), problem.limits.ranges.names[int(np.argmax(share))]
             return Certificate(
                 "speed", level.grid, at, (joint,), True,
-                f"between waypoints {at[0]} and {at[1]} the best needs {share.max():.3g} times the "
-                f"step that {joint} may do, wherever it comes from",
+                Sentence(
+                    "between waypoints ", at[0], " and ", at[1],
+                    f" the best needs {share.max():.3g} times the step that {joint} may do, "
+                    "wherever it comes from",
+                ),
                 step_limit=problem.limits.step_limit,
             )  # fmt: skip
     return None

@@ -137,6 +137,39 @@ def test_the_tool_lifts_off_where_the_feed_is_too_fast() -> None:
     assert qt.plan(task, cuts="fewest").cuts == (7,)
 
 
+@pytest.mark.parametrize("centering", [0.0, 3.0])
+def test_the_time_of_a_path_with_lift_offs_is_that_of_its_pieces_and_joint_moves(
+    centering: float,
+) -> None:
+    """The joint keeps the feed, 10° in 1 s, and turns back by 350° at 1 rad/s."""
+    task = turning(250)
+    count = len(task.waypoints)
+    task = dataclasses.replace(
+        task, durations=np.append(0.0, np.ones(count - 1)), velocity_limits=np.array([1.0])
+    )
+    objective = "time" if centering == 0.0 else {"time": 1.0, "centering": centering}
+    plan = qt.plan(task, objective, cuts="fewest")
+    assert len(plan.cuts) == 1
+    seconds = (count - 2) + np.radians(350.0)
+    z = 0.5 * (np.degrees(plan.at_waypoints[:, 0]) / 410.0) ** 2
+    assert plan.value == pytest.approx(seconds + centering * z.mean())
+    assert plan.durations is not None
+    assert plan.durations.sum() == pytest.approx(seconds)
+
+
+def test_a_slower_plan_says_where_it_lifts_off_and_where_it_is_slower(tmp_path: Path) -> None:
+    plan = qt.plan(qt.load_task(ring(tmp_path, '"fewest"')), "time")
+    said, [k] = str(plan.certificate), plan.cuts
+    assert f"lifts off after waypoint {k};" in said
+    assert plan.durations is not None and plan.s is not None
+    assert plan.path_task.durations is not None
+    reached = np.append(0.0, np.cumsum(plan.durations))[plan.s == np.floor(plan.s)]
+    along = np.delete(np.arange(len(reached) - 1), plan.path_task.joint_moves[0] - 1)
+    factors = np.zeros(len(reached) - 1)
+    factors[along] = np.diff(reached)[along] / plan.path_task.durations[1:][along]
+    assert f"after waypoint {int(np.argmax(factors)) + 1} {factors.max():.3g} times" in said
+
+
 def test_a_waypoint_out_of_reach_is_still_the_reason_for_no_plan() -> None:
     task = turning(500)
     far = task.waypoints[30].copy()
@@ -269,6 +302,37 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
 def test_cuts_that_a_path_cannot_have_are_refused(tmp_path: Path, cuts: str, message: str) -> None:
     with pytest.raises(qt.TaskFileError, match=message):
         qt.load_task(ring(tmp_path, cuts))
+
+
+def test_a_piece_of_two_waypoints_is_planned(tmp_path: Path) -> None:
+    task = qt.load_task(ring(tmp_path, "[2, 20, 22, 44]"))
+    assert qt.plan(task).q is not None
+
+
+def test_the_preference_of_a_lifted_path_is_counted_once(tmp_path: Path) -> None:
+    """Rolls by MuJoCo: the frame's pose at each waypoint is turned about its z from the task's."""
+    file = ring(tmp_path, '"fewest"')
+    file.write_text(f"{file.read_text()}[preference]\nroll_deg = 40\nweight = 10\nwithin_deg = 2\n")
+    plan = qt.plan(qt.load_task(file), {"centering": 1.0, "time": 0.01})
+    assert len(plan.cuts) == 1
+    task, model = plan.path_task, plan.path_task.model
+    data, cost, z = mujoco.MjData(model), 0.0, 0.0
+    half = 0.5 * (model.jnt_range[:, 1] - model.jnt_range[:, 0])
+    middle = model.jnt_range.mean(axis=1)
+    for q, waypoint, part in zip(plan.at_waypoints, task.waypoints, task.parts, strict=True):
+        z += 0.5 * (((q - middle) / (2.0 * half)) ** 2).sum()
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        frame = data.site("tool").xmat.reshape(3, 3)
+        turn = waypoint.rotation().as_matrix().T @ frame
+        away = np.angle(np.exp(1j * (np.arctan2(turn[1, 0], turn[0, 0]) - np.radians(40.0))))
+        if part == "contact":
+            cost += 5.0 * max(abs(away) - np.radians(2.0), 0.0) ** 2
+    count = len(task.waypoints)
+    assert cost / count > 1e-3
+    assert plan.durations is not None
+    expected = (z + cost) / count + 0.01 * plan.durations.sum()
+    assert plan.value == pytest.approx(expected, abs=1e-7)
 
 
 def test_a_projector_of_the_retreat_holds_on_lift_offs_too(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import mink
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.optimize import minimize
 import qp_twist as qt
 from qp_twist.checks import Array
 from qp_twist.planning.objective import Objective
-from qp_twist.planning.pace import Pace
+from qp_twist.planning.pace import Pace, PacedStretch, slowest
 from qp_twist.planning.path_rows import PathRows
 from qp_twist.planning.problem import Problem, motion_limits
 from qp_twist.planning.search import PlanSearch, SearchResult
@@ -179,12 +180,68 @@ def test_a_plan_in_time_names_the_time_that_it_takes() -> None:
     assert f"it takes {plan.value:.4g} s instead of 0.12 s" in str(plan.certificate)
 
 
+def moved(first: float, second: float) -> qt.PathTask:
+    """The line in two stretches of 12 and 13 waypoints, with such times between two of them, s."""
+    times = np.array([0.0, *[first] * 12, *[second] * 12])
+    return dataclasses.replace(line(25), durations=times, joint_moves=(12,))
+
+
+def longer(plan: qt.Plan) -> Array:
+    """Times from waypoint to waypoint by those at the feed, (N − 1,); 0 in joint moves."""
+    assert plan.durations is not None and plan.s is not None
+    assert plan.path_task.durations is not None
+    reached = np.append(0.0, np.cumsum(plan.durations))[plan.s == np.floor(plan.s)]
+    factors: Array = np.diff(reached) / plan.path_task.durations[1:]
+    factors[[k - 1 for k in plan.path_task.joint_moves]] = 0.0
+    return factors
+
+
+@pytest.mark.parametrize("times", [(0.02, 0.01), (0.01, 0.02), (0.4, 0.01)])
+@pytest.mark.parametrize("objective", ["time", "centering"])
+def test_a_slower_plan_of_stretches_counts_the_waypoints_and_times_of_the_whole_path(
+    objective: str, times: tuple[float, float]
+) -> None:
+    plan = qt.plan(moved(*times), objective, seeds=(), slow_down=True)
+    said, factors = str(plan.certificate), longer(plan)
+    worst = int(np.argmax(factors))
+    assert plan.certificate.slower == pytest.approx(factors[worst])
+    slow = [False, *(factors > 1.0 + 1e-6).tolist(), False]
+    begins, ends = (
+        [k for k in range(len(slow) - 1) if slow[k : k + 2] == edge]
+        for edge in ([False, True], [True, False])
+    )
+    run = next(k for k, end in enumerate(ends) if worst < end)
+    where = f"between waypoints {begins[run] + 1} and {ends[run] + 1}, after waypoint {worst + 1} "
+    assert where in said
+    others = re.findall(r"at (\d+) more stretch", said)
+    assert [int(count) for count in others] == [len(begins) - 1] * (len(begins) > 1)
+    feed = np.array([times[0]] * 11 + [0.0] + [times[1]] * 12)
+    total = f"{(factors * feed).sum():.4g} s instead of {feed.sum():.4g} s, outside joint moves"
+    assert f"in all it takes {total}" in said
+
+
+@pytest.mark.parametrize("slow_down", [False, True])
+def test_why_a_stretch_does_not_keep_the_feed_is_told_with_waypoints_of_the_whole_path(
+    slow_down: bool,
+) -> None:
+    """Only the second stretch, of waypoints 13 to 25, is too fast."""
+    plan = qt.plan(moved(0.4, 0.01), seeds=(), slow_down=slow_down)
+    said = str(plan.certificate)
+    assert (plan.q is not None) == slow_down and "the best needs" in said
+    why = said.rpartition("at the feed")[2]
+    named = [
+        int(k) for pair in re.findall(r"waypoints? (\d+)(?: and (\d+))?", why) for k in pair if k
+    ]
+    assert len(named) >= 2 and min(named) >= 13 and max(named) <= 25
+    assert set(plan.certificate.waypoints) <= set(named)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_the_joint_that_makes_a_path_slower_is_at_one_of_its_limits(seed: int) -> None:
     q, room, times, _ = random_path(seed, 6)
     pace = Pace(np.full(6, 1e-3), SPEED, ACCELERATION, room, rests=False)
     times = pace.seconds(q)
-    factor, said = pace.slowest(q, ("a", "b", "c"))
+    factor, said = slowest([PacedStretch(0, pace, q)], ("a", "b", "c"))
     worst = int(np.argmax(times))
     assert factor == times[worst] / 1e-3
     assert f"after waypoint {worst + 1} " in said
