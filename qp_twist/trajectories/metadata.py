@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from qp_twist.referee import JointMotion, MotionLimits
 
 if TYPE_CHECKING:
     from qp_twist.following import Trajectory
+    from qp_twist.trajectories.timed_path import TimedPath
 
 
 def metadata_of(
@@ -83,6 +85,12 @@ def with_lift_offs(path_task: PathTask, metadata: dict[str, Any]) -> PathTask:
         return LiftOffs.of(path_task, cuts).task
     except InvalidInput:  # those of another path
         return path_task
+
+
+def stating_lift_offs(rows: TimedPath, metadata: dict[str, Any]) -> TimedPath:
+    """The rows of a file with the lift-offs that metadata of its motion state, if it has none."""
+    stated = {"cuts": metadata["cuts"]} if "cuts" in metadata else {}
+    return replace(rows, metadata={**stated, **rows.metadata})
 
 
 def read_metadata(text: str) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from qp_twist.trajectories import (
 from qp_twist.trajectories.check import Check, check_trajectory
 from qp_twist.trajectories.followed import NotFollowed
 from qp_twist.trajectories.linear_moves import LinearMotion
-from qp_twist.trajectories.metadata import read_metadata
+from qp_twist.trajectories.metadata import read_metadata, stating_lift_offs, with_lift_offs
 from qp_twist.trajectories.program_writer import ProgramWriter
 from qp_twist.trajectories.timed_path import TimedPath
 
@@ -181,15 +181,19 @@ def write_checked(
 
     With ``force`` it is, with a first line at which a controller stops. ``joint_names`` are the
     joints to read back, in this order; ``None``: those of the file. With ``linear``, a program
-    moves the tool along the path instead of the joints, without circles if it passes only so.
+    moves the tool along the path instead of the joints, without circles if it passes only so. Where
+    the task leaves open where the tool lifts off, the trajectory's metadata say it: a program has
+    none.
 
     Raises:
         InvalidInput: As :func:`write_trajectory`.
     """
     calls, dialect = path_task.calls.values(), dialect_of(path)
+    metadata = TimedPath.of(trajectory).metadata
+    lifted = with_lift_offs(path_task, metadata)
     straight = [] if linear is None or not linear.circles else [linear._replace(circles=False)]
     for motion in (linear, *straight):
-        writer = _writer(trajectory, path, joints, path_task, motion)
+        writer = _writer(trajectory, path, joints, lifted, motion)
         for left in reversed(range(_ROUNDS)):
             files = _encoded(trajectory, path, writer)
             try:
@@ -200,7 +204,7 @@ def write_checked(
                 if left and writer is not None and writer.joins([refusal.move]):
                     continue
                 raise
-            check = check_trajectory(rows, path_task)
+            check = check_trajectory(stating_lift_offs(rows, metadata), path_task)
             if check.passes or writer is None or not writer.answers(rows, check):
                 break
         if check.passes:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from oracles.joint_paths import joint_path
 
 import qp_twist as qt
+from qp_twist.cli import main
 from qp_twist.paths import LiftOffs, shipped_folder
 from qp_twist.planning.graph import Edges, interrupted_path
 from qp_twist.trajectories import run_task
@@ -244,7 +245,9 @@ cuts = {cuts}
     return file
 
 
-def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_path: Path) -> None:
+def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     task = qt.load_task(ring(tmp_path, '"fewest"'))
     run = run_task(task, "qp_planned", tmp_path / "run.csv")
     assert run.check is not None
@@ -269,7 +272,13 @@ def test_a_run_lifts_off_as_the_path_retreats_and_its_file_passes_the_check(tmp_
     assert rows.metadata["cuts"] == [k]
     passed = qt.check_trajectory(rows, task)
     assert passed.passes
-    assert passed.verdict.startswith(f"passes; lifts off after waypoints {k}, as it states itself")
+    said = f"passes; lifts off after waypoints {k}, as it states itself"
+    assert passed.verdict.startswith(said)
+    # A program of the file lifts off where the file does.
+    for program in ("urscript", "rapid"):
+        main(["export", str(tmp_path / "run.csv"), str(tmp_path / "ring.toml"), "--to", program,
+              "--as-modelled"])  # fmt: skip
+        assert said in capsys.readouterr().out
     # Where the task does not let the tool lift off, or states other places, it does not pass.
     for cuts in ("[]", f"[{k - 3}]"):
         assert not qt.check_trajectory(rows, qt.load_task(ring(tmp_path, cuts))).passes
