@@ -12,7 +12,7 @@ import numpy as np
 from qp_twist.cli import app as cli
 from qp_twist.cli.path_tasks import failure, load, program_joints, with_secondary
 from qp_twist.cli.progress import load_machine_code, method_progress, working
-from qp_twist.comparison import metrics
+from qp_twist.comparison.metrics import status_of_rows
 from qp_twist.errors import InvalidInput
 from qp_twist.following import Trajectory
 from qp_twist.paths import DEFAULT_METHOD, PathTask, check_method
@@ -199,5 +199,5 @@ def _how(trajectory: Trajectory, *, stated: bool) -> list[str]:
         lines.append(f"{method}: {plan.preferred}")
     elif path_task.preference is not None:
         lines.append(f"{method}: does not weigh [preference], as {_OTHERWISE} does")
-    status = metrics(trajectory)["status"]
-    return lines if status == "ok" else [*lines, f"{method}: {status}"]
+    status = status_of_rows(trajectory)
+    return [*lines, f"{method}: {status}"] if status else lines

@@ -78,6 +78,21 @@ def test_every_first_is_named_by_its_number(template: qt.Trajectory, waypoint: i
     assert metrics(made(template))["status"] == "ok"
 
 
+def test_a_place_between_two_waypoints_is_named_by_those_of_the_task(
+    template: qt.Trajectory,
+) -> None:
+    """Of five rows the third and fourth lie between the second waypoint and the third."""
+    s = np.array([0.0, 1.0, 1.25, 1.5, 2.0])
+    excess = np.array([0.0, 0.0, 0.0, 1e-3, 0.0])
+    inside, outside = np.radians([45.0, 45.0, 90.0]), np.radians([45.0, 91.0, 90.0])
+    left = made(template, s=s, band_excess=excess, q=np.array([*[inside] * 2, *[outside] * 3]))
+    numbers = metrics(left)
+    assert numbers["first_violation"] == {"joint_2": 2.25}
+    assert numbers["reconfigurations"] == [2.25]
+    assert "leaves the limits: joint_2 at 2.25" in numbers["status"]
+    assert "outside a band at 1 row, first at waypoint 2.5" in numbers["status"]
+
+
 @pytest.mark.parametrize("waypoint", range(1, COUNT + 1))
 def test_a_study_names_the_waypoint_of_a_fault(template: qt.Trajectory, waypoint: int) -> None:
     section = section_of(TASK)

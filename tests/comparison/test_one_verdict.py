@@ -3,7 +3,9 @@
 import dataclasses
 import functools
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from qp_twist.comparison.metrics import metrics
 from qp_twist.pages.motion_charts import motion_charts
 from qp_twist.paths.task_schema import StudySection
 from qp_twist.studies.judge import Judge
-from qp_twist.trajectories import TimedPath, run_task
+from qp_twist.trajectories import TimedPath, run_task, task_run
 from qp_twist.trajectories.check import Check
 from qp_twist.viewing.one_run import run_once
 from qp_twist.viewing.settings import PageSettings
@@ -141,3 +143,72 @@ def _exit_code(arguments: list[str]) -> int:
     except SystemExit as ended:
         return int(ended.code or 0)
     return 0
+
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <default><geom contype="0" conaffinity="0"/></default>
+  <worldbody>
+    <geom name="pin" type="sphere" size="0.01" pos="{x} {y} 0" contype="1" conaffinity="1"/>
+    <body>
+      <joint name="shoulder" axis="0 0 1" range="-3 3"/>
+      <geom type="capsule" size="0.01" fromto="0 0 0 0.5 0 0" mass="1"/>
+      <body pos="0.5 0 0">
+        <joint name="elbow" axis="0 0 1" range="-3 3"/>
+        <geom type="capsule" size="0.01" fromto="0 0 0 0.5 0 0" mass="1"/>
+        <body pos="0.5 0 0">
+          <geom name="tip" type="sphere" size="0.01" mass="1" contype="1" conaffinity="1"/>
+          <site name="tool"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+PAST_A_PIN = """
+title = "Past a pin"
+[robot]
+scene = "arm.xml"
+frame = "tool"
+[projector]
+linear = "full"
+angular = "none"
+[path]
+kind = "polyline"
+points = [[0.3, 0.6, 0], [-0.3, 0.6, 0]]
+steps_per_segment = 8
+[start]
+q = [0.3, 1.6]
+[feed]
+speed = 0.1
+[limits.velocity]
+shoulder = 2.0
+elbow = 2.0
+[clearance]
+distance = 0.005
+"""
+
+
+def test_what_straight_joints_between_waypoints_would_touch_is_not_told_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A tip goes past a pin at 5.3 mm; with straight joints from waypoint to waypoint nearer."""
+    (tmp_path / "arm.xml").write_text(ARM.format(x=0.0375, y=0.6253))
+    (tmp_path / "pin.toml").write_text(PAST_A_PIN)
+    task = qt.load_task(tmp_path / "pin.toml")
+
+    def coarsely(*given: Any, **options: Any) -> qt.Trajectory:
+        return qt.follow(*given, **{**options, "fine": False})
+
+    monkeypatch.setattr(task_run, "follow", coarsely)
+    coarse = run_task(task, "qp", tmp_path / "coarse.csv").trajectory
+    status = metrics(coarse)["status"]
+    assert re.search(r"comes too near, 4\.\d+ mm: pin to tip, waypoint 4\.[456]", status), status
+    main(["run", str(tmp_path / "pin.toml"), "--method", "qp", "--out", str(tmp_path / "r.csv")])
+    said = capsys.readouterr().out
+    assert "passes" in said
+    assert "too near" not in said
+    # With a row more before it, the place keeps its name.
+    more = coarse.with_rows(np.array([1]), coarse.q[:1], np.array([0.0]), None)
+    assert metrics(more)["status"].partition("pin to tip")[2] == status.partition("pin to tip")[2]
