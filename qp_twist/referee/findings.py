@@ -73,14 +73,33 @@ class Finding:
             return True
         return self.value < self.limit if self.least else self.value > self.limit
 
+    @property
+    def shown(self) -> tuple[str, str, str]:
+        """Value, bound and limit in words, empty where there is none.
+
+        They have four digits, or where it does not pass as many as it takes that none that is
+        another number looks like the limit.
+        """
+        limit = self.limit
+        numbers = [self.value, *([] if self.bound is None else [self.bound])]
+        others = [] if self.passes or limit is None else [x for x in numbers if x != limit]
+        digits = next(
+            (n for n in range(4, 17) if all(f"{x:.{n}g}" != f"{limit:.{n}g}" for x in others)), 17
+        )
+        value, bound, most = (
+            "" if x is None else f"{x:.{digits}g}" for x in (self.value, self.bound, limit)
+        )
+        return value, bound, most
+
     def __str__(self) -> str:
         """The finding as a sentence."""
         unit = f" {self.unit}" if self.unit else ""
-        limit = "" if self.limit is None else f", limit {self.limit:.4g}{unit}"
-        found = f"{self.name}: {self.value:.4g}{unit} at {self.where}{limit}"
+        value, proven, most = self.shown
+        limit = "" if self.limit is None else f", limit {most}{unit}"
+        found = f"{self.name}: {value}{unit} at {self.where}{limit}"
         if self.proven:
             return found
-        more = "more" if self.bound is None else f"up to {self.bound:.4g}{unit}"
+        more = "more" if self.bound is None else f"up to {proven}{unit}"
         return (
             f"{found}, but not proven: between the points looked at it may be {more}; put rows "
             "closer together there"

@@ -135,9 +135,8 @@ class Check:
         """The findings as a plain table."""
         rows = [("", "largest", "proven", "limit", "", "where", "")]
         for finding in self.findings:
-            limit = "–" if finding.limit is None else f"{finding.limit:.4g}"
-            proven = "" if finding.bound is None else f"≤ {finding.bound:.4g}"
-            measured = f"{finding.value:.4g}", proven, limit, finding.unit
+            value, bound, limit = finding.shown
+            measured = value, bound and f"≤ {bound}", limit or "–", finding.unit
             rows.append((finding.name, *measured, finding.where, "" if finding.passes else "✗"))
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         align = "<>>><<<"

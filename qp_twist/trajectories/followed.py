@@ -20,6 +20,8 @@ from qp_twist.trajectories.within_limits import Ramp, Way, at_rests, travel
 
 _SHORTEST = 1e-12
 """Time, s, of a move to where the robot is."""
+_DECIMALS = 12
+"""Of times: as many as any language prints, and one more."""
 _TURNED = float(np.radians(0.05))
 """Turn from that in proportion, rad, that counts as none: the tolerance of an axis."""
 
@@ -143,7 +145,10 @@ def _times(durations: Array | None, shares: Sequence[Array]) -> Array | None:
     """The times of rows at shares of the moves to points."""
     if durations is None:
         return None
-    begins = np.cumsum(durations) - durations
+    # Sums of printed times have no more digits than these: those that floats add would hide from
+    # the check that the times are whole nanoseconds, whose rounding it knows.
+    ends = [round(end, _DECIMALS) for end in np.cumsum(durations).tolist()]
+    begins = [0.0, *ends[:-1]]
     of = zip(begins, durations, shares[1:], strict=True)
     return np.concatenate([[0.0], *(begin + share * seconds for begin, seconds, share in of)])
 

@@ -16,6 +16,8 @@ from oracles.program_rows import DECIMALS, random_rows
 import qp_twist as qt
 from qp_twist.programs import DIALECTS, JointMoves, Speed, fanuc_ls
 from qp_twist.programs.header import header_lines
+from qp_twist.referee import EXCEEDED
+from qp_twist.referee.joint_rates import largest_accelerations
 from qp_twist.robots import ControllerJoints, named_robot
 from qp_twist.shipped import shipped_folder
 from qp_twist.trajectories import (
@@ -73,6 +75,26 @@ def test_a_program_gives_back_the_rows_to_the_printed_digit(
     name = re.compile(r"\b(prog|again|PROG|AGAIN)\b|run_(prog|again)")
     if DIALECTS[program].period <= np.diff(rows.times).min():  # else the header says what is longer
         assert name.sub("", again.read_text()) == name.sub("", path.read_text())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_script_asks_for_no_more_acceleration_than_the_rows_in_nanoseconds(
+    tmp_path: Path, seed: int
+) -> None:
+    """Bang-bang at a limit, times in whole ns as files state them; rows 0.2 to 1 ms apart."""
+    rng = np.random.default_rng(seed)
+    exact = np.append(0.0, np.cumsum(1e-3 * rng.uniform(0.2, 1.0, size=20000)))
+    a = np.repeat(rng.choice([-3.0, 3.0], size=(200, 6)), 100, axis=0)
+    took = np.diff(exact)[:, None]
+    v = np.vstack([np.zeros(6), np.cumsum(a * took, axis=0)])
+    q = np.vstack([np.zeros(6), np.cumsum(0.5 * took * (v[1:] + v[:-1]), axis=0)])
+    names = tuple(f"joint_{k}" for k in range(1, 7))
+    rows = TimedPath(names, q, np.round(exact, 9), v)
+    joints = ControllerJoints.as_modelled(names)
+    write_trajectory(rows, tmp_path / "way.script", joints)
+    back = read_trajectory(tmp_path / "way.script", names, joints)
+    for each in (rows, back):  # sums of 20,000 steps are themselves some 1e-14 off
+        assert largest_accelerations(each.motion)[1].max() <= 3.0 * (1.0 + 10.0 * EXCEEDED)
 
 
 @pytest.fixture(scope="module")

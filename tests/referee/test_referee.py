@@ -18,7 +18,7 @@ from qp_twist.kinematics import FramePair, SerialChain, Stretch
 from qp_twist.kinematics.tolerance_band import Range
 from qp_twist.planning import Certificate, Plan, motion_limits
 from qp_twist.planning.levels import Grid
-from qp_twist.referee import JointMotion, LeverArms, PathErrors, Tolerances, path_errors
+from qp_twist.referee import Finding, JointMotion, LeverArms, PathErrors, Tolerances, path_errors
 from qp_twist.referee.joint_rates import largest_accelerations
 from qp_twist.trajectories import TimedPath, check_trajectory
 
@@ -471,3 +471,26 @@ def test_at_points_of_a_program_the_speed_changes_over_half_of_both_moves() -> N
     # Where every row is a point, that is what changes from piece to piece.
     every = largest_accelerations(JointMotion(times, q))[1]
     assert every[at, 0] == pytest.approx((jump + 0.5 * gain * dt) / dt)
+
+
+@given(st.floats(-12, 0), st.floats(1e-5, 1e5), st.booleans())
+def test_what_fails_is_told_in_digits_that_differ_from_its_limit(
+    over: float, limit: float, of_bound: bool
+) -> None:
+    large = limit * (1.0 + 10.0**over)
+    value, bound = (0.5 * limit, large) if of_bound else (large, None)
+    found = Finding("speed", value, limit, "%", "joint_1", False, bound)
+    shown_value, shown_bound, shown_limit = found.shown
+    shown = shown_bound if of_bound else shown_value
+    assert float(shown) > float(shown_limit)
+    assert f"{shown} %" in str(found) and f"limit {shown_limit} %" in str(found)
+    assert Finding("speed", value, limit, "%", "joint_1", True, bound).shown[2] == f"{limit:.4g}"
+
+
+def test_few_digits_stay_few() -> None:
+    sentence = "speed: 100 % at joint_1, limit 100 %"
+    assert str(Finding("speed", 100.0, 100.0, "%", "joint_1", True)) == sentence
+    wide = Finding("speed", 123.456, 100.0, "%", "joint_1", False)
+    assert str(wide) == "speed: 123.5 % at joint_1, limit 100 %"
+    hair = Finding("speed", 100.0152, 100.0, "%", "joint_1", False)
+    assert str(hair) == "speed: 100.02 % at joint_1, limit 100 %"
