@@ -19,7 +19,7 @@ from qp_twist.paths import PathTask
 from qp_twist.planning import Plan
 from qp_twist.studies.placing import Placing, placing
 from qp_twist.studies.sample import with_largest_step
-from qp_twist.studies.workers import Rows, each
+from qp_twist.studies.workers import Rows, check_jobs, each
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,6 +179,7 @@ def best_placement(
     if moves not in ("part", "base"):
         raise InvalidInput(f"best_placement(moves=…): expected 'part' or 'base', got {moves!r}.")
     number("best_placement(seconds=…)", seconds, above=0.0)
+    check_jobs(jobs)
     _refuse_without_clearance(path_task, objective)
     place = placing(path_task, moves, body, about)
     place(np.zeros(6))  # refuses a body that does not exist

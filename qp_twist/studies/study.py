@@ -33,7 +33,7 @@ from qp_twist.studies.rows import Job
 from qp_twist.studies.sample import Sample, Start, check_factors, drawn_columns, section_of
 from qp_twist.studies.store import EMPTY_STORE, Store
 from qp_twist.studies.summary import MethodSummary, Rate, failures, rich_table, summarise
-from qp_twist.studies.workers import check_installed, each
+from qp_twist.studies.workers import check_installed, check_jobs, each
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -279,7 +279,7 @@ def study(
         raise InvalidInput("study: methods is empty; name at least one.")
     count = whole_number("samples", samples, at_least=1, at_most=_MOST_SAMPLES)
     if jobs is not None:
-        whole_number("jobs", jobs, at_least=1)
+        check_jobs(jobs)
     job = Job(
         task, check_factors(task, vary),
         section_of(task).seed if seed is None else whole_number("seed", seed, at_least=0),

@@ -31,6 +31,20 @@ def check_installed() -> None:
         raise InvalidInput("study: needs joblib; install the extra: qp_twist[study].")
 
 
+def check_jobs(jobs: int) -> int:
+    """A number of processes, 1 or more.
+
+    Raises:
+        InvalidInput: If it is another number.
+    """
+    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
+        raise InvalidInput(
+            f"expected 1 process or more, got {jobs!r}; give another number, or leave it out.",
+            key="jobs",
+        )
+    return jobs
+
+
 class Work(Protocol):
     """The job for a sample. It can be pickled."""
 

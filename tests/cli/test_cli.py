@@ -170,6 +170,9 @@ def test_roadmap_draws_one_figure(
         ),
         (["compare", "deburring", "--solver", "dapq"], "; did you mean 'daqp'?"),
         (["study", "planar_line", "--vary", "placment"], "'placment'; did you mean 'placement'?"),
+        (["study", "planar_line", "--jobs", "0"], "jobs: expected 1 process or more, got 0; give"),
+        (["place", "planar_line", "--jobs", "0"], "jobs: expected 1 process or more, got 0; give"),
+        (["place", "planar_line", "--jobs", "-2"], "1 process or more, got -2; give another"),
     ],
 )
 def test_refused_input_is_one_sentence_and_exit_code_2(
