@@ -50,6 +50,8 @@ class Preference:
         within: δ: a smaller difference costs nothing, rad.
         weight: w, in the objective's unit per rad².
         roll_smoothness: w_s, likewise.
+        curves: The curve, from 0, that each waypoint belongs to, −1 beside the curves, (N,); a plan
+            states its ranges for each. ``None``: the path is one.
 
     Raises:
         InvalidInput: If nothing is preferred, or a value has the wrong type or range: angles are
@@ -62,6 +64,7 @@ class Preference:
     within: float = 0.0
     weight: float = 1.0
     roll_smoothness: float = 0.0
+    curves: Indices | None = None
 
     def __post_init__(self) -> None:
         for name in VALUES:
@@ -81,6 +84,12 @@ class Preference:
         Raises:
             InvalidInput: If an array has another length.
         """
+        if self.curves is not None and np.shape(self.curves) != (count,):
+            raise InvalidInput(
+                f"Preference(curves=…): expected one for each of the {count} waypoints, got "
+                f"{np.shape(self.curves)}.",
+                key="preference",
+            )
         found = np.full((count, len(VALUES)), np.nan)
         for column, name in enumerate(VALUES):
             value = getattr(self, name)
@@ -110,7 +119,7 @@ class Preference:
     def part(self, source: Indices) -> Preference:
         """Those of waypoints at indices (M,)."""
         return replace(self, **{
-            name: value[source] for name in VALUES
+            name: value[source] for name in (*VALUES, "curves")
             if (value := getattr(self, name)) is not None and np.ndim(value)
         })  # fmt: skip
 

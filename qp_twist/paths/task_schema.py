@@ -307,6 +307,7 @@ class PreferenceSection(Section):
             within=math.radians(self.within_deg),
             weight=self.weight,
             roll_smoothness=self.roll_smoothness,
+            curves=curves,
         )
 
 

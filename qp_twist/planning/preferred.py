@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from qp_twist.planning.layer import Layer, wound
 
 _Z = np.array([0.0, 0.0, 1.0])
 _LISTED = 4
-"""Most preferred angles that are listed."""
+"""Most preferred angles, and curves, that are listed."""
 _NO_SWING = 1e-9
 """Angle below which the frame's z has no direction in which it leans, rad."""
 
@@ -126,18 +127,25 @@ class PreferredPoses:
         values, found = np.degrees(self.values(q, np.arange(len(q)))), []
         for column, name in enumerate(VALUES):
             held = np.degrees(self.held[:, column])
-            of = np.isfinite(held)
-            if of.any():
-                away = np.degrees(wound(np.radians(values[of, column] - held[of])))
-                seen = held[of] + away
-                wanted = "/".join(dict.fromkeys(f"{angle:.4g}°" for angle in held[of]))
-                if len(np.unique(held[of])) > _LISTED:
-                    wanted = f"{held[of].min():.4g}° to {held[of].max():.4g}°"
-                found.append(f"{name} {seen.min():.1f}° to {seen.max():.1f}° (preferred {wanted})")
+            away = np.degrees(wound(np.radians(values[:, column] - held)))
+            parts = self._alike(held)
+            if parts:
+                found.append(f"{name} {_ranges(parts, held, away)}")
         if self.preference.roll_smoothness:
             turns = np.abs(np.degrees(wound(np.radians(np.diff(values[:, 2])[self.smooth]))))
             found.append(f"the roll turns by {turns.sum():.1f}° in all")
         return ", ".join(found)
+
+    def _alike(self, held: Array) -> list[tuple[str, Mask]]:
+        """The parts of a path in which preferred values (N,) are told together, with their names.
+
+        Those are the curves, if they differ in what they prefer.
+        """
+        preferred, curves = np.isfinite(held), self.preference.curves
+        if curves is not None and len(np.unique(held[preferred])) > 1:
+            numbers = np.unique(curves[preferred]).tolist()
+            return [(f"on curve {k + 1} ", preferred & (curves == k)) for k in numbers]
+        return [("", preferred)] if preferred.any() else []
 
     def _linear(self, q: Array, at: Indices) -> tuple[Array, Array]:
         """Lead, tilt and roll, (K, 3), and their derivatives, (K, 3, nv)."""
@@ -185,3 +193,22 @@ class PreferredPoses:
         away = np.nan_to_num(wound(values - self.held[at]))
         beyond: Array = np.sign(away) * np.maximum(np.abs(away) - self.preference.within, 0.0)
         return beyond
+
+
+def _ranges(parts: Sequence[tuple[str, Mask]], held: Array, away: Array) -> str:
+    """Ranges of values (N,) on parts of a path, degrees, in words, of many the farthest off.
+
+    ``held`` are the preferred ones, ``away`` by how much values differ from them.
+    """
+    off = np.array([np.abs(away[of]).max() for _, of in parts])
+    listed, found = np.sort(np.argsort(-off, kind="stable")[:_LISTED]), list[str]()
+    for where, of in (parts[k] for k in listed.tolist()):
+        seen = held[of] + away[of]
+        wanted = "/".join(dict.fromkeys(f"{angle:.4g}°" for angle in held[of]))
+        if len(np.unique(held[of])) > _LISTED:
+            wanted = f"{held[of].min():.4g}° to {held[of].max():.4g}°"
+        found.append(f"{where}{seen.min():.1f}° to {seen.max():.1f}° (preferred {wanted})")
+    if more := len(parts) - len(listed):
+        rest = np.delete(off, listed).max()
+        found.append(f"on {more} more within {rest:.1f}° of what is preferred there")
+    return ", ".join(found)

@@ -238,6 +238,46 @@ def test_a_part_of_a_task_has_the_preference_of_its_waypoints() -> None:
     np.testing.assert_allclose(part.preference.at(4)[:, 2], np.linspace(0.0, 0.5, 21)[3:7])
 
 
+def ranges_of(q: Array, task: qt.PathTask) -> str:
+    preferred = PreferredPoses.of(task)
+    assert preferred is not None
+    return preferred.described(q)
+
+
+def test_ranges_are_told_of_each_curve_that_prefers_something_else() -> None:
+    """The planar line as curves; the roll is the sum of the joints, from that of the start."""
+    turned = np.radians([10.0, 12.0, 11.0, -20.0, -21.0])  # of rolls, besides the start's
+    task = line(qt.Preference(roll=0.0)).part(slice(5))
+    start = task.start
+    assert start is not None
+    q = start + np.outer(turned, [0.0, 0.0, 1.0])
+    curves, roll = np.array([0, 0, 0, 1, 1]), np.radians([10.0, 10.0, 10.0, -20.0, -20.0])
+    each = qt.Preference(roll=roll, curves=curves)
+    assert ranges_of(q, dataclasses.replace(task, preference=each)) == (
+        "roll on curve 1 10.0° to 12.0° (preferred 10°), on curve 2 -21.0° to -20.0° "
+        "(preferred -20°)"
+    )
+    # A path that begins within a curve counts its curves as the whole one does.
+    later = dataclasses.replace(task, preference=each).part(slice(3, None))
+    assert ranges_of(q[3:], later) == "roll -21.0° to -20.0° (preferred -20°)"
+    same = qt.Preference(roll=np.zeros(5), curves=curves)
+    assert ranges_of(q, dataclasses.replace(task, preference=same)) == (
+        "roll -21.0° to 12.0° (preferred 0°)"
+    )
+    # Of many curves the farthest off are told, and a bound of the others.
+    many = qt.Preference(roll=np.radians([9.5, 11.0, 9.0, -20.2, -24.0]), curves=np.arange(5))
+    assert ranges_of(q, dataclasses.replace(task, preference=many)) == (
+        "roll on curve 1 10.0° to 10.0° (preferred 9.5°), on curve 2 12.0° to 12.0° "
+        "(preferred 11°), on curve 3 11.0° to 11.0° (preferred 9°), on curve 5 -21.0° to -21.0° "
+        "(preferred -24°), on 1 more within 0.2° of what is preferred there"
+    )
+
+
+def test_curves_are_one_for_each_waypoint() -> None:
+    with pytest.raises(qt.InvalidInput, match=r"curves=….*each of the 21 waypoints, got \(2,\)"):
+        line(qt.Preference(roll=0.0, curves=np.array([0, 1])))
+
+
 @pytest.mark.parametrize(
     ("preference", "said"),
     [
