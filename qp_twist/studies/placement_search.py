@@ -44,6 +44,8 @@ _OF_STATIONS = 1.0, 0.8, 0.5
 """Shares of what some waypoints keep beyond the clearance that are tried on all of them."""
 _DESCENTS = 3
 """Number of points from which descents start."""
+_ENDS = 1e-3
+"""Share of the box by which the last steps of a descent move a placement."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,9 +143,9 @@ def best_placement(
         f(\mathbf q_1 \dots \mathbf q_N; \mathbf x)
 
     First plans of 21 waypoints compare points spread evenly over the box (Sobol's sequence), then
-    those on descents from the best of them (Nelder and Mead's method); whole plans of the best
-    decide. The result is the best that was found, not proven to be the best there is. It has a plan
-    of all waypoints, with everything that a plan promises.
+    those on descents from the best of them (COBYQA); whole plans of the best decide. The result is
+    the best that was found, not proven to be the best there is. It has a plan of all waypoints,
+    with everything that a plan promises.
 
     Args:
         path_task: The task.
@@ -435,13 +437,9 @@ class _Search:
         apart = self.spread ** (-1.0 / count)
         try:
             for x in self._ranked()[:_DESCENTS]:
-                unit = self.box.unit(x)
-                corners = np.tile(unit, (count + 1, 1))
-                inwards = np.where(unit > 0.5, -1.0, 1.0)
-                corners[1:] += apart * np.diag(inwards)
                 minimize(
-                    value, unit, method="Nelder-Mead", bounds=[(0.0, 1.0)] * count,
-                    options={"initial_simplex": corners, "xatol": 1e-3, "fatol": 1e-6},
+                    value, self.box.unit(x), method="COBYQA", bounds=[(0.0, 1.0)] * count,
+                    options={"initial_tr_radius": min(0.5, apart), "final_tr_radius": _ENDS},
                 )  # fmt: skip
         except _OutOfTime:
             pass
