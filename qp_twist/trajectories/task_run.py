@@ -37,7 +37,7 @@ _ALSO_FAST = ("travel", False), ("centering", False), ("centering", True)
 """Objectives whose plans are timed beside one in time, and whether they are as fast as speed limits
 let them. A plan's times are of steps at constant speed: they know no jerk, and no change of
 speed within a step. Where waypoints are 20 mm apart, the others are up to a third faster as they
-are run; of deburring's 401, a tenth slower."""
+are run; of deburring's 401, 1 % slower."""
 _NO_TIME = 1e-6
 """Share of the feed's times that no motion keeps."""
 
