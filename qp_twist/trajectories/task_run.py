@@ -171,6 +171,8 @@ def _in_least_time(
         for objective, fast in _ALSO_FAST:
             capless = replace(task, durations=_NO_TIME * task.durations if fast else None)
             found = plan(capless, objective, start, slow_down=fast, progress=planning)
+            if found.interrupted:
+                break
             if found.q is None:
                 continue
             along = replace(found, path_task=task)

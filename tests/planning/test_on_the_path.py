@@ -173,6 +173,21 @@ def test_a_run_in_least_time_is_no_slower_than_one_along_another_plan(tmp_path: 
     asked = with_options(task, ["qp_planned"], {"objective": "time"}, "")
     assert qt.check_trajectory(written, asked).passes
     assert written.motion.times[-1] == pytest.approx(seconds["time"], abs=1e-6)
+    # Ctrl-C while the others are planned keeps the run that there is.
+    begun, motions = [False], list[str]()
+
+    def planning(what: str, share: float) -> None:
+        motions.extend([what] * begun[0])
+        if begun[0] and "off the grid" in what:
+            begun[0] = False
+            raise KeyboardInterrupt
+
+    done = run_task(
+        asked, "qp_planned", tmp_path / "kept.csv", planning=planning,
+        timing=lambda: begun.__setitem__(0, True),
+    )  # fmt: skip
+    assert motions and done.passes
+    assert done.remark.count(" s") == 1  # the time of one motion alone
 
 
 def test_no_place_to_be_looked_at_makes_a_program_without_rows() -> None:
