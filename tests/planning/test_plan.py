@@ -477,8 +477,12 @@ def test_waypoints_between_which_the_largest_step_does_not_do_are_named() -> Non
     assert plan.certificate.kind == "speed"
     first, second = plan.certificate.waypoints
     assert second > first
-    assert plan.certificate.joints
     assert "every connection breaks the largest step, max_step_deg = 0.2" in str(plan.certificate)
+    # That is a matter of all joints together. Further steps name those that would be too fast.
+    assert "all joints together" in str(plan.certificate)
+    plan = qt.plan(task, max_step_deg=2.5)
+    assert plan.certificate.kind == "speed" and plan.certificate.joints
+    assert "every connection breaks the largest step, max_step_deg = 2.5" in str(plan.certificate)
     assert "speed" not in str(plan.certificate)  # there is no feed
 
 

@@ -141,7 +141,7 @@ def test_a_clearance_that_the_fastest_motion_keeps_anyway_changes_nothing() -> N
     """The times of a grid's path are not those of a motion: no finer grid is searched for them."""
     task = qt.load_task("deburring_cell")
     cell = dataclasses.replace(
-        task, waypoints=task.waypoints[:101:5], flipped_waypoints=None, durations=None
+        task, waypoints=task.waypoints[:81:4], flipped_waypoints=None, durations=None
     )
     kept, free = (qt.plan(t, "time", seeds=()) for t in (cell, cell.without_clearance()))
     assert cell.clearances[0].margins(free.motion()).min() > 0.0

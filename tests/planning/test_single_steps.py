@@ -18,7 +18,7 @@ STEP = 2.0
 """Largest step of a joint, degrees: seven joints turn the tool by no more than 14°."""
 
 
-@pytest.mark.parametrize("turn", [16.0, 5.0])
+@pytest.mark.parametrize("turn", [16.0, 13.5, 5.0])
 def test_a_step_that_turns_the_tool_too_far_is_the_reason(
     turn: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -39,10 +39,11 @@ def test_a_step_that_turns_the_tool_too_far_is_the_reason(
         PlanSearch, "_stage", lambda self, *of: stages.append(of) or stage(self, *of)
     )
     plan = qt.plan(task, max_step_deg=STEP)
-    if turn > 7.0 * STEP:
+    if turn > 6.5 * STEP:
         assert plan.q is None and plan.certificate.kind == "speed"
         assert plan.certificate.waypoints == (12, 13)
-        assert len(stages) == 1
+        # What seven joints cannot do at any place needs no layers.
+        assert len(stages) == (0 if turn > 7.0 * STEP else 1)
     else:
         assert np.abs(np.diff(plan.motion(), axis=0)).max() <= np.radians(STEP) + 1e-9
 
