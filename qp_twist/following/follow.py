@@ -99,20 +99,10 @@ def follow(
     settings = path_task.settings(method)
     if method in path_task.starts:
         path_task = replace(path_task, start=path_task.starts[method], best_start=False)
-    planned = settings.secondary == "plan" and not METHODS[method].peer  # peers refuse it
-    freely = planned and path_task.best_start is True
-    if not freely:
-        path_task = with_start(path_task, planning, slow_down=slow_down)
-    if not planned:
-        plan = None
-    elif plan is None:
-        start = None if freely else path_task.start
-        plan = plan_path(
-            path_task, settings.objective, start, slow_down=slow_down, progress=planning
-        )
-        path_task = _lifted(path_task, plan)
-    if freely and plan is not None:
-        path_task = path_task.started_at(plan.start)
+    if settings.secondary == "plan" and not METHODS[method].peer:  # peers refuse it
+        path_task, plan = _with_plan(path_task, settings.objective, plan, planning, slow_down)
+    else:
+        path_task, plan = with_start(path_task, planning, slow_down=slow_down), None
     motion = None if plan is None else plan.at_waypoints
     paced = path_task
     if plan is not None and plan.is_slower:
@@ -122,6 +112,24 @@ def follow(
         plan=motion, slow_down=slow_down, fine=fine, progress=progress, stop=stop,
     )  # fmt: skip
     return replace(trajectory, path_task=path_task, plan=plan)
+
+
+def _with_plan(
+    path_task: PathTask,
+    objective: str,
+    plan: Plan | None,
+    planning: Callable[[str, float], None] | None,
+    slow_down: bool,
+) -> tuple[PathTask, Plan]:
+    """The task at its plan's start if that is to be the best one, and the plan, made if need be."""
+    freely = path_task.best_start is True
+    if not freely:
+        path_task = with_start(path_task, planning, slow_down=slow_down)
+    if plan is None:
+        start = None if freely else path_task.start
+        plan = plan_path(path_task, objective, start, slow_down=slow_down, progress=planning)
+        path_task = _lifted(path_task, plan)
+    return path_task.started_at(plan.start) if freely else path_task, plan
 
 
 def _of_plan(path_task: PathTask, plan: Plan) -> PathTask:

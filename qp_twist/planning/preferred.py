@@ -137,7 +137,7 @@ class PreferredPoses:
         return ", ".join(found)
 
     def _alike(self, held: Array) -> list[tuple[str, Mask]]:
-        """The parts of a path in which preferred values (N,) are told together, with their names.
+        """The parts of a path in which preferred values (N,) are stated together, with their names.
 
         Those are the curves, if they differ in what they prefer.
         """

@@ -264,7 +264,7 @@ def test_ranges_are_told_of_each_curve_that_prefers_something_else() -> None:
     assert ranges_of(q, dataclasses.replace(task, preference=same)) == (
         "roll -21.0° to 12.0° (preferred 0°)"
     )
-    # Of many curves the farthest off are told, and a bound of the others.
+    # Of many curves the farthest off are stated, and a bound of the others.
     many = qt.Preference(roll=np.radians([9.5, 11.0, 9.0, -20.2, -24.0]), curves=np.arange(5))
     assert ranges_of(q, dataclasses.replace(task, preference=many)) == (
         "roll on curve 1 10.0° to 10.0° (preferred 9.5°), on curve 2 12.0° to 12.0° "
